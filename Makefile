@@ -1,0 +1,42 @@
+# make demo | test | check | bench | clean
+# The first run creates .venv with the versions pinned in constraints.txt.
+
+BIN := .venv/bin
+STAMP := .venv/.installed
+PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
+
+.PHONY: demo test check bench clean
+.DEFAULT_GOAL := test
+
+demo: $(STAMP)
+	$(BIN)/truewrench demo --out demo_report
+
+test: $(STAMP)
+	$(BIN)/python -m pytest
+
+check: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(STAMP)
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf .venv demo_report build dist *.egg-info
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The build backend is pinned like everything else: installed first, then used without isolation.
+$(STAMP): pyproject.toml constraints.txt
+	@if ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+	  for python in python3.11 python3 ""; do \
+	    test -n "$$python" || { echo "truewrench needs Python 3.11 or newer: install it and put python3.11 or python3 on PATH" >&2; exit 1; }; \
+	    "$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && break; \
+	  done; \
+	  "$$python" -m venv --clear .venv; \
+	fi
+	@$(PIP) install -c constraints.txt setuptools
+	@$(PIP) install -c constraints.txt --no-build-isolation -e '.[development]'
+	@touch $@

@@ -1,0 +1,1 @@
+"""Speed and accuracy of the library on fixed problems: python -m benchmarks."""

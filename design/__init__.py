@@ -1,0 +1,1 @@
+"""Exciting motions within the limits: criteria, their optimum and its bound."""

@@ -1,0 +1,1 @@
+"""Where a model fails, which effect explains it, and which experiment would tell."""

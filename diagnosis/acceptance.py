@@ -1,0 +1,217 @@
+"""Acceptance: an effect that fits is believed only if it holds on data that were not used to fit it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from diagnosis.comparison import comparison_of, orthonormal
+from diagnosis.screening import SIGNIFICANCE
+from diagnosis.selection import Candidate, refitted
+from diagnosis.validation import lasting, transferred
+from estimation.fit import Fit, Problem, fit
+from estimation.noise import Noise, NoiseSource
+from estimation.recording import Recording
+from estimation.response import respond
+from estimation.whitening import LineWhitener, Whitener
+from modeling.effect import Effect
+
+Array = NDArray[np.float64]
+
+KEPT = 0.1
+"""Share of an effect's own prediction by which it may change from one motion to another and still be the same effect:
+all but the square of it, 1 % of its power, is then explained on both."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A recording that was not used for the fit, with its noise."""
+
+    recording: Recording
+    noise: Noise
+
+
+@dataclass(frozen=True, eq=False)
+class Acceptance:
+    """Which effects of a candidate hold, and why the others do not."""
+
+    candidate: Candidate
+    reasons: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class PartWhitener(Whitener):
+    """Some rows of another whitener: half of the motion's lines, or of a run."""
+
+    whole: Whitener
+    part: NDArray[np.intp]
+    steady_part: int
+
+    @property
+    def rows(self) -> int:  # type: ignore[override]
+        """The rows kept."""
+        return len(self.part)
+
+    @property
+    def steady_rows(self) -> int:  # type: ignore[override]
+        """Those of them that the motion reaches."""
+        return self.steady_part
+
+    def series(self, values: Array) -> Array:
+        """Kept rows of a series over the whole record."""
+        return np.asarray(self.whole.series(values)[self.part])
+
+    def steady(self, values: Array) -> Array:
+        """Kept rows of one repeat."""
+        return np.asarray(self.whole.steady(values)[self.part[: self.steady_part]])
+
+
+def accepted(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) -> Acceptance:
+    """Drop effects from a candidate until what is left holds on other data.
+
+    A set holds when the error that can be explained falls on every held-out recording, and either the exact refit
+    leaves no significant lack of fit (there and in training), or each effect keeps its coefficients: between the
+    training and the held-out motion, or between two halves of the training data when there is no other.
+    """
+    reasons: dict[str, str] = {}
+    while candidate.ids:
+        failed = _failed(candidate, base, held_out)
+        if failed is None:
+            break
+        effect_id, reason = failed
+        reasons[effect_id] = reason
+        rest = [e for e in candidate.fit.model.effects if e.id != effect_id]
+        candidate = refitted(candidate, rest)
+    return Acceptance(candidate, reasons)
+
+
+def _failed(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) -> tuple[str, str] | None:
+    """The effect that fails most clearly, and why; None when the set holds."""
+    effects = lasting(candidate.fit.model).effects
+    fits = candidate.adequate
+    for other in held_out if effects else ():
+        before = _steady_cost(transferred(base.fit, other.recording, other.noise))
+        carried = transferred(candidate.fit, other.recording, other.noise)
+        if _steady_cost(carried) >= before:
+            return _least_needed(candidate), f"does not lower the error on {other.recording.name}"
+        fits = fits and comparison_of(carried, 0).lack_of_fit >= SIGNIFICANCE / 10
+    if fits and not _judged_by_residual(candidate.fit):
+        return None
+    return _inconstant(candidate, held_out)
+
+
+def _judged_by_residual(fitted: Fit) -> bool:
+    return any(n.source is NoiseSource.RESIDUAL for n in fitted.noise)
+
+
+def _steady_cost(fitted: Fit) -> float:
+    """Whitened chi-square of the rows that repeat with the motion."""
+    residual, _ = Problem(fitted.layout, fitted.recordings, fitted.noise).evaluate(fitted.theta)
+    rows = residual[: fitted.noise[0].whitener.steady_rows]
+    return float(rows @ rows)
+
+
+def _least_needed(candidate: Candidate) -> str:
+    """The effect without which the training error rises least."""
+    effects = candidate.fit.model.effects
+    if len(effects) == 1:
+        return effects[0].id
+    costs = {e.id: refitted(candidate, [o for o in effects if o.id != e.id]).background.cost for e in effects}
+    return min(costs, key=lambda effect_id: costs[effect_id])
+
+
+def _inconstant(candidate: Candidate, held_out: Sequence[HeldOut]) -> tuple[str, str] | None:
+    """The effect whose coefficients change most clearly from one part of the data to another."""
+    pairs = _pairs(candidate, held_out)
+    worst: tuple[float, str, str] | None = None
+    for effect in candidate.fit.model.effects:
+        for first, second, where in pairs:
+            if effect.per_recording and first.recordings != second.recordings:
+                continue
+            p_value, change = coefficient_change(effect, first, second)
+            if p_value < SIGNIFICANCE and change > KEPT and (worst is None or change > worst[0]):
+                worst = (change, effect.id, f"its coefficients change by {change:.0%} of its effect {where}")
+    return None if worst is None else worst[1:]
+
+
+def _pairs(candidate: Candidate, held_out: Sequence[HeldOut]) -> list[tuple[Fit, Fit, str]]:
+    """Fits of the same effects to different data: held-out motions, else halves of the training data."""
+    trained = candidate.fit
+    model = lasting(trained.model)
+    pairs = []
+    for other in held_out:
+        alone = fit(model, other.recording, noise=(other.noise,), start=trained.values)
+        pairs.append((trained, alone, f"on {other.recording.name}"))
+    if not pairs or _judged_by_residual(trained):
+        halves = [
+            fit(trained.model, trained.recordings, noise=noise, start=trained.values) for noise in _halved(trained)
+        ]
+        pairs.append((halves[0], halves[1], "between two halves of the data"))
+    return pairs
+
+
+def _halved(fitted: Fit) -> list[tuple[Noise, ...]]:
+    """The noise of odd and even harmonics (both keep what lies between), or of the first and second half of a run."""
+    return [tuple(_half(noise, side) for noise in fitted.noise) for side in (0, 1)]
+
+
+def _half(noise: Noise, side: int) -> Noise:
+    whole = noise.whitener
+    index = np.arange(whole.rows)
+    if isinstance(whole, LineWhitener):
+        per_line = whole.steady_rows // len(whole.motion)
+        harmonic = np.repeat(whole.motion // whole.repeats, per_line)
+        kept = np.concatenate([harmonic % 2 == side, np.ones(whole.rows - whole.steady_rows, dtype=bool)])
+        kept[:per_line] = True
+    else:
+        kept = (index < whole.rows // 2) == (side == 0)
+    steady = int(kept[: whole.steady_rows].sum())
+    part = PartWhitener(whole, np.flatnonzero(kept), steady)
+    return replace(noise, whitener=part, doubt=noise.doubt[kept])
+
+
+def coefficient_change(effect: Effect, first: Fit, second: Fit) -> tuple[float, float]:
+    """P-value that an effect has the same coefficients in two fits, and by what share of it they differ.
+
+    The p-value is Wald's, in the directions that the data show. The share compares, on the second recording and
+    less what its base model soaks up, the whitened predictions with the two sets of coefficients.
+    """
+    names = [p.name for p in effect.qualified(first.model.space)]
+    differences = np.array([first.values[n] - second.values[n] for n in names])
+    covariance = sum(_covariance(f, names) for f in (first, second))
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    shown = values > 1e-10 * values.max()
+    along = vectors[:, shown].T @ (differences / scale) / np.sqrt(values[shown])
+    p_value = float(chi2.sf(float(along @ along), int(shown.sum())))
+    return p_value, _relative_change(effect, first, second)
+
+
+def _covariance(fitted: Fit, names: Sequence[str]) -> Array:
+    place = [list(fitted.parameters).index(n) for n in names]
+    return np.asarray(fitted.covariance[np.ix_(place, place)])
+
+
+def _relative_change(effect: Effect, first: Fit, second: Fit) -> float:
+    number = next((i for i, m in enumerate(second.layout.models) if effect.id in [e.id for e in m.effects]), 0)
+    model, recording, noise = second.layout.models[number], second.recordings[number], second.noise[number]
+    names = [second.layout.parameters[i].name for i in second.layout.index[number]]
+    own = {p.name for p in effect.qualified(model.space)}
+    kept = np.array([second.values[n] for n in names])
+    swapped = np.array([first.values[n] if n in own else second.values[n] for n in names])
+    absent = np.array(
+        [
+            p.nominal if p.name in own and not p.nuisance else second.values[n]
+            for n, p in zip(names, model.parameters, strict=True)
+        ]
+    )
+    rows = [noise.whitener.response(respond(model, recording, theta)) for theta in (kept, swapped, absent)]
+    size = model.base_size
+    basis = orthonormal(rows[2][1][:, :size])
+    with_it, with_other, without = (r[0] - basis @ (basis.T @ r[0]) for r in rows)
+    size_of_effect = float(np.linalg.norm(with_it - without))
+    return float(np.linalg.norm(with_it - with_other)) / max(size_of_effect, 1e-300)

@@ -1,0 +1,97 @@
+"""Generic terms of a recording's inputs: what a remainder looks like when no effect has a name for it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from estimation.fit import Fit
+from estimation.recording import Recording
+from estimation.response import signals_of
+
+Array = NDArray[np.float64]
+
+BLOCKS = 10
+
+
+def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
+    """Named series (n,) of the inputs: direction, position, speeds, accelerations and the predicted load (n, p).
+
+    Directions enter as sine and cosine, everything else to second order and by its sign, as far as recorded.
+    """
+    signals = signals_of(recording)
+    terms: dict[str, Array] = {}
+    if recording.dimension == 2:
+        phi = signals["phi"]
+        for k in (1, 2, 3):
+            terms |= {f"sin {k} phi": np.sin(k * phi), f"cos {k} phi": np.cos(k * phi)}
+        plain: tuple[str, ...] = ("px", "py", "dphi", "ddphi", "vx", "vy", "ax", "ay")
+    else:
+        down = _down(signals["qx"], signals["qy"], signals["qz"], signals["qw"])
+        for i, a in enumerate("xyz"):
+            terms |= {
+                f"down_{a}²" if i == j else f"down_{a} down_{b}": down[i] * down[j]
+                for j, b in enumerate("xyz")
+                if j >= i
+            }
+            terms[f"down_{a}"] = down[i]
+        plain = tuple(p + a for p in ("p", "w", "al", "vp", "ap") for a in "xyz")
+    for name in plain:
+        if name in signals and signals[name].std() > 1e-9:
+            terms |= {name: signals[name], f"{name}²": signals[name] ** 2}
+    for name in ("dphi", "vx", "vy", "wx", "wy", "wz"):
+        if name in signals and signals[name].std() > 1e-6:
+            terms[f"sign {name}"] = np.tanh(signals[name] / (0.05 * signals[name].std()))
+    for channel, series in zip(recording.channels, load.T, strict=True):
+        terms |= {f"{channel}²": series**2, f"{channel}³": series**3}
+    return {name: series for name, series in terms.items() if np.ptp(series) > 0}
+
+
+def _down(x: Array, y: Array, z: Array, w: Array) -> tuple[Array, Array, Array]:
+    """The world's -z in the sensor frame."""
+    return -2 * (x * z - y * w), -2 * (y * z + x * w), -(1 - 2 * (x**2 + y**2))
+
+
+def standardised(terms: dict[str, Array]) -> Array:
+    """Columns (n, terms) of zero mean and unit variance."""
+    matrix = np.stack(list(terms.values()), axis=1)
+    matrix = matrix - matrix.mean(axis=0)
+    return np.asarray(matrix / matrix.std(axis=0))
+
+
+def held_out_lack_of_fit(fit: Fit, number: int) -> float:
+    """P-value of "generic terms predict nothing": the residual of each block predicted from all other blocks.
+
+    The whitened residual is regressed (ridge) on the whitened terms of every channel; the gain of a held-out block
+    is its residual times its prediction, and the mean gain over the blocks is tested against zero (Student, one
+    sided). Weaker than repeats: what the autoregression took for noise cannot be seen.
+    """
+    recording, noise = fit.recordings[number], fit.noise[number]
+    load = recording.wrench - fit.residuals[number]
+    p = len(recording.channels)
+    columns = standardised(generic_terms(recording, load))
+    residual = noise.whitener.series(fit.residuals[number]).reshape(-1, p)
+    blocks = np.array_split(np.arange(len(residual)), min(BLOCKS, len(residual) // 2))
+    gains = np.zeros(len(blocks))
+    for channel in range(p):
+        series = np.zeros((recording.samples, p, columns.shape[1]))
+        series[:, channel] = columns
+        white = noise.whitener.series(series).reshape(len(residual), p, -1)[:, channel]
+        gains += _held_out_gains(white, residual[:, channel], blocks)
+    spread = gains.std(ddof=1)
+    if spread == 0:
+        return 1.0
+    return float(student.sf(gains.mean() / (spread / np.sqrt(len(gains))), len(gains) - 1))
+
+
+def _held_out_gains(white: Array, residual: Array, blocks: list[NDArray[np.intp]]) -> Array:
+    gram, moment = white.T @ white, white.T @ residual
+    ridge = np.eye(len(gram)) * max(1e-3 * np.trace(gram) / len(gram), 1.0)
+    gains = []
+    for block in blocks:
+        part, target = white[block], residual[block]
+        coefficients = np.linalg.solve(gram - part.T @ part + ridge, moment - part.T @ target)
+        predicted = part @ coefficients
+        gains.append(float(predicted @ target))
+    return np.array(gains)

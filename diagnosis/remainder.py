@@ -1,0 +1,75 @@
+"""Remainder: where an unexplained error lives, and what it looks like, for a person who may know what it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison import Comparison
+from diagnosis.generic import generic_terms, standardised
+from diagnosis.maps import residual_maps
+
+Array = NDArray[np.float64]
+
+MOST_TERMS = 3
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left in a recording that no effect explains.
+
+    where            a sentence: the channel, the variable it follows and where it peaks
+    looks_like       generic terms that describe it, with the share of its power that they take together
+    explainable_rms  its size per channel
+    """
+
+    where: str
+    looks_like: tuple[str, ...]
+    share: float
+    explainable_rms: Mapping[str, float | None]
+
+
+def remainder(comparison: Comparison, tolerance: Mapping[str, float]) -> Remainder:
+    """Describe what is left: the map that shows it best, and a sparse fit over generic terms."""
+    size = comparison.explainable_rms or {}
+    channel = loudest_channel(comparison)
+    best = next(m for m in residual_maps(comparison, tolerance) if m.channel == channel)
+    peak = int(np.argmax(np.abs(best.mean)))
+    rises = "rises" if best.mean[peak] > 0 else "falls"
+    where = (
+        f"{channel} {rises} near {best.variable} = {best.centre[peak]:.3g} {best.variable_unit} "
+        f"(by {abs(best.mean[peak]):.2g} {best.channel_unit})"
+    )
+    number = comparison.recording.channels.index(channel)
+    terms, share = sparse_description(comparison, number)
+    return Remainder(where, terms, share, {c: size.get(c) for c in comparison.recording.channels})
+
+
+def loudest_channel(comparison: Comparison) -> str:
+    """The channel whose error stands out most from its noise floor."""
+    size = comparison.explainable_rms or comparison.rms
+    return max(size, key=lambda c: size[c] / max(comparison.noise_floor[c], 1e-300))
+
+
+def sparse_description(comparison: Comparison, channel: int) -> tuple[tuple[str, ...], float]:
+    """Up to three generic terms of the inputs, picked one after another, and the share of what repeats they take."""
+    recording = comparison.recording
+    once = recording.samples_per_repeat
+    load = recording.wrench - comparison.residual
+    terms = {k: v[:once] for k, v in generic_terms(recording, load).items() if np.ptp(v[:once]) > 0}
+    columns, names = standardised(terms), list(terms)
+    target = comparison.residual[:, channel].reshape(recording.repeats, once).mean(axis=0)
+    target = target - target.mean()
+    picked: list[int] = []
+    left = target
+    for _ in range(MOST_TERMS):
+        gain = np.abs(columns.T @ left)
+        gain[picked] = 0
+        picked.append(int(gain.argmax()))
+        solution = np.linalg.lstsq(columns[:, picked], target, rcond=None)[0]
+        left = target - columns[:, picked] @ solution
+    share = 1 - float(left @ left) / max(float(target @ target), 1e-300)
+    return tuple(names[i] for i in picked), share

@@ -1,0 +1,164 @@
+"""Selection: which effects, together, leave nothing to explain; searched conditionally, each refitted exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from scipy.stats import chi2
+
+from diagnosis.comparison import comparison_of
+from diagnosis.screening import SIGNIFICANCE, Background, Screening, residual_judges_itself, screen
+from estimation.fit import Fit, fit, refreshed
+from modeling.effect import Effect
+from modeling.effects import CATALOGUE
+
+WIDTH = 2
+"""Sets of effects kept side by side at each size."""
+REFITS = 3
+"""Significant effects refitted exactly for each of them."""
+MOST_EFFECTS = 4
+
+Progress = Callable[[str], None]
+
+
+def silent(_message: str) -> None:
+    """Report no progress."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A model with some effects, refitted exactly; `path` holds the screening with which each effect was added."""
+
+    fit: Fit
+    path: tuple[Screening, ...] = ()
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """The ids of its effects."""
+        return frozenset(e.id for e in self.fit.model.effects)
+
+    @cached_property
+    def background(self) -> Background:
+        """Its residual and directions, whitened."""
+        return Background(self.fit)
+
+    @cached_property
+    def lack_of_fit(self) -> float:
+        """P-value that nothing is left in any recording, paid for by their number."""
+        number = len(self.fit.recordings)
+        return min(1.0, number * min(comparison_of(self.fit, i).lack_of_fit for i in range(number)))
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing significant is left."""
+        return self.lack_of_fit >= SIGNIFICANCE
+
+    @property
+    def excess(self) -> float:
+        """Whitened chi-square above what noise alone leaves, at least 1."""
+        return max(1.0, self.background.cost - len(self.background.residual) + len(self.fit.theta))
+
+    @property
+    def criterion(self) -> float:
+        """Whitened chi-square plus what each effect's parameters have to bring to be significant.
+
+        An effect of k parameters costs the quantile of chi-square with k degrees of freedom at 1 % over the number
+        of effects in the catalogue: the price at which screening accepts one.
+        """
+        level = SIGNIFICANCE / len(CATALOGUE)
+        sizes = [len(e.parameters(self.fit.model.space)) for e in self.fit.model.effects]
+        return self.background.cost + sum(float(chi2.isf(level, k)) for k in sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The search's outcome: the base, the set chosen, and all that were refitted on the way."""
+
+    base: Candidate
+    chosen: Candidate
+    tried: tuple[Candidate, ...] = field(default=())
+
+
+def holm(screenings: Sequence[Screening]) -> dict[str, float]:
+    """Holm-adjusted p-values by effect id."""
+    ordered = sorted((s for s in screenings if s.excited), key=lambda s: s.p_value)
+    adjusted, highest = {}, 0.0
+    for rank, screening in enumerate(ordered):
+        highest = max(highest, min(1.0, (len(ordered) - rank) * screening.p_value))
+        adjusted[screening.effect.id] = highest
+    return adjusted
+
+
+def select(base: Fit, effects: Sequence[Effect], progress: Progress = silent) -> Selection:
+    """Search sets of effects, a few side by side, until nothing significant is left to add.
+
+    Each set grows by the effects that screening finds significant given what is in it (Holm, 1 %), refitted exactly;
+    the best set by the criterion is kept, less the effects that it no longer needs.
+    """
+    start = Candidate(base)
+    level, tried = [start], {start.ids: start}
+    for _ in range(MOST_EFFECTS):
+        grown = [new for c in level for new in _grown(c, effects, tried, progress)]
+        if not grown:
+            break
+        level = sorted(grown, key=lambda c: c.criterion)[: 1 if residual_judges_itself(base) else WIDTH]
+        best = min(tried.values(), key=lambda c: c.criterion)
+        if best.adequate:
+            if best not in level:
+                break
+            level = [best]
+    best = level[0] if residual_judges_itself(base) else min(tried.values(), key=lambda c: c.criterion)
+    return Selection(start, _pruned(best, progress), tuple(tried.values()))
+
+
+def _grown(
+    candidate: Candidate,
+    effects: Sequence[Effect],
+    tried: dict[frozenset[str], Candidate],
+    progress: Progress,
+) -> list[Candidate]:
+    screenings = screen(candidate.fit, effects)
+    adjusted = holm(screenings)
+    significant = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
+    significant.sort(key=lambda s: -s.statistic)
+    grown = []
+    for screening in significant[:REFITS]:
+        ids = candidate.ids | {screening.effect.id}
+        if ids in tried:
+            continue
+        progress("refit with " + " + ".join(sorted(ids)))
+        tried[ids] = extended(candidate, screening)
+        grown.append(tried[ids])
+    return grown
+
+
+def extended(candidate: Candidate, screening: Screening) -> Candidate:
+    """The candidate with one more effect, refitted exactly from where the screening points."""
+    before = candidate.fit
+    start = {**before.values, **screening.start}
+    after = fit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
+    if residual_judges_itself(before):
+        after = fit(after.model, after.recordings, noise=refreshed(after), start=after.values)
+    return Candidate(after, (*candidate.path, screening))
+
+
+def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str, float] | None = None) -> Candidate:
+    """The candidate's recordings and noise with another set of effects, refitted exactly."""
+    before = candidate.fit
+    model = before.model.base + effects
+    kept = {e.id for e in effects}
+    found = fit(model, before.recordings, noise=before.noise, start={**before.values, **(start or {})})
+    return Candidate(found, tuple(s for s in candidate.path if s.effect.id in kept))
+
+
+def _pruned(candidate: Candidate, progress: Progress) -> Candidate:
+    """Drop effects one by one while the set without them is better by the criterion."""
+    for effect in candidate.fit.model.effects:
+        rest = [e for e in candidate.fit.model.effects if e.id != effect.id]
+        progress(f"refit without {effect.id}")
+        smaller = refitted(candidate, rest)
+        if smaller.criterion < candidate.criterion:
+            return _pruned(smaller, progress)
+    return candidate

@@ -1,0 +1,1 @@
+"""From recordings to parameters: noise, fits, physical consistency and contact."""

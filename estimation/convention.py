@@ -1,0 +1,100 @@
+"""The convention of the readings, decided from the data: does the sensor read its wrench on the tool, or the tool's?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import polar
+
+from estimation.recording import Recording
+from modeling.errors import InputError
+from modeling.model import WrenchModel
+from modeling.rig import Convention
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+REMEDY = 'state convention = "on_tool" or "on_sensor" under [sensor] in the rig, or add poses in more orientations'
+
+
+@dataclass(frozen=True, eq=False)
+class SignDecision:
+    """What F = B (a - g) + bias, with a free 3 x 3 matrix B, says of the readings.
+
+    convention  from the sign of det B, whatever the mounting
+    mass        |det B|^(1/3), kg, and `significance`, the smallest singular value of B over its standard error
+    mounting    (3, 3) rotation from the frame of the motion to the sensor's readings, the polar factor of ±B
+    """
+
+    convention: Convention
+    mass: float
+    significance: float
+    mounting: Array
+
+
+def decide_convention(recordings: Sequence[Recording], gravity: float) -> SignDecision:
+    """Decide the sign of six-axis readings from forces alone.
+
+    Raises InputError when gravity, seen from the sensor, does not span three directions, or B is not significant.
+    """
+    lifts = [_lift(r, gravity) for r in recordings]
+    steady = np.concatenate([lift - lift.mean(axis=0) for lift in lifts])
+    force = np.concatenate([r.wrench[:, :3] - r.wrench[:, :3].mean(axis=0) for r in recordings])
+    where = ", ".join(r.name for r in recordings)
+    spread = np.linalg.svd(steady / np.sqrt(len(steady)), compute_uv=False)
+    if len(steady) < 5 or spread[-1] < 0.05 * gravity:
+        raise InputError(
+            what="the sign convention cannot be decided: gravity in the sensor frame does not span three directions",
+            where=where,
+            remedy=REMEDY,
+        )
+    solution, *_ = np.linalg.lstsq(steady, force, rcond=None)
+    matrix = solution.T
+    variance = ((force - steady @ solution) ** 2).sum(axis=0) / max(1, _independent(recordings) - 4)
+    error = np.sqrt(variance.max() / len(steady)) / spread[-1]
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    significance = float(singular[-1] / max(error, 1e-300))
+    if significance < 5:
+        raise InputError(
+            what="the sign convention cannot be decided: the forces hardly follow gravity",
+            where=where,
+            remedy=REMEDY,
+        )
+    sign = 1.0 if np.linalg.det(matrix) > 0 else -1.0
+    rotation, _ = polar(sign * matrix)
+    convention = Convention.ON_TOOL if sign > 0 else Convention.ON_SENSOR
+    return SignDecision(convention, float(abs(np.linalg.det(matrix)) ** (1 / 3)), significance, np.asarray(rotation))
+
+
+def decided(model: WrenchModel, recordings: Sequence[Recording]) -> WrenchModel:
+    """The model with its convention decided from the recordings where it is AUTO.
+
+    Raises InputError when the data cannot decide, and for planar models, whose two forces never can.
+    """
+    if model.convention is not Convention.AUTO:
+        return model
+    if model.space is Space.PLANE:
+        raise InputError(
+            what="two forces cannot tell the sign convention from a sensor turned by half a turn",
+            where="convention auto",
+            remedy='state convention = "on_tool" or "on_sensor" under [sensor] in the rig',
+        )
+    return replace(model, convention=decide_convention(recordings, model.gravity).convention)
+
+
+def _lift(recording: Recording, gravity: float) -> Array:
+    """Acceleration minus gravity in the sensor frame (n, 3): R(q)' (a + g z)."""
+    from scipy.spatial.transform import Rotation
+
+    signals = recording.signals
+    world = np.stack([signals["apx"], signals["apy"], signals["apz"] + gravity], axis=1)
+    orientation = Rotation.from_quat(np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1))
+    return np.asarray(orientation.apply(world, inverse=True))
+
+
+def _independent(recordings: Sequence[Recording]) -> int:
+    """Samples that count as independent: poses, and a thousandth of a run's (its residual is slow)."""
+    return sum(r.samples if r.at_rest else max(5, r.samples // 1000) for r in recordings)

@@ -1,0 +1,223 @@
+"""Fit: the parameters of a model from recordings, by whitened least squares and exact nonlinear refit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.layout import Layout, layout
+from estimation.noise import Noise, NoiseSource, noise_of
+from estimation.recording import Recording
+from estimation.response import Response, respond
+from modeling.model import WrenchModel
+
+Array = NDArray[np.float64]
+
+STEP_TOLERANCE = 1e-10
+"""Relative change of the cost below which a refit has converged; far below what the noise lets one see."""
+MOST_STEPS = 60
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One estimated parameter: value and standard deviation in `unit`."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model with its parameters estimated from recordings.
+
+    theta       (k,) unknowns in the order of `layout.parameters`
+    covariance  (k, k) from the whitened derivative, valid for the noise it was whitened with
+    noise       per recording
+    """
+
+    model: WrenchModel
+    recordings: tuple[Recording, ...]
+    noise: tuple[Noise, ...]
+    layout: Layout
+    theta: Array
+    covariance: Array
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Estimate]:
+        """Every unknown by name, with std and unit."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return {
+            p.name: Estimate(p.name, float(value), float(s), p.unit)
+            for p, value, s in zip(self.layout.parameters, self.theta, std, strict=True)
+        }
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of every unknown by name."""
+        return {name: estimate.value for name, estimate in self.parameters.items()}
+
+    def response(self, number: int = 0) -> Response:
+        """Prediction of one of the recordings."""
+        own = self.layout.models[number]
+        return respond(own, self.recordings[number], self.theta[self.layout.index[number]])
+
+    @cached_property
+    def residuals(self) -> tuple[Array, ...]:
+        """Measured minus predicted of each recording, (n, p) in the channels' units."""
+        return tuple(r.wrench - self.response(i).value for i, r in enumerate(self.recordings))
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Name, value, std and unit of every unknown, as text."""
+        return [(e.name, f"{e.value:.6g}", f"{e.std:.2g}", e.unit) for e in self.parameters.values()]
+
+    def __str__(self) -> str:
+        return table(("parameter", "value", "std", "unit"), self.rows())
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Text columns under a header."""
+    lines = [tuple(header), *map(tuple, rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    return "\n".join("  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The whitened least-squares problem of one model, its recordings and their noise."""
+
+    layout: Layout
+    recordings: tuple[Recording, ...]
+    noise: tuple[Noise, ...]
+
+    @cached_property
+    def measured(self) -> tuple[Array, ...]:
+        """Whitened readings of each recording, (rows,)."""
+        return tuple(n.whitener.series(r.wrench) for n, r in zip(self.noise, self.recordings, strict=True))
+
+    def evaluate(self, theta: Array) -> tuple[Array, Array]:
+        """Whitened residual (rows,), measured minus predicted, and derivative of the prediction (rows, k)."""
+        residuals, derivatives = [], []
+        for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
+            index = self.layout.index[number]
+            value, own = noise.whitener.response(respond(self.layout.models[number], recording, theta[index]))
+            derivative = np.zeros((len(value), self.layout.size))
+            derivative[:, index] = own
+            residuals.append(self.measured[number] - value)
+            derivatives.append(derivative)
+        return np.concatenate(residuals), np.concatenate(derivatives)
+
+    def minimise(self, start: Array) -> tuple[Array, Array, float]:
+        """Unknowns at the least-squares minimum within the physical bounds, their covariance, and the cost.
+
+        Gauss-Newton steps with Levenberg's damping on columns of unit length; a step that would leave the bounds is
+        cut at them. Derivatives are exact (CasADi), so a linear model takes one step.
+        """
+        low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
+        theta, damping = np.clip(start, low, high), 0.0
+        residual, derivative = self.evaluate(theta)
+        cost = float(residual @ residual)
+        for _ in range(MOST_STEPS):
+            step = damped_step(residual, derivative, theta, (low, high), damping)
+            trial = np.clip(theta + step, low, high)
+            moved, tangent = self.evaluate(trial)
+            gain = cost - float(moved @ moved)
+            if gain > 0:
+                theta, residual, derivative, cost = trial, moved, tangent, cost - gain
+                damping = damping / 10 if damping > 1e-9 else 0.0
+            else:
+                damping = max(10 * damping, 1e-6)
+            if abs(gain) < STEP_TOLERANCE * cost or damping > 1e6:
+                break
+        return theta, covariance_of(derivative), cost
+
+
+def damped_step(residual: Array, derivative: Array, theta: Array, bounds: tuple[Array, Array], damping: float) -> Array:
+    """A Levenberg step on columns of unit length, with unknowns that press against a bound held."""
+    scale = np.linalg.norm(derivative, axis=0)
+    scale[scale == 0] = 1.0
+    gradient = derivative.T @ residual
+    free = ~(((theta <= bounds[0]) & (gradient < 0)) | ((theta >= bounds[1]) & (gradient > 0)))
+    columns = derivative[:, free] / scale[free]
+    reached = columns.any(axis=1)
+    root = np.asarray(np.linalg.qr(np.column_stack([columns[reached], residual[reached]]), mode="r"))
+    size = columns.shape[1]
+    system = np.concatenate([root[:size, :size], np.sqrt(damping) * np.eye(size)])
+    target = np.concatenate([root[:size, size], np.zeros(size)])
+    step = np.zeros_like(theta)
+    step[free] = np.linalg.lstsq(system, target, rcond=1e-12)[0] / scale[free]
+    return step
+
+
+def covariance_of(derivative: Array) -> Array:
+    """Inverse of the Fisher information of whitened rows; directions that the data do not show get no variance."""
+    scale = np.linalg.norm(derivative, axis=0)
+    scale[scale == 0] = 1.0
+    root = np.linalg.qr(derivative[derivative.any(axis=1)] / scale, mode="r")
+    inverse = np.linalg.pinv(root, rcond=1e-10)
+    return np.asarray(inverse @ inverse.T / np.outer(scale, scale))
+
+
+def start_of(unknowns: Layout, start: Mapping[str, float]) -> Array:
+    """Starting values: those given by name, else the nominal ones."""
+    return np.array([start.get(p.name, p.nominal) for p in unknowns.parameters])
+
+
+def fit(
+    model: WrenchModel,
+    recordings: Recording | Iterable[Recording],
+    *,
+    noise: Sequence[Noise] | None = None,
+    start: Mapping[str, float] | None = None,
+) -> Fit:
+    """Estimate a model's parameters from one recording or several of the same rig and tool.
+
+    Every parameter is shared but the biases, which each recording has for itself (`bias_fx@name`). The noise is
+    estimated from the recordings unless given; where it comes from the residual, fit and noise are iterated.
+    Raises InputError when a recording lacks a signal that the model needs.
+    """
+    several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
+    unknowns = layout(model, several)
+    theta = start_of(unknowns, start or {})
+    known = tuple(noise) if noise is not None else first_noise(model, several)
+    for _ in range(1 if noise is not None else 4):
+        problem = Problem(unknowns, several, known)
+        theta, covariance, _cost = problem.minimise(theta)
+        estimated = Fit(model, several, known, unknowns, theta, covariance)
+        if noise is not None or all(n.source is not NoiseSource.RESIDUAL for n in known):
+            break
+        known = refreshed(estimated)
+    return estimated
+
+
+def first_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[Noise, ...]:
+    """Noise before any fit: from the repeats, the rig, or the residual of a plain least-squares fit of the base."""
+    plain = [_unweighted(model.base, recording) for recording in recordings]
+    return tuple(noise_of(r, e) for r, e in zip(recordings, plain, strict=True))
+
+
+def refreshed(estimated: Fit) -> tuple[Noise, ...]:
+    """The noise of a fit's recordings, those that come from the residual estimated from it again."""
+    return tuple(
+        noise_of(r, e) if n.source is NoiseSource.RESIDUAL else n
+        for r, e, n in zip(estimated.recordings, estimated.residuals, estimated.noise, strict=True)
+    )
+
+
+def _unweighted(base: WrenchModel, recording: Recording) -> Array:
+    """Residual (n, p) of a least-squares fit of the rigid tip, channels weighted by their spread only."""
+    size = len(base.parameters)
+    response = respond(base, recording, np.zeros(size))
+    spread = recording.wrench.std(axis=0)
+    spread[spread == 0] = 1.0
+    rows = (response.derivative / spread[:, None]).reshape(-1, size)
+    scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
+    target = ((recording.wrench - response.value) / spread).ravel()
+    solution = np.linalg.lstsq(rows / scale, target, rcond=1e-10)[0] / scale
+    return np.asarray(recording.wrench - response.value - response.derivative @ solution)

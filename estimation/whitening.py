@@ -1,0 +1,137 @@
+"""Whitening: from series of readings to rows of unit variance, independent under the noise alone."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from estimation.response import Response
+
+Array = NDArray[np.float64]
+Lines = NDArray[np.complex128]
+
+
+class Whitener(ABC):
+    """A linear map from a series (n, p) of readings to real rows of unit variance under the noise.
+
+    The first `steady_rows` rows carry everything that repeats with the motion; what does not repeat reaches all.
+    """
+
+    rows: int
+    steady_rows: int
+
+    @abstractmethod
+    def series(self, values: Array) -> Array:
+        """Rows (rows, ...) of a series over the whole record (n, p, ...)."""
+
+    @abstractmethod
+    def steady(self, values: Array) -> Array:
+        """Rows (steady_rows, ...) of one repeat of a periodic series (n / repeats, p, ...)."""
+
+    def response(self, response: Response) -> tuple[Array, Array]:
+        """Rows of a predicted value, (rows,), and of its derivative, (rows, k)."""
+        both = [self._padded(part) for part in response.periodic]
+        if response.whole is not None:
+            both = [a + self.series(part) for a, part in zip(both, response.whole, strict=True)]
+        return both[0], both[1]
+
+    def _padded(self, part: Array) -> Array:
+        steady = self.steady(part)
+        rest = np.zeros((self.rows - self.steady_rows, *steady.shape[1:]))
+        return np.concatenate([steady, rest])
+
+
+@dataclass(frozen=True, eq=False)
+class LineWhitener(Whitener):
+    """Rows are real and imaginary parts of the whole record's Fourier lines, divided by the noise's square root.
+
+    samples    n of the whole record, and `repeats` of one period in it
+    motion     indices of the lines that the motion lives on, in multiples of `repeats`; `between` the others
+    root       inverse Cholesky factors of the spectral matrix at the motion's lines, then at those between
+    A line k of unit white noise has E|sum x exp|² = n; its two parts share that, line 0 has only one.
+    """
+
+    samples: int
+    repeats: int
+    motion: NDArray[np.intp]
+    between: NDArray[np.intp]
+    root: Lines
+
+    @property
+    def rows(self) -> int:  # type: ignore[override]
+        """Two rows per line and channel."""
+        return 2 * int(self.root.shape[1]) * (len(self.motion) + len(self.between))
+
+    @property
+    def steady_rows(self) -> int:  # type: ignore[override]
+        """The rows of the motion's lines."""
+        return 2 * int(self.root.shape[1]) * len(self.motion)
+
+    def series(self, values: Array) -> Array:
+        """Rows of a series over the whole record, those of the motion's lines first."""
+        lines = np.fft.rfft(values, axis=0)
+        count = len(self.motion)
+        steady = self._rows(lines[self.motion], self.motion, self.root[:count])
+        if not len(self.between):
+            return steady
+        return np.concatenate([steady, self._rows(lines[self.between], self.between, self.root[count:])])
+
+    def steady(self, values: Array) -> Array:
+        """Rows of one repeat of a periodic series, at the motion's lines."""
+        lines = np.fft.rfft(values, axis=0)[self.motion // self.repeats] * self.repeats
+        return self._rows(lines, self.motion, self.root[: len(self.motion)])
+
+    def _rows(self, lines: Lines, index: NDArray[np.intp], root: Lines) -> Array:
+        shape = lines.shape
+        flat = np.matmul(root, lines.reshape(shape[0], shape[1], -1))
+        single = (index == 0) | (2 * index == self.samples)
+        scale = np.sqrt((2.0 - single) / self.samples)
+        flat *= scale[:, None, None]
+        return np.concatenate([flat.real, flat.imag], axis=1).reshape(2 * shape[0] * shape[1], *shape[2:])
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionWhitener(Whitener):
+    """Rows are the innovations of a vector autoregression, for a single run: the channels' noise predicts itself.
+
+    coefficients  (order, p, p): noise[t] = sum_i A_i noise[t-i] + innovation; order 0 for poses at rest
+    root          (p, p) inverse Cholesky factor of the innovations' covariance
+    """
+
+    samples: int
+    coefficients: Array
+    root: Array
+
+    @property
+    def rows(self) -> int:  # type: ignore[override]
+        """One row per sample and channel after the first `order` samples."""
+        return (self.samples - len(self.coefficients)) * len(self.root)
+
+    @property
+    def steady_rows(self) -> int:  # type: ignore[override]
+        """All rows: a single run has no lines between."""
+        return self.rows
+
+    def series(self, values: Array) -> Array:
+        """Rows of a series over the whole record."""
+        order = len(self.coefficients)
+        flat = values.reshape(*values.shape[:2], -1)
+        innovation = flat[order:].copy()
+        for lag, matrix in enumerate(self.coefficients, start=1):
+            innovation -= np.einsum("ij,njk->nik", matrix, flat[order - lag : len(flat) - lag])
+        white = np.einsum("ij,njk->nik", self.root, innovation)
+        return np.asarray(white.reshape(-1, *values.shape[2:]))
+
+    def steady(self, values: Array) -> Array:
+        """The same as `series`: one repeat is the whole run."""
+        return self.series(values)
+
+
+def inverse_root(covariance: Array | Lines) -> Array | Lines:
+    """Inverse Cholesky factor W of a covariance, W C W^H = 1."""
+    factor = np.linalg.cholesky(covariance)
+    return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True))

@@ -1,0 +1,82 @@
+"""An effect: one physical thing that the rigid-tip model leaves out, as a perturbation of one stage of the chain."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import sympy as sp
+
+from modeling.chain import Chain, Stage
+from modeling.parameter import Parameter
+from modeling.space import Space
+
+Values = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """What a recording spans: where nuisance parameters can lie.
+
+    low, high   corners of the box that the sensor origin visits in the world, m (empty without a position)
+    start, end  the time of the first and last sample, s
+    reach       how far along the tip a force may act, m
+    events      intervals (s) in which the recording was seen to differ from its other repeats
+    """
+
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    start: float = 0.0
+    end: float = 0.0
+    reach: float = 0.5
+    events: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A missing piece of physics. Everything else (column, refit, design, text, code) follows from `perturb`.
+
+    Subclasses state their equation, sign and units in the docstring; `id` is stable, `advice` says what to look at
+    on the rig. `per_recording` effects (events, a wandering zero) do not carry over to another recording.
+    """
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    stage: ClassVar[Stage]
+    equation: ClassVar[str]
+    advice: ClassVar[str]
+    spaces: ClassVar[tuple[Space, ...]] = (Space.PLANE, Space.SPACE)
+    per_recording: ClassVar[bool] = False
+
+    @abstractmethod
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """The parameters that this effect adds, named without the effect's id."""
+
+    @abstractmethod
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """The chain with this effect in it; `p` holds the expressions of the parameters by their own names."""
+
+    def nuisance_grid(self, extent: Extent) -> tuple[Values, ...]:
+        """Values of the nuisance parameters from which a search starts; one empty set when there are none."""
+        return ({},)
+
+    def qualified(self, space: Space) -> tuple[Parameter, ...]:
+        """The parameters under their full names, `<id>.<name>`."""
+        return tuple(
+            Parameter(
+                name=f"{self.id}.{p.name}",
+                unit=p.unit,
+                nominal=p.nominal,
+                bounds=p.bounds,
+                nuisance=p.nuisance,
+            )
+            for p in self.parameters(space)
+        )
+
+    def applied(self, chain: Chain) -> Chain:
+        """The chain with this effect in it, in terms of its qualified parameters' symbols."""
+        own = self.parameters(chain.space)
+        symbols = (p.symbol for p in self.qualified(chain.space))
+        return self.perturb(chain, {p.name: symbol for p, symbol in zip(own, symbols, strict=True)})

@@ -1,0 +1,146 @@
+"""WrenchModel: channels, inputs, parameters with units and the symbolic prediction. Everything else is emitted from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import sympy as sp
+
+from modeling.chain import Chain, Stage, rigid_chain
+from modeling.effect import Effect
+from modeling.errors import InputError
+from modeling.parameter import Parameter
+from modeling.rig import Convention, Rig
+from modeling.space import Space
+from modeling.tip import body_parameters
+
+STANDARD_GRAVITY = 9.806
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrenchModel:
+    """What a wrist sensor reads when a rigid tool with the given effects moves.
+
+    reading = H(s) load(signals; parameters) + zero(signals; parameters); planar and six-axis models are two
+    instances (`space`). `convention` is the sign of the readings: ON_TOOL is F = m (a - g) (22.8 in the plane),
+    ON_SENSOR its negative, AUTO is decided from the data before a fit. `mirror_y` turns the y channel round.
+    """
+
+    space: Space
+    gravity: float = STANDARD_GRAVITY
+    convention: Convention = Convention.ON_TOOL
+    mirror_y: bool = False
+    effects: tuple[Effect, ...] = ()
+
+    def __add__(self, effect: Effect | Iterable[Effect]) -> WrenchModel:
+        """The model with one more effect (or several) in its chain."""
+        added = (effect,) if isinstance(effect, Effect) else tuple(effect)
+        for new in added:
+            if self.space not in new.spaces:
+                raise InputError(
+                    what=f"'{new.id}' does not exist for {len(self.space.channels)} channels",
+                    where="effect id",
+                    remedy="see `truewrench effects` for where each applies",
+                )
+            if any(new.id == old.id for old in self.effects):
+                raise InputError(
+                    what=f"'{new.id}' is in the model already",
+                    where="effect id",
+                    remedy="add each effect once",
+                )
+        return replace(self, effects=self.effects + added)
+
+    def without(self, effect_id: str) -> WrenchModel:
+        """The model less that effect."""
+        return replace(self, effects=tuple(e for e in self.effects if e.id != effect_id))
+
+    @property
+    def base(self) -> WrenchModel:
+        """The model of the rigid tool alone."""
+        return replace(self, effects=())
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the wrench's channels."""
+        return self.space.channels
+
+    @cached_property
+    def biases(self) -> tuple[Parameter, ...]:
+        """The zero point of each channel, in its unit."""
+        return tuple(
+            Parameter(name=f"bias_{channel}", unit=unit)
+            for channel, unit in zip(self.channels, self.space.units, strict=True)
+        )
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Biases, inertial parameters (22.6), then those of the effects in the order added."""
+        own = tuple(p for effect in self.effects for p in effect.qualified(self.space))
+        return self.biases + body_parameters(self.space) + own
+
+    @property
+    def base_size(self) -> int:
+        """How many of the parameters belong to the rigid tool and the biases."""
+        return len(self.biases) + len(body_parameters(self.space))
+
+    @cached_property
+    def chain(self) -> Chain:
+        """Every stage as an expression, with all effects in it, in the order of the stages."""
+        sign = -1 if self.convention is Convention.ON_SENSOR else 1
+        signs = tuple(-sign if self.mirror_y and c == "fy" else sign for c in self.channels)
+        zero = sp.Matrix([p.symbol for p in self.biases])
+        chain = rigid_chain(self.space, gravity=self.gravity, sign=signs, zero=zero)
+        stages = list(Stage)
+        for effect in sorted(self.effects, key=lambda e: stages.index(e.stage)):
+            chain = effect.applied(chain)
+        return chain
+
+    @cached_property
+    def load(self) -> sp.Matrix:
+        """The reading before memory and zero, (p, 1)."""
+        return self.chain.load()
+
+    @property
+    def zero(self) -> sp.Matrix:
+        """What is added after memory: biases and drift, (p, 1)."""
+        return self.chain.zero
+
+    @property
+    def memory(self) -> sp.Expr:
+        """Transfer function in s from load to reading."""
+        return self.chain.memory
+
+    def inputs_of(self, expression: sp.Matrix) -> tuple[str, ...]:
+        """Names of the signals in an expression of this model, sorted."""
+        own = {p.symbol for p in self.parameters}
+        return tuple(sorted(s.name for s in expression.free_symbols - own if isinstance(s, sp.Symbol)))
+
+    @cached_property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of all signals that the prediction needs."""
+        needed = set(self.inputs_of(self.load)) | set(self.inputs_of(self.zero))
+        return tuple(sorted(needed | ({"time"} if self.memory != 1 else set())))
+
+
+def planar(rig: Rig | None = None) -> WrenchModel:
+    """The planar model of 22.6: bias_fx, bias_fy, bias_tau, m, mlg, I, in the rig's gravity and signs.
+
+    Readings are `on_tool` unless the rig says otherwise.
+    """
+    return _of_rig(Space.PLANE, rig, Convention.ON_TOOL)
+
+
+def spatial(rig: Rig | None = None) -> WrenchModel:
+    """The six-axis model: six biases and ten inertial parameters; its sign is decided by the data unless stated."""
+    return _of_rig(Space.SPACE, rig, Convention.AUTO)
+
+
+def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
+    if rig is None:
+        return WrenchModel(space=space, convention=default)
+    sensor = rig.sensor
+    stated = sensor.convention if sensor is not None and sensor.convention is not None else default
+    mirror = bool(sensor is not None and sensor.mirror_y)
+    return WrenchModel(space=space, gravity=rig.gravity, convention=stated, mirror_y=mirror)

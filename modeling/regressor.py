@@ -1,0 +1,53 @@
+"""The regressor of a model that is linear in its parameters: Y = Phi theta (22.7 to 22.9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from modeling.errors import InputError
+from modeling.model import WrenchModel
+from modeling.space import Space
+
+
+def regressor(model: WrenchModel) -> sp.Matrix:
+    """Phi (channels, parameters), the derivative of the instantaneous prediction with respect to the parameters.
+
+    Raises InputError when the model is not linear in its parameters, or remembers.
+    """
+    symbols = [p.symbol for p in model.parameters]
+    prediction = (model.load + model.zero).applyfunc(sp.expand)
+    phi = prediction.jacobian(symbols)
+    if model.memory != 1 or phi.free_symbols & set(symbols):
+        raise InputError(
+            what="the model is not linear in its parameters",
+            where=" + ".join(["rigid tip", *(e.id for e in model.effects)]),
+            remedy="take the regressor of the base model",
+        )
+    return phi
+
+
+@dataclass(frozen=True)
+class Motions:
+    """The four functions of the motion that the planar regressor is made of (22.9).
+
+    With (ax, ay) the acceleration of the sensor origin: M1 multiplies m in fx and mlg in tau, M2 = ddphi,
+    M3 multiplies m in fy, M4 = dphi².
+    """
+
+    M1: sp.Expr
+    M2: sp.Expr
+    M3: sp.Expr
+    M4: sp.Expr
+
+
+def motions(model: WrenchModel) -> Motions:
+    """M1..M4, read off the derived planar regressor.
+
+    Raises InputError for a model that is not planar.
+    """
+    if model.space is not Space.PLANE:
+        raise InputError(what="M1..M4 are planar", where="model", remedy="take them of planar()")
+    phi = regressor(model.base)
+    return Motions(M1=phi[0, 3], M2=phi[0, 4], M3=phi[1, 3], M4=phi[1, 4])

@@ -1,0 +1,71 @@
+"""The rigid tool: the wrench that the sensor has to exert so that it moves as it does, by Newton-Euler."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from modeling.parameter import Parameter
+from modeling.space import Space, vector
+
+
+@dataclass(frozen=True)
+class Body:
+    """Mass (kg), first moment (kg m) and inertia about the sensor origin (kg m²), in the sensor frame."""
+
+    mass: sp.Expr
+    first_moment: sp.Matrix
+    inertia: sp.Matrix
+
+
+def body_parameters(space: Space) -> tuple[Parameter, ...]:
+    """The inertial parameters: 22.6's m, mlg, I in the plane, ten in six axes."""
+    kg, kgm, kgm2 = "kg", "kg m", "kg m²"
+    mass = Parameter(name="m", unit=kg)
+    if space is Space.PLANE:
+        return (mass, Parameter(name="mlg", unit=kgm), Parameter(name="I", unit=kgm2))
+    moments = tuple(Parameter(name=f"m{a}", unit=kgm) for a in "xyz")
+    inertias = tuple(Parameter(name=f"I{ab}", unit=kgm2) for ab in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    return (mass, *moments, *inertias)
+
+
+def rigid_body(space: Space) -> Body:
+    """The tool's body in terms of `body_parameters`; in the plane its centre lies on the tip axis."""
+    symbols = [p.symbol for p in body_parameters(space)]
+    if space is Space.PLANE:
+        mass, moment, inertia = symbols
+        return Body(mass, moment * space.tip_axis, sp.diag(0, 0, inertia))
+    mass, mx, my, mz, xx, xy, xz, yy, yz, zz = symbols
+    return Body(mass, vector(mx, my, mz), sp.Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def newton_euler(body: Body, lift: sp.Matrix, omega: sp.Matrix, alpha: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
+    """Force and torque about the sensor origin that the sensor exerts on the tool, in the sensor frame.
+
+    `lift` is the origin's acceleration minus gravity. An element dm at r accelerates by
+    `lift + alpha x r + omega x (omega x r)`; the sensor supplies that times dm, and r x that times dm. The sum
+    over the body turns the powers of r into its moments: 1 into mass, r_i into the first moment, r_i r_j into
+    the second moments, Sigma = tr(I)/2 - I.
+    """
+    r = sp.Matrix(sp.symbols("r_1 r_2 r_3"))
+    element = lift + alpha.cross(r) + omega.cross(omega.cross(r))
+    force = element.applyfunc(lambda e: _sum_over_body(e, r, body))
+    torque = r.cross(element).applyfunc(lambda e: _sum_over_body(e, r, body))
+    return force, torque
+
+
+def _sum_over_body(density: sp.Expr, r: sp.Matrix, body: Body) -> sp.Expr:
+    second = sp.eye(3) * body.inertia.trace() / 2 - body.inertia
+    total = sp.S.Zero
+    for powers, coefficient in sp.Poly(sp.expand(density), *r).terms():
+        indices = [i for i, power in enumerate(powers) for _ in range(power)]
+        moment = (
+            body.mass
+            if not indices
+            else body.first_moment[indices[0]]
+            if len(indices) == 1
+            else second[indices[0], indices[1]]
+        )
+        total += coefficient * moment
+    return total

@@ -1,0 +1,1 @@
+"""Tests of the physics, the estimates, the designs and the verdicts."""
