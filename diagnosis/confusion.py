@@ -74,4 +74,4 @@ def separation(fitted: Fit, without: Fit, rival: Screening) -> float:
         start += len(measured)
     imitation = Imitation(unknowns, fitted.recordings, fitted.noise, tuple(target))
     begin = start_of(unknowns, {**without.values, **rival.start})
-    return imitation.minimise(begin)[2]
+    return imitation.minimise(begin).cost

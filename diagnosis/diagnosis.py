@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import isfinite
 from typing import Any
 
@@ -244,7 +245,7 @@ def _findings(
 def _path(final: Candidate, steps: Sequence[Step]) -> list[Screening]:
     """The screening of each added effect, given those added before it."""
     found = []
-    for before, step in zip(steps, steps[1:], strict=False):
+    for before, step in pairwise(steps):
         effect = next(e for e in final.fit.model.effects if e.id == step.effect)
         found.append(screen(before.fit, [effect])[0])
     return found

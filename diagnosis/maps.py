@@ -62,17 +62,19 @@ def map_variables(recording: Recording, load: Array) -> Mapping[str, tuple[Array
     else:
         x, y, z, w = (signals[n] for n in ("qx", "qy", "qz", "qw"))
         down = (-2 * (x * z - y * w), -2 * (y * z + x * w), -(1 - 2 * (x**2 + y**2)))
-        found |= {f"gravity along {a}": (d, "g") for a, d in zip("xyz", down, strict=True)}
+        found |= {f"gravity along {a}": (np.asarray(d), "g") for a, d in zip("xyz", down, strict=True)}
         found["turning speed"] = (_length([signals[f"w{a}"] for a in "xyz"]), "rad/s")
         found["turning acceleration"] = (_length([signals[f"al{a}"] for a in "xyz"]), "rad/s²")
         velocity = [signals[n] for n in ("vpx", "vpy", "vpz") if n in signals]
         direction = {a: f"vp{a}" for a in "xyz"}
-    found |= {f"position {a}": (signals[f"p{a}"], "m") for a in "xyz" if f"p{a}" in signals}
+    for axis in "xyz":
+        if f"p{axis}" in signals:
+            found[f"position {axis}"] = (np.asarray(signals[f"p{axis}"], dtype=np.float64), "m")
     found |= {f"velocity {a}": (signals[name], "m/s") for a, name in direction.items() if name in signals}
     if velocity:
         found["speed"] = (_length(velocity), "m/s")
     for channel, series in zip(recording.channels, load.T, strict=True):
-        found[f"load {channel}"] = (series, "N" if channel.startswith("f") else "N m")
+        found[f"load {channel}"] = (np.asarray(series, dtype=np.float64), "N" if channel.startswith("f") else "N m")
     if recording.time is not None:
         span = (recording.dt or 1.0) * np.arange(recording.samples)
         found["time"] = (span, "s")

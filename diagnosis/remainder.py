@@ -35,8 +35,10 @@ class Remainder:
 def remainder(comparison: Comparison, tolerance: Mapping[str, float]) -> Remainder:
     """Describe what is left: the map that shows it best, and a sparse fit over generic terms."""
     size = comparison.explainable_rms or {}
-    channel = loudest_channel(comparison)
-    best = next(m for m in residual_maps(comparison, tolerance) if m.channel == channel)
+    maps = residual_maps(comparison, tolerance)
+    loudest = loudest_channel(comparison)
+    best = next(m for m in maps if loudest is None or m.channel == loudest)
+    channel = best.channel
     peak = int(np.argmax(np.abs(best.mean)))
     rises = "rises" if best.mean[peak] > 0 else "falls"
     where = (
@@ -48,9 +50,11 @@ def remainder(comparison: Comparison, tolerance: Mapping[str, float]) -> Remaind
     return Remainder(where, terms, share, {c: size.get(c) for c in comparison.recording.channels})
 
 
-def loudest_channel(comparison: Comparison) -> str:
-    """The channel whose error stands out most from its noise floor."""
-    size = comparison.explainable_rms or comparison.rms
+def loudest_channel(comparison: Comparison) -> str | None:
+    """The channel whose explainable error stands out most from its noise floor; None without repeats."""
+    size = comparison.explainable_rms
+    if size is None:
+        return None
     return max(size, key=lambda c: size[c] / max(comparison.noise_floor[c], 1e-300))
 
 

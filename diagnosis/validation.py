@@ -35,7 +35,7 @@ def transferred(fit: Fit, recording: Recording, noise: Noise | None = None) -> F
     theta[free] += np.linalg.lstsq(derivative[:, free], residual, rcond=None)[0]
     covariance = np.zeros((len(theta), len(theta)))
     covariance[np.ix_(free, free)] = np.linalg.pinv(derivative[:, free].T @ derivative[:, free])
-    return Fit(model, (recording,), known, unknowns, theta, covariance)
+    return Fit(model, (recording,), known, unknowns, theta, covariance, free)
 
 
 def zero_shift(fit: Fit, carried: Fit) -> Mapping[str, float]:

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 STEP_TOLERANCE = 1e-10
 """Relative change of the cost below which a refit has converged; far below what the noise lets one see."""
 MOST_STEPS = 60
+UNSHOWN = 1e-9
+"""Singular value, of columns of unit length, below which a direction of the unknowns is only rounding."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Fit:
 
     theta       (k,) unknowns in the order of `layout.parameters`
     covariance  (k, k) from the whitened derivative, valid for the noise it was whitened with
+    shown       (k,) whether the recordings tell an unknown apart from all others
     noise       per recording
     """
 
@@ -47,11 +50,12 @@ class Fit:
     layout: Layout
     theta: Array
     covariance: Array
+    shown: NDArray[np.bool_]
 
     @cached_property
     def parameters(self) -> Mapping[str, Estimate]:
-        """Every unknown by name, with std and unit."""
-        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        """Every unknown by name, with std and unit; the std is infinite where the recordings do not show it."""
+        std = np.where(self.shown, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.inf)
         return {
             p.name: Estimate(p.name, float(value), float(s), p.unit)
             for p, value, s in zip(self.layout.parameters, self.theta, std, strict=True)
@@ -74,7 +78,12 @@ class Fit:
 
     def rows(self) -> list[tuple[str, ...]]:
         """Name, value, std and unit of every unknown, as text."""
-        return [(e.name, f"{e.value:.6g}", f"{e.std:.2g}", e.unit) for e in self.parameters.values()]
+        return [
+            (e.name, f"{e.value:.6g}", f"{e.std:.2g}", e.unit)
+            if np.isfinite(e.std)
+            else (e.name, "-", "not shown", e.unit)
+            for e in self.parameters.values()
+        ]
 
     def __str__(self) -> str:
         return table(("parameter", "value", "std", "unit"), self.rows())
@@ -112,8 +121,8 @@ class Problem:
             derivatives.append(derivative)
         return np.concatenate(residuals), np.concatenate(derivatives)
 
-    def minimise(self, start: Array) -> tuple[Array, Array, float]:
-        """Unknowns at the least-squares minimum within the physical bounds, their covariance, and the cost.
+    def minimise(self, start: Array) -> Minimum:
+        """The least-squares minimum within the physical bounds.
 
         Gauss-Newton steps with Levenberg's damping on columns of unit length; a step that would leave the bounds is
         cut at them. Derivatives are exact (CasADi), so a linear model takes one step.
@@ -134,7 +143,7 @@ class Problem:
                 damping = max(10 * damping, 1e-6)
             if abs(gain) < STEP_TOLERANCE * cost or damping > 1e6:
                 break
-        return theta, covariance_of(derivative), cost
+        return Minimum(theta, *covariance_of(derivative), cost)
 
 
 def damped_step(residual: Array, derivative: Array, theta: Array, bounds: tuple[Array, Array], damping: float) -> Array:
@@ -154,13 +163,29 @@ def damped_step(residual: Array, derivative: Array, theta: Array, bounds: tuple[
     return step
 
 
-def covariance_of(derivative: Array) -> Array:
-    """Inverse of the Fisher information of whitened rows; directions that the data do not show get no variance."""
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Unknowns (k,) at a minimum, their covariance (k, k), which of them the data show (k,), and the chi-square."""
+
+    theta: Array
+    covariance: Array
+    shown: NDArray[np.bool_]
+    cost: float
+
+
+def covariance_of(derivative: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Inverse of the Fisher information of whitened rows, and which unknowns it holds for.
+
+    Directions that the data do not show get no variance; an unknown with a part in them is not shown.
+    """
     scale = np.linalg.norm(derivative, axis=0)
     scale[scale == 0] = 1.0
     root = np.linalg.qr(derivative[derivative.any(axis=1)] / scale, mode="r")
-    inverse = np.linalg.pinv(root, rcond=1e-10)
-    return np.asarray(inverse @ inverse.T / np.outer(scale, scale))
+    _, singular, right = np.linalg.svd(root, full_matrices=False)
+    kept = singular > UNSHOWN * max(float(singular.max(initial=0.0)), 1e-300)
+    inverse = right[kept].T / singular[kept]
+    shown = (right[kept] ** 2).sum(axis=0) > 1 - 1e-6
+    return np.asarray(inverse @ inverse.T / np.outer(scale, scale)), shown
 
 
 def start_of(unknowns: Layout, start: Mapping[str, float]) -> Array:
@@ -187,8 +212,9 @@ def fit(
     known = tuple(noise) if noise is not None else first_noise(model, several)
     for _ in range(1 if noise is not None else 4):
         problem = Problem(unknowns, several, known)
-        theta, covariance, _cost = problem.minimise(theta)
-        estimated = Fit(model, several, known, unknowns, theta, covariance)
+        found = problem.minimise(theta)
+        theta = found.theta
+        estimated = Fit(model, several, known, unknowns, theta, found.covariance, found.shown)
         if noise is not None or all(n.source is not NoiseSource.RESIDUAL for n in known):
             break
         known = refreshed(estimated)
@@ -203,8 +229,9 @@ def first_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[No
 
 def refreshed(estimated: Fit) -> tuple[Noise, ...]:
     """The noise of a fit's recordings, those that come from the residual estimated from it again."""
+    fitted = int(estimated.shown.sum())
     return tuple(
-        noise_of(r, e) if n.source is NoiseSource.RESIDUAL else n
+        noise_of(r, e, fitted) if n.source is NoiseSource.RESIDUAL else n
         for r, e, n in zip(estimated.recordings, estimated.residuals, estimated.noise, strict=True)
     )
 

@@ -46,12 +46,13 @@ class Noise:
     events: tuple[tuple[float, float], ...] = ()
 
 
-def noise_of(recording: Recording, residual: Array) -> Noise:
+def noise_of(recording: Recording, residual: Array, fitted: int = 0) -> Noise:
     """Noise of a recording from the residual (n, p) of any model of what repeats.
 
     With repeats the residual's periodic part does not matter: the spectrum comes from the lines between those of
     the motion (or from differences of separate runs). Without, it is the std that the rig states per
-    channel if it does, else an autoregression fitted to the residual, which then cannot judge that residual's size.
+    channel if it does, else an autoregression fitted to the residual, which then cannot judge that residual's size;
+    `fitted` is the number of parameters that went into it.
     """
     if recording.repeats > 1:
         return _from_repeats(recording, residual)
@@ -59,7 +60,7 @@ def noise_of(recording: Recording, residual: Array) -> Noise:
     if stated is not None:
         whitener = RegressionWhitener(len(residual), np.zeros((0, len(stated), len(stated))), np.diag(1 / stated))
         return Noise(stated, whitener, NoiseSource.RIG, np.zeros(whitener.rows))
-    return _from_residual(recording, residual)
+    return _from_residual(recording, residual, fitted)
 
 
 def step_of(recording: Recording) -> float:
@@ -104,7 +105,7 @@ def _from_repeats(recording: Recording, residual: Array) -> Noise:
     levels = np.stack([s(ordered) for s in spectra], axis=1)
     white = lines[between[quiet]] / np.sqrt(n * np.stack([s(frequency[quiet]) for s in spectra], axis=1))
     root = _coherence_roots(between[quiet], white, order) / np.sqrt(levels)[:, None, :]
-    freedom = np.mean([s.freedom for s in spectra]) / len(between)
+    freedom = sum(s.freedom for s in spectra) / len(spectra) / len(between)
     whitener = LineWhitener(n, repeats, motion, rest, root * np.sqrt(1 - min(freedom, 0.5)))
     return Noise(repeat_floor(recording), whitener, NoiseSource.REPEATS, _doubt(spectra, ordered), spectra, events)
 
@@ -242,23 +243,35 @@ def _loudest_window(series: Array, spectra: tuple[Spectrum, ...], dt: float) -> 
     return best[1] * dt, (best[1] + best[2]) * dt
 
 
-def _from_residual(recording: Recording, residual: Array) -> Noise:
-    """Vector autoregression of the residual, its order chosen by Akaike's criterion; order 0 for poses at rest."""
+def _from_residual(recording: Recording, residual: Array, fitted: int) -> Noise:
+    """Poses: the spread of each channel's residual. A run: a vector autoregression, its order by Akaike's criterion.
+
+    What is left of poses is more the model's error than noise; taking its correlations between the channels for
+    noise would let one channel's error move what another has measured, so that they are left out.
+    """
     n, p = residual.shape
-    highest = 0 if recording.at_rest else int(np.clip(n // (20 * p), 0, 60))
+    floor = np.sqrt((residual**2).sum(axis=0) / max(1.0, n - fitted / p))
+    floor = np.maximum(floor, 1e-12 * max(floor.max(), 1e-300))
+    if recording.at_rest:
+        coefficients, covariance = np.zeros((0, p, p)), np.diag(floor**2)
+    else:
+        coefficients, covariance = _best_autoregression(residual)
+    whitener = RegressionWhitener(n, coefficients, np.real(inverse_root(covariance)))
+    parameters = coefficients.size + p * (p + 1) / 2
+    return Noise(floor, whitener, NoiseSource.RESIDUAL, np.full(whitener.rows, 2 * parameters / (n * p)))
+
+
+def _best_autoregression(residual: Array) -> tuple[Array, Array]:
+    n, p = residual.shape
+    highest = int(np.clip(n // (20 * p), 0, 60))
     best: tuple[float, Array, Array] | None = None
-    for order in sorted({0, 1, 2, 4, 8, 15, 30, 60}):
-        if order > highest:
-            break
+    for order in (order for order in (0, 1, 2, 4, 8, 15, 30, 60) if order <= highest):
         coefficients, covariance = _autoregression(residual, order)
         criterion = (n - order) * np.linalg.slogdet(covariance)[1] + 2 * order * p * p
         if best is None or criterion < best[0]:
             best = (float(criterion), coefficients, covariance)
     assert best is not None
-    whitener = RegressionWhitener(n, best[1], np.real(inverse_root(best[2])))
-    parameters = best[1].size + p * (p + 1) / 2
-    doubt = np.full(whitener.rows, 2 * parameters / (n * p))
-    return Noise(np.asarray(residual.std(axis=0)), whitener, NoiseSource.RESIDUAL, doubt)
+    return best[1:]
 
 
 def _autoregression(residual: Array, order: int) -> tuple[Array, Array]:

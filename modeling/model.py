@@ -1,4 +1,4 @@
-"""WrenchModel: channels, inputs, parameters with units and the symbolic prediction. Everything else is emitted from it."""
+"""WrenchModel: channels, inputs, parameters and symbolic prediction, from which everything else is emitted."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class CentreOfMassOffset(Effect):
     title = "centre of mass off the tip axis"
     stage = Stage.TIP_BODY
     equation = "c = mlg y' + mlx x'"
-    advice = "weigh the tool's side: at rest the torque follows the direction of gravity; look for a gripper mounted off axis"
+    advice = "take poses at rest: the torque follows the direction of gravity; look for a gripper mounted off axis"
     spaces = (Space.PLANE,)
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
@@ -118,7 +118,7 @@ class QuadraticDrag(ViscousDrag):
     id = "quadratic_drag"
     title = "drag proportional to speed squared"
     equation = "F = -c |v(d)| v(d)"
-    advice = "run the same path at half and double speed (a quarter and four times the force); look for a large plate or cover"
+    advice = "run the same path at half and double speed: a quarter and four times the force; look for a large plate"
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """c in N s²/m², d in m."""

@@ -1,0 +1,128 @@
+"""Pushes: intervals of a single run in which something other than the tool's own physics acts on the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from estimation.layout import Layout, layout
+from estimation.recording import Recording
+from estimation.response import respond
+from modeling.model import WrenchModel
+
+Array = NDArray[np.float64]
+
+BLOCKS = 120
+"""Stretches that a run is averaged over; a push lasts at least two of them."""
+CHANCE = 0.01
+"""Chance of taking a run without a push for one with a push."""
+
+
+@dataclass(frozen=True, eq=False)
+class Averages:
+    """Readings and regressor of recordings averaged over blocks: what is slow enough to be a tool or a push.
+
+    reading (b, p), regressor (b, p, k) in the unknowns of the layout, owner (b,) the recording of each block
+    """
+
+    unknowns: Layout
+    reading: Array
+    regressor: Array
+    owner: NDArray[np.intp]
+
+    @cached_property
+    def scale(self) -> Array:
+        """Weight of each block and channel (b, p): the spread of a recording's successive differences."""
+        scale = np.ones_like(self.reading)
+        for number in np.unique(self.owner):
+            own = self.owner == number
+            steps = np.abs(np.diff(self.reading[own], axis=0))
+            scale[own] = np.maximum(np.median(steps, axis=0), 1e-9 + 1e-6 * np.abs(self.reading[own]).max(axis=0))
+        return scale
+
+    def residual_without(self, left_out: NDArray[np.bool_]) -> Array:
+        """Residual (b, p) of all blocks after a weighted fit to those not left out."""
+        kept = ~left_out
+        rows = (self.regressor / self.scale[:, :, None])[kept].reshape(-1, self.unknowns.size)
+        target = (self.reading / self.scale)[kept].ravel()
+        length = np.linalg.norm(rows, axis=0)
+        length[length == 0] = 1.0
+        solution = np.linalg.lstsq(rows / length, target, rcond=1e-6)[0] / length
+        return np.asarray(self.reading - self.regressor @ solution)
+
+
+def find_pushes(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[tuple[tuple[float, float], ...], ...]:
+    """At most one interval (s) per single run in which a push explains what the rigid tip cannot.
+
+    The tip is fitted to all blocks of all recordings but those of a window; the window whose removal lowers the
+    weighted error of the rest most is a push when its mean wrench exceeds anything that the rest of the run
+    leaves: Student's t with the rest's own spread and as many degrees of freedom as it has independent blocks
+    (by its lag-one correlation), paid for by channels and windows.
+    """
+    averages = _averaged(model.base, recordings)
+    found: list[tuple[tuple[float, float], ...]] = []
+    for number, recording in enumerate(recordings):
+        single = recording.repeats == 1 and not recording.at_rest and recording.samples >= 10 * BLOCKS
+        window = _window(averages, number) if single else None
+        step = recording.samples / BLOCKS * (recording.dt or 0.0)
+        found.append(() if window is None else ((window[0] * step, window[1] * step),))
+    return tuple(found)
+
+
+def _averaged(model: WrenchModel, recordings: Sequence[Recording]) -> Averages:
+    unknowns = layout(model, recordings)
+    readings, regressors, owners = [], [], []
+    for number, recording in enumerate(recordings):
+        response = respond(unknowns.models[number], recording, np.zeros(len(unknowns.models[number].parameters)))
+        whole = np.zeros((recording.samples, len(recording.channels), unknowns.size))
+        whole[:, :, unknowns.index[number]] = response.derivative
+        count = recording.samples if recording.at_rest else min(BLOCKS, recording.samples)
+        parts = np.array_split(np.arange(recording.samples), count)
+        readings += [recording.wrench[part].mean(axis=0) for part in parts]
+        regressors += [whole[part].mean(axis=0) for part in parts]
+        owners += [number] * count
+    return Averages(unknowns, np.array(readings), np.array(regressors), np.array(owners, dtype=np.intp))
+
+
+def _window(averages: Averages, number: int) -> tuple[int, int] | None:
+    own = np.flatnonzero(averages.owner == number)
+    best = _best_window(averages, own, [(i, j) for i in range(0, BLOCKS, 6) for j in range(i + 6, BLOCKS + 1, 6)])
+    fine = range(-5, 6)
+    near = [(best[0] + i, best[1] + j) for i in fine for j in fine]
+    start, end = _best_window(averages, own, [(i, j) for i, j in near if 0 <= i < j - 1 and j <= BLOCKS])
+    inside = np.zeros(len(averages.owner), dtype=bool)
+    inside[own[start:end]] = True
+    residual = averages.residual_without(inside)
+    rest = residual[np.setdiff1d(own, own[start:end])]
+    return (start, end) if _exceeds(residual[inside], rest) else None
+
+
+def _best_window(averages: Averages, own: NDArray[np.intp], windows: list[tuple[int, int]]) -> tuple[int, int]:
+    """The window without which the rest fits best, per degree of freedom that the rest keeps."""
+    scores = []
+    for start, end in windows:
+        inside = np.zeros(len(averages.owner), dtype=bool)
+        inside[own[start:end]] = True
+        rest = (averages.residual_without(inside) / averages.scale)[own][~inside[own]]
+        left = len(rest)
+        scores.append(np.inf if left < BLOCKS // 5 else float(left * np.log((rest**2).mean(axis=0) + 1e-12).sum()))
+    # Inside the window every block has a wrench of its own; its likelihood counts as that of the whole spread.
+    spread = np.log(((averages.residual_without(np.zeros(len(averages.owner), dtype=bool)) / averages.scale)[own] ** 2)
+                    .mean(axis=0) + 1e-12).sum()
+    totals = [s + (end - start) * spread for s, (start, end) in zip(scores, windows, strict=True)]
+    return windows[int(np.argmin(totals))]
+
+
+def _exceeds(inside: Array, rest: Array) -> bool:
+    """Whether the mean wrench inside is more than the rest of the run could leave anywhere."""
+    spread = np.sqrt((rest**2).mean(axis=0))
+    correlation = np.clip((rest[1:] * rest[:-1]).mean(axis=0) / np.maximum(spread**2, 1e-300), 0.0, 0.99)
+    freedom = np.maximum(2.0, len(rest) * (1 - correlation) / (1 + correlation))
+    trials = inside.shape[1] * BLOCKS
+    limit = student.isf(CHANCE / 2 / trials, freedom)
+    return bool(np.any(np.abs(inside.mean(axis=0)) > limit * spread))
