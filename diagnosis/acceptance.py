@@ -13,15 +13,17 @@ from diagnosis.comparison import comparison_of, orthonormal
 from diagnosis.screening import SIGNIFICANCE
 from diagnosis.selection import Candidate, refitted
 from diagnosis.validation import lasting, transferred
-from estimation.fit import Fit, Problem, fit
+from estimation.fit import Fit, Problem, refit
 from estimation.noise import Noise, NoiseSource
 from estimation.recording import Recording
 from estimation.response import respond
-from estimation.whitening import LineWhitener, Whitener
+from estimation.whitening import LineWhitener, RegressionWhitener, Whitener
 from modeling.effect import Effect
 
 Array = NDArray[np.float64]
 
+HELD_OUT_SIGNIFICANCE = SIGNIFICANCE / 10
+"""Lack of fit on held-out data counts from here: it also holds the training's own errors."""
 KEPT = 0.1
 """Share of an effect's own prediction by which it may change from one motion to another and still be the same effect:
 all but the square of it, 1 % of its power, is then explained on both."""
@@ -98,14 +100,28 @@ def _failed(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) 
         carried = transferred(candidate.fit, other.recording, other.noise)
         if _steady_cost(carried) >= before:
             return _least_needed(candidate), f"does not lower the error on {other.recording.name}"
-        fits = fits and comparison_of(carried, 0).lack_of_fit >= SIGNIFICANCE / 10
+        fits = fits and comparison_of(carried, 0).lack_of_fit >= HELD_OUT_SIGNIFICANCE
     if fits and not _judged_by_residual(candidate.fit):
         return None
+    if not held_out and not _falls_across_halves(candidate, base):
+        return _least_needed(candidate), "does not lower the error on the other half of the data"
     return _inconstant(candidate, held_out)
 
 
 def _judged_by_residual(fitted: Fit) -> bool:
     return any(n.source is NoiseSource.RESIDUAL for n in fitted.noise)
+
+
+def _falls_across_halves(candidate: Candidate, base: Candidate) -> bool:
+    """Whether effects estimated on one half of the training data lower the error on the other, both ways together."""
+    halves = _halved(candidate.fit)
+    costs = [0.0, 0.0]
+    for trained_on, judged_on in (halves, halves[::-1]):
+        for place, whole in enumerate((base.fit, candidate.fit)):
+            half = refit(whole.model, whole.recordings, noise=trained_on, start=whole.values)
+            residual, _ = Problem(half.layout, half.recordings, judged_on).evaluate(half.theta)
+            costs[place] += float(residual @ residual)
+    return costs[1] < costs[0]
 
 
 def _steady_cost(fitted: Fit) -> float:
@@ -116,11 +132,12 @@ def _steady_cost(fitted: Fit) -> float:
 
 
 def _least_needed(candidate: Candidate) -> str:
-    """The effect without which the training error rises least."""
+    """The effect without which the training error rises least; lasting ones first, which claim more."""
     effects = candidate.fit.model.effects
-    if len(effects) == 1:
-        return effects[0].id
-    costs = {e.id: refitted(candidate, [o for o in effects if o.id != e.id]).background.cost for e in effects}
+    ids = [e.id for e in lasting(candidate.fit.model).effects] or [e.id for e in effects]
+    if len(ids) == 1:
+        return ids[0]
+    costs = {i: refitted(candidate, [o for o in effects if o.id != i]).background.cost for i in ids}
     return min(costs, key=lambda effect_id: costs[effect_id])
 
 
@@ -130,12 +147,16 @@ def _inconstant(candidate: Candidate, held_out: Sequence[HeldOut]) -> tuple[str,
     worst: tuple[float, str, str] | None = None
     for effect in candidate.fit.model.effects:
         for first, second, where in pairs:
-            if effect.per_recording and first.recordings != second.recordings:
+            if effect.per_recording:
                 continue
             p_value, change = coefficient_change(effect, first, second)
             if p_value < SIGNIFICANCE and change > KEPT and (worst is None or change > worst[0]):
-                worst = (change, effect.id, f"its coefficients change by {change:.0%} of its effect {where}")
+                worst = (change, effect.id, f"its coefficients change by {_share(change)} of its effect {where}")
     return None if worst is None else worst[1:]
+
+
+def _share(change: float) -> str:
+    return f"{change:.0%}" if change < 10 else "more than ten times"
 
 
 def _pairs(candidate: Candidate, held_out: Sequence[HeldOut]) -> list[tuple[Fit, Fit, str]]:
@@ -144,18 +165,18 @@ def _pairs(candidate: Candidate, held_out: Sequence[HeldOut]) -> list[tuple[Fit,
     model = lasting(trained.model)
     pairs = []
     for other in held_out:
-        alone = fit(model, other.recording, noise=(other.noise,), start=trained.values)
+        alone = refit(model, (other.recording,), noise=(other.noise,), start=trained.values)
         pairs.append((trained, alone, f"on {other.recording.name}"))
     if not pairs or _judged_by_residual(trained):
         halves = [
-            fit(trained.model, trained.recordings, noise=noise, start=trained.values) for noise in _halved(trained)
+            refit(trained.model, trained.recordings, noise=noise, start=trained.values) for noise in _halved(trained)
         ]
         pairs.append((halves[0], halves[1], "between two halves of the data"))
     return pairs
 
 
 def _halved(fitted: Fit) -> list[tuple[Noise, ...]]:
-    """The noise of odd and even harmonics (both keep what lies between), or of the first and second half of a run."""
+    """The noise of odd and even harmonics (both keep what lies between), of every second pose, or of a run's halves."""
     return [tuple(_half(noise, side) for noise in fitted.noise) for side in (0, 1)]
 
 
@@ -167,6 +188,8 @@ def _half(noise: Noise, side: int) -> Noise:
         harmonic = np.repeat(whole.motion // whole.repeats, per_line)
         kept = np.concatenate([harmonic % 2 == side, np.ones(whole.rows - whole.steady_rows, dtype=bool)])
         kept[:per_line] = True
+    elif isinstance(whole, RegressionWhitener) and not len(whole.coefficients) and whole.block == 1:
+        kept = index // len(whole.root) % 2 == side
     else:
         kept = (index < whole.rows // 2) == (side == 0)
     steady = int(kept[: whole.steady_rows].sum())

@@ -142,9 +142,9 @@ def judged(fit: Fit, number: int) -> tuple[float | None, float]:
     """
     noise = fit.noise[number]
     if noise.source is NoiseSource.RESIDUAL:
-        from diagnosis.generic import held_out_lack_of_fit
+        from diagnosis.generic import held_out_lack_of_fit, push_evidence
 
-        return None, held_out_lack_of_fit(fit, number)
+        return None, min(1.0, 2 * min(held_out_lack_of_fit(fit, number), push_evidence(fit, number)))
     rows, leverage = _judged_rows(fit, number)
     steady = noise.whitener.steady_rows
     total = (rows[:steady] ** 2).sum() / max(1.0, steady - leverage[:steady].sum())

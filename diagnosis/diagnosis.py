@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.acceptance import HeldOut, accepted
+from diagnosis.acceptance import HELD_OUT_SIGNIFICANCE, HeldOut, accepted
 from diagnosis.comparison import Comparison, comparison_of
 from diagnosis.confusion import CONFUSABLE, Rival, rivals
 from diagnosis.limits import contribution_limit
@@ -141,13 +141,16 @@ def diagnose(
     progress("check on other data")
     tolerance, stated = tolerance_of(base)
     believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out)
-    steps = _staircase(selection.base, believed.candidate, held_out)
+    final, reasons = believed.candidate, dict(believed.reasons)
+    steps = _staircase(selection.base, final, held_out)
+    verdict = _verdict(final, steps, tolerance)
+    if verdict is RecordVerdict.UNEXPLAINED and final.ids:
+        reasons |= dict.fromkeys(sorted(final.ids), "takes less than half of an error that is not explained by it")
+        final, steps = selection.base, steps[:1]
     progress("judge every effect")
-    final = believed.candidate
     added = [e.id for e in final.fit.model.effects]
     lookalikes = {i: rivals(final, i, list(candidates)) for i in added}
-    findings = _findings(selection, final, steps, lookalikes, believed.reasons, candidates, tolerance)
-    verdict = _verdict(selection.base, final, steps, tolerance)
+    findings = _findings(selection, final, steps, lookalikes, reasons, candidates, tolerance)
     left = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         left = remainder(steps[-1].training[_worst_recording(steps[-1])], tolerance)
@@ -290,6 +293,8 @@ def _judged(
         return EffectVerdict.NOT_EXCITED, beyond
     if _within(contribution_limit(final.fit, screening), tolerance):
         return EffectVerdict.NEGLIGIBLE, "its upper 95 % limit is below tolerance"
+    if screening.p_value < SIGNIFICANCE / 10:
+        return EffectVerdict.NOT_SUPPORTED, "follows what is left, but does not explain it when refitted exactly"
     return EffectVerdict.NOT_SUPPORTED, ""
 
 
@@ -314,12 +319,14 @@ def _amounts(screening: Screening, fitted: Fit) -> dict[str, Estimate]:
     }
 
 
-def _verdict(base: Candidate, final: Candidate, steps: Sequence[Step], tolerance: Mapping[str, float]) -> RecordVerdict:
-    adequate = final.lack_of_fit >= SIGNIFICANCE
+def _verdict(final: Candidate, steps: Sequence[Step], tolerance: Mapping[str, float]) -> RecordVerdict:
+    """The record's verdict; a model that fails on held-out data is not adequate, whatever it does in training."""
+    held_out = min((c.lack_of_fit for c in steps[-1].validation), default=1.0)
+    adequate = final.lack_of_fit >= SIGNIFICANCE and held_out >= HELD_OUT_SIGNIFICANCE
     if not final.ids:
         return RecordVerdict.NOTHING_MISSING if adequate else RecordVerdict.UNEXPLAINED
-    sizes = [c.explainable_rms for c in steps[-1].training]
-    if adequate or all(s is not None and _within(s, tolerance) for s in sizes):
+    compared = (*steps[-1].training, *steps[-1].validation)
+    if adequate or all(c.explainable_rms is not None and _within(c.explainable_rms, tolerance) for c in compared):
         return RecordVerdict.EXPLAINED
     halved = explainable(steps[-1]) <= explainable(steps[0]) / 2
     return RecordVerdict.PARTLY_EXPLAINED if halved else RecordVerdict.UNEXPLAINED

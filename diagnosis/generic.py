@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from estimation.fit import Fit
 from estimation.recording import Recording
 from estimation.response import signals_of
+from estimation.whitening import RegressionWhitener
 
 Array = NDArray[np.float64]
 
@@ -83,6 +85,23 @@ def held_out_lack_of_fit(fit: Fit, number: int) -> float:
     if spread == 0:
         return 1.0
     return float(student.sf(gains.mean() / (spread / np.sqrt(len(gains))), len(gains) - 1))
+
+
+def push_evidence(fit: Fit, number: int) -> float:
+    """P-value that the wrench left within a run's events has no mean, 1 without events.
+
+    Each event's whitened rows, white with the spread that the event has about its mean, are summed per channel.
+    """
+    whitener = fit.noise[number].whitener
+    if not isinstance(whitener, RegressionWhitener) or not whitener.events:
+        return 1.0
+    rows = whitener.series(fit.residuals[number]).reshape(-1, len(whitener.root))
+    order = len(whitener.coefficients)
+    sums = [
+        rows[max(0, s - order) : e - 2 * order].sum(axis=0) / np.sqrt(max(1, e - s - order)) for s, e in whitener.events
+    ]
+    statistic = float(np.sum(np.square(sums)))
+    return float(chi2.sf(statistic, len(sums) * rows.shape[1]))
 
 
 def _held_out_gains(white: Array, residual: Array, blocks: list[NDArray[np.intp]]) -> Array:

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 CELLS = 16
 DISCOVERY_RATE = 0.10
+SMALLEST_RANGE = 1e-3
+"""A variable that moves less, in its own unit, is taken as constant."""
 BLOCKS = 8
 """Stretches of a single run that stand in for its repeats."""
 
@@ -69,7 +71,7 @@ def map_variables(recording: Recording, load: Array) -> Mapping[str, tuple[Array
         direction = {a: f"vp{a}" for a in "xyz"}
     for axis in "xyz":
         if f"p{axis}" in signals:
-            found[f"position {axis}"] = (np.asarray(signals[f"p{axis}"], dtype=np.float64), "m")
+            found[f"position {axis}"] = (signals[f"p{axis}"], "m")
     found |= {f"velocity {a}": (signals[name], "m/s") for a, name in direction.items() if name in signals}
     if velocity:
         found["speed"] = (_length(velocity), "m/s")
@@ -81,7 +83,7 @@ def map_variables(recording: Recording, load: Array) -> Mapping[str, tuple[Array
     else:
         found["order"] = (signals["order"], "1")
     found |= {name: (signals[name], "°C" if name == "temperature" else "as recorded") for name in recording.auxiliary}
-    return {name: pair for name, pair in found.items() if np.ptp(pair[0]) > 1e-9}
+    return {name: pair for name, pair in found.items() if np.ptp(pair[0]) > SMALLEST_RANGE}
 
 
 def _length(components: Sequence[Array]) -> Array:
@@ -89,7 +91,10 @@ def _length(components: Sequence[Array]) -> Array:
 
 
 def residual_maps(comparison: Comparison, tolerance: Mapping[str, float]) -> list[ResidualMap]:
-    """Every channel against every variable, the most explained share of the residual's power first."""
+    """Every channel against every variable, the most explained share of the residual's power first.
+
+    Variables whose cells have no repeats to compare give no map.
+    """
     recording, residual = comparison.recording, comparison.residual
     load = recording.wrench - residual
     groups = _groups(recording)
@@ -97,16 +102,10 @@ def residual_maps(comparison: Comparison, tolerance: Mapping[str, float]) -> lis
     for variable, (series, unit) in map_variables(recording, load).items():
         cells = _cells(series)
         for number, (channel, channel_unit) in enumerate(zip(recording.channels, comparison.space.units, strict=True)):
-            maps.append(
-                _mapped(
-                    residual[:, number],
-                    series,
-                    cells,
-                    groups,
-                    (channel, channel_unit, variable, unit),
-                    tolerance[channel],
-                )
-            )
+            names = (channel, channel_unit, variable, unit)
+            rows = _cell_rows(residual[:, number], series, cells, groups)
+            if rows:
+                maps.append(_mapped(rows, names, tolerance[channel], float((residual[:, number] ** 2).sum())))
     return sorted(maps, key=lambda m: -m.explained)
 
 
@@ -123,35 +122,29 @@ def _cells(series: Array) -> NDArray[np.intp]:
     return np.asarray(np.clip((series - low) / max(high - low, 1e-300) * count, 0, count - 1), dtype=np.intp)
 
 
-def _mapped(
-    residual: Array,
-    series: Array,
-    cells: NDArray[np.intp],
-    groups: NDArray[np.intp],
-    names: tuple[str, str, str, str],
-    tolerance: float,
-) -> ResidualMap:
+Row = tuple[float, float, float, int, int]
+
+
+def _cell_rows(residual: Array, series: Array, cells: NDArray[np.intp], groups: NDArray[np.intp]) -> list[Row]:
+    """Per cell seen in at least two repeats: its centre, mean, standard error, number of repeats and of samples."""
     rows = []
     for cell in np.unique(cells):
         inside = cells == cell
         means = np.array([residual[inside & (groups == g)].mean() for g in np.unique(groups[inside])])
         if len(means) >= 2:
-            rows.append(
-                (
-                    series[inside].mean(),
-                    means.mean(),
-                    means.std(ddof=1) / np.sqrt(len(means)),
-                    len(means),
-                    inside.sum(),
-                )
-            )
+            error = float(means.std(ddof=1) / np.sqrt(len(means)))
+            rows.append((float(series[inside].mean()), float(means.mean()), error, len(means), int(inside.sum())))
+    return rows
+
+
+def _mapped(rows: list[Row], names: tuple[str, str, str, str], tolerance: float, power: float) -> ResidualMap:
     centre, mean, error, count, weight = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
     freedom = count - 1
     half = student.isf(0.025, freedom) * error
     statistic = np.abs(mean) / np.maximum(error, 1e-300)
     adjusted = false_discovery_control(np.clip(2 * student.sf(statistic, freedom), 0, 1))
     noise = np.minimum(error**2, mean**2)
-    explained = float((weight * (mean**2 - noise)).sum() / max((residual**2).sum(), 1e-300))
+    explained = float((weight * (mean**2 - noise)).sum() / max(power, 1e-300))
     channel, channel_unit, variable, unit = names
     return ResidualMap(
         channel=channel,

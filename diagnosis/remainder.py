@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis.comparison import Comparison
 from diagnosis.generic import generic_terms, standardised
-from diagnosis.maps import residual_maps
+from diagnosis.maps import ResidualMap, residual_maps
 
 Array = NDArray[np.float64]
 
@@ -37,17 +37,19 @@ def remainder(comparison: Comparison, tolerance: Mapping[str, float]) -> Remaind
     size = comparison.explainable_rms or {}
     maps = residual_maps(comparison, tolerance)
     loudest = loudest_channel(comparison)
-    best = next(m for m in maps if loudest is None or m.channel == loudest)
-    channel = best.channel
-    peak = int(np.argmax(np.abs(best.mean)))
-    rises = "rises" if best.mean[peak] > 0 else "falls"
-    where = (
-        f"{channel} {rises} near {best.variable} = {best.centre[peak]:.3g} {best.variable_unit} "
-        f"(by {abs(best.mean[peak]):.2g} {best.channel_unit})"
-    )
+    best = next((m for m in maps if loudest is None or m.channel == loudest), None)
+    channel = best.channel if best is not None else loudest or comparison.recording.channels[0]
+    where = f"{channel}, in too few samples to say where" if best is None else _sentence(best)
     number = comparison.recording.channels.index(channel)
     terms, share = sparse_description(comparison, number)
     return Remainder(where, terms, share, {c: size.get(c) for c in comparison.recording.channels})
+
+
+def _sentence(best: ResidualMap) -> str:
+    peak = int(np.argmax(np.abs(best.mean)))
+    rises = "rises" if best.mean[peak] > 0 else "falls"
+    place = f"{best.variable} = {best.centre[peak]:.3g} {best.variable_unit}"
+    return f"{best.channel} {rises} near {place} (by {abs(best.mean[peak]):.2g} {best.channel_unit})"
 
 
 def loudest_channel(comparison: Comparison) -> str | None:

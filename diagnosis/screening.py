@@ -18,6 +18,7 @@ from estimation.noise import NoiseSource
 from estimation.recording import Recording
 from estimation.response import missing_inputs, repeats_with_motion, respond, signals_of, through_memory
 from estimation.whitening import Whitener
+from modeling.chain import Stage
 from modeling.effect import Effect, Extent, Values
 from modeling.model import WrenchModel
 from modeling.prediction import compiled
@@ -81,10 +82,12 @@ class Background:
         """Orthonormal basis (rows, r) of the derivative's columns."""
         return orthonormal(self._evaluated[1])
 
-    @cached_property
-    def doubt(self) -> Array:
-        """Doubt of the noise's power at each row, (rows,)."""
-        return np.concatenate([n.doubt for n in self.fit.noise])
+    def doubt_of(self, fitted: Array) -> Array:
+        """Doubt (g,) of the chi-square that each column of fitted rows (rows, g) takes away, by where it comes from."""
+        shares = fitted**2 / np.maximum((fitted**2).sum(axis=0), 1e-300)
+        bounds = np.cumsum([n.whitener.rows for n in self.fit.noise])[:-1]
+        parts = np.split(shares, bounds)
+        return np.asarray(sum(n.doubt_of(part) for n, part in zip(self.fit.noise, parts, strict=True)))
 
     @cached_property
     def residual(self) -> Array:
@@ -120,15 +123,26 @@ def screen(fit: Fit, effects: Sequence[Effect], seed: int = 0) -> list[Screening
 def _screened(background: Background, effect: Effect, seed: int) -> Screening:
     fit = background.fit
     model = fit.model + effect
-    numbers = [i for i, r in enumerate(fit.recordings) if not missing_inputs(model.base + effect, r)]
-    if not numbers:
-        missing = sorted({n for r in fit.recordings for n in missing_inputs(model.base + effect, r)})
-        return _not_excited(effect, f"the recording has no {', '.join(missing)}")
+    missing = [_missing(fit.model.base, effect, r) for r in fit.recordings]
+    numbers = [i for i, lacking in enumerate(missing) if not lacking]
+    spared = [effect.stage is Stage.MEMORY and r.at_rest for r in fit.recordings]
+    everywhere = effect.per_recording or all(s or not m for s, m in zip(spared, missing, strict=True))
+    if not numbers or not everywhere:
+        first = next(i for i, lacking in enumerate(missing) if lacking)
+        return _not_excited(effect, f"{fit.recordings[first].name} has no {', '.join(missing[first])}")
     extent = extent_of(fit.recordings[numbers[0]], fit.noise[numbers[0]].events)
     grid = effect.nuisance_grid(extent)
     if not grid:
         return _not_excited(effect, "the recording has no position")
     return _best_of_grid(background, model, effect, grid, seed)
+
+
+def _missing(base: WrenchModel, effect: Effect, recording: Recording) -> tuple[str, ...]:
+    """What a recording lacks for an effect: signals, or repeats for what slow physics would imitate."""
+    missing = missing_inputs(base + effect, recording)
+    if effect.needs_repeats and recording.repeats == 1 and not recording.at_rest:
+        return (*missing, "repeats, without which slow physics would look the same")
+    return missing
 
 
 def _not_excited(effect: Effect, reason: str) -> Screening:
@@ -164,7 +178,7 @@ def _best_of_grid(
         if len(grid) > 1:
             noise_scores = np.maximum(noise_scores, projected.noise_scores(np.random.default_rng(seed)))
     if best is None or best[0].rank == 0:
-        return _not_excited(effect, "other parameters of the model explain all that it would do in this motion")
+        return _not_excited(effect, why_not_shown(projected))
     candidate, start = best
     named = [p.name for p in amplitudes]
     needed = np.sqrt(detectable_separation(candidate.rank))
@@ -178,6 +192,13 @@ def _best_of_grid(
         detectable={n: float(needed * s) for n, s in zip(named, candidate.std, strict=True)},
         soaked=candidate.soaked,
     )
+
+
+def why_not_shown(projected: Projected) -> str:
+    """Why no amount of an effect can be estimated."""
+    if not projected.columns.any():
+        return "nothing in this motion would show it"
+    return "other parameters of the model explain all that it would do in this motion"
 
 
 def _chunks(grid: Sequence[Values], size: int) -> list[Sequence[Values]]:
@@ -296,9 +317,8 @@ class Projected:
         score, amounts = self.scores(self.background.residual[:, None])
         roots, rank = self.directions
         std = np.linalg.norm(roots, axis=2) / self.scale
-        energy = (self.free**2).sum(axis=2)
-        left = energy.sum(axis=0) / self.columns.shape[2]
-        doubt = self.background.doubt @ energy / np.maximum(energy.sum(axis=0), 1e-300)
+        left = (self.free**2).sum(axis=(0, 2)) / self.columns.shape[2]
+        doubt = self.background.doubt_of(np.einsum("rga,ga->rg", self.free, amounts[:, :, 0] * self.scale))
         return [
             _Candidate(
                 float(score[g, 0]),

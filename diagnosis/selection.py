@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from diagnosis.comparison import comparison_of
 from diagnosis.screening import SIGNIFICANCE, Background, Screening, residual_judges_itself, screen
-from estimation.fit import Fit, fit, refreshed
+from estimation.fit import Fit, refit, refreshed
 from modeling.effect import Effect
 from modeling.effects import CATALOGUE
 
@@ -138,9 +138,9 @@ def extended(candidate: Candidate, screening: Screening) -> Candidate:
     """The candidate with one more effect, refitted exactly from where the screening points."""
     before = candidate.fit
     start = {**before.values, **screening.start}
-    after = fit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
+    after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
     if residual_judges_itself(before):
-        after = fit(after.model, after.recordings, noise=refreshed(after), start=after.values)
+        after = refit(after.model, after.recordings, noise=refreshed(after), start=after.values)
     return Candidate(after, (*candidate.path, screening))
 
 
@@ -149,7 +149,7 @@ def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str
     before = candidate.fit
     model = before.model.base + effects
     kept = {e.id for e in effects}
-    found = fit(model, before.recordings, noise=before.noise, start={**before.values, **(start or {})})
+    found = refit(model, before.recordings, noise=before.noise, start={**before.values, **(start or {})})
     return Candidate(found, tuple(s for s in candidate.path if s.effect.id in kept))
 
 

@@ -41,10 +41,10 @@ def decide_convention(recordings: Sequence[Recording], gravity: float) -> SignDe
     Raises InputError when gravity, seen from the sensor, does not span three directions, or B is not significant.
     """
     lifts = [_lift(r, gravity) for r in recordings]
-    steady = np.concatenate([lift - lift.mean(axis=0) for lift in lifts])
-    force = np.concatenate([r.wrench[:, :3] - r.wrench[:, :3].mean(axis=0) for r in recordings])
+    steady = np.concatenate([_centred(lift) for lift in lifts])
+    force = np.concatenate([_centred(r.wrench[:, :3]) for r in recordings])
     where = ", ".join(r.name for r in recordings)
-    spread = np.linalg.svd(steady / np.sqrt(len(steady)), compute_uv=False)
+    spread = np.linalg.svd(steady, compute_uv=False)
     if len(steady) < 5 or spread[-1] < 0.05 * gravity:
         raise InputError(
             what="the sign convention cannot be decided: gravity in the sensor frame does not span three directions",
@@ -54,7 +54,7 @@ def decide_convention(recordings: Sequence[Recording], gravity: float) -> SignDe
     solution, *_ = np.linalg.lstsq(steady, force, rcond=None)
     matrix = solution.T
     variance = ((force - steady @ solution) ** 2).sum(axis=0) / max(1, _independent(recordings) - 4)
-    error = np.sqrt(variance.max() / len(steady)) / spread[-1]
+    error = np.sqrt(variance.max()) / spread[-1]
     singular = np.linalg.svd(matrix, compute_uv=False)
     significance = float(singular[-1] / max(error, 1e-300))
     if significance < 5:
@@ -93,6 +93,11 @@ def _lift(recording: Recording, gravity: float) -> Array:
     world = np.stack([signals["apx"], signals["apy"], signals["apz"] + gravity], axis=1)
     orientation = Rotation.from_quat(np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1))
     return np.asarray(orientation.apply(world, inverse=True))
+
+
+def _centred(rows: Array) -> Array:
+    """Rows (n, 3) about their mean, each recording with the weight of one row, so that long runs do not drown poses."""
+    return np.asarray((rows - rows.mean(axis=0)) / np.sqrt(len(rows)))
 
 
 def _independent(recordings: Sequence[Recording]) -> int:

@@ -9,17 +9,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.convention import decided
 from estimation.layout import Layout, layout
-from estimation.noise import Noise, NoiseSource, noise_of
+from estimation.noise import Noise, NoiseSource, noise_of, step_of
+from estimation.push import find_pushes
 from estimation.recording import Recording
 from estimation.response import Response, respond
+from modeling.errors import InputError
 from modeling.model import WrenchModel
+from modeling.rig import Convention
 
 Array = NDArray[np.float64]
 
-STEP_TOLERANCE = 1e-10
-"""Relative change of the cost below which a refit has converged; far below what the noise lets one see."""
-MOST_STEPS = 60
+STEP_TOLERANCE = 1e-6
+"""Drop of chi-square below which a refit has converged: a thousandth of a standard deviation away from its minimum."""
+MOST_STEPS = 40
 UNSHOWN = 1e-9
 """Singular value, of columns of unit length, below which a direction of the unknowns is only rounding."""
 
@@ -141,7 +145,7 @@ class Problem:
                 damping = damping / 10 if damping > 1e-9 else 0.0
             else:
                 damping = max(10 * damping, 1e-6)
-            if abs(gain) < STEP_TOLERANCE * cost or damping > 1e6:
+            if abs(gain) < STEP_TOLERANCE or damping > 1e6:
                 break
         return Minimum(theta, *covariance_of(derivative), cost)
 
@@ -203,10 +207,32 @@ def fit(
     """Estimate a model's parameters from one recording or several of the same rig and tool.
 
     Every parameter is shared but the biases, which each recording has for itself (`bias_fx@name`). The noise is
-    estimated from the recordings unless given; where it comes from the residual, fit and noise are iterated.
-    Raises InputError when a recording lacks a signal that the model needs.
+    estimated from the recordings unless given; where it comes from the residual, fit and noise are iterated. A
+    convention AUTO is decided from the recordings.
+    Raises InputError when a recording lacks a signal that the model needs, the convention cannot be decided, or the
+    mass comes out negative under the convention stated.
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
+    for recording in several:
+        if recording.channels != model.channels:
+            raise InputError(
+                what=f"its channels are {', '.join(recording.channels)}, the model's {', '.join(model.channels)}",
+                where=recording.name,
+                remedy="use planar() for fx, fy, tau and spatial() for six axes",
+            )
+    estimated = refit(decided(model, several), several, noise=noise, start=start)
+    require_weight(estimated)
+    return estimated
+
+
+def refit(
+    model: WrenchModel,
+    several: tuple[Recording, ...],
+    *,
+    noise: Sequence[Noise] | None = None,
+    start: Mapping[str, float] | None = None,
+) -> Fit:
+    """`fit` of a model whose convention is decided, its mass whatever the data say: a step of a search."""
     unknowns = layout(model, several)
     theta = start_of(unknowns, start or {})
     known = tuple(noise) if noise is not None else first_noise(model, several)
@@ -221,30 +247,53 @@ def fit(
     return estimated
 
 
+def require_weight(fitted: Fit) -> None:
+    """Refuse a fit whose mass is negative beyond doubt.
+
+    Raises InputError: the readings have the other sign than was stated.
+    """
+    mass = fitted.parameters["m"]
+    if mass.value >= -3 * mass.std:
+        return
+    stated = fitted.model.convention
+    other = Convention.ON_SENSOR if stated is Convention.ON_TOOL else Convention.ON_TOOL
+    raise InputError(
+        what=f"the mass comes out as {mass.value:.3g} ± {mass.std:.2g} kg with readings {stated.value}",
+        where=", ".join(r.name for r in fitted.recordings),
+        remedy=f'state convention = "{other.value}" under [sensor] in the rig, or check the axes of the readings',
+    )
+
+
 def first_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[Noise, ...]:
-    """Noise before any fit: from the repeats, the rig, or the residual of a plain least-squares fit of the base."""
-    plain = [_unweighted(model.base, recording) for recording in recordings]
-    return tuple(noise_of(r, e) for r, e in zip(recordings, plain, strict=True))
+    """Noise before any fit: from the repeats, the rig, or the residual of a plain least-squares fit of the base.
+
+    Pushes that stand out of a single run are left out of that fit, and have a noise of their own.
+    """
+    pushes = find_pushes(model, recordings)
+    plain = [_unweighted(model.base, r, events) for r, events in zip(recordings, pushes, strict=True)]
+    return tuple(noise_of(r, e, events=v) for r, e, v in zip(recordings, plain, pushes, strict=True))
 
 
 def refreshed(estimated: Fit) -> tuple[Noise, ...]:
     """The noise of a fit's recordings, those that come from the residual estimated from it again."""
     fitted = int(estimated.shown.sum())
     return tuple(
-        noise_of(r, e, fitted) if n.source is NoiseSource.RESIDUAL else n
+        noise_of(r, e, fitted, n.events) if n.source is NoiseSource.RESIDUAL else n
         for r, e, n in zip(estimated.recordings, estimated.residuals, estimated.noise, strict=True)
     )
 
 
-def _unweighted(base: WrenchModel, recording: Recording) -> Array:
-    """Residual (n, p) of a least-squares fit of the rigid tip, channels weighted by their spread only."""
+def _unweighted(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> Array:
+    """Residual (n, p) of a least-squares fit of the rigid tip outside events, channels weighted by their spread."""
+    time = np.arange(recording.samples) * step_of(recording)
+    kept = ~np.any([(time >= start) & (time <= end) for start, end in events] or [time < 0], axis=0)
     size = len(base.parameters)
     response = respond(base, recording, np.zeros(size))
     spread = recording.wrench.std(axis=0)
     spread[spread == 0] = 1.0
-    rows = (response.derivative / spread[:, None]).reshape(-1, size)
+    rows = (response.derivative / spread[:, None])[kept].reshape(-1, size)
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0] = 1.0
-    target = ((recording.wrench - response.value) / spread).ravel()
-    solution = np.linalg.lstsq(rows / scale, target, rcond=1e-10)[0] / scale
+    target = ((recording.wrench - response.value) / spread)[kept].ravel()
+    solution = np.linalg.lstsq(rows / scale, target, rcond=1e-6)[0] / scale
     return np.asarray(recording.wrench - response.value - response.derivative @ solution)

@@ -39,8 +39,10 @@ def layout(model: WrenchModel, recordings: Sequence[Recording]) -> Layout:
     """Shared parameters, but biases of each recording's own (a sensor is zeroed between runs)."""
     homes = {e.id: _home(model, e.id, recordings) for e in model.effects if e.per_recording}
     unknowns = list(model.parameters)
+    names = [r.name for r in recordings]
+    labels = [name if names.count(name) == 1 else f"{name}#{i}" for i, name in enumerate(names)]
     models, index = [], []
-    for number, recording in enumerate(recordings):
+    for number in range(len(recordings)):
         own = model
         for effect_id, home in homes.items():
             own = own if home == number else own.without(effect_id)
@@ -48,7 +50,7 @@ def layout(model: WrenchModel, recordings: Sequence[Recording]) -> Layout:
         if number:
             for bias in model.biases:
                 place[bias.name] = len(unknowns)
-                unknowns.append(Parameter(name=f"{bias.name}@{recording.name}", unit=bias.unit, nominal=bias.nominal))
+                unknowns.append(Parameter(name=f"{bias.name}@{labels[number]}", unit=bias.unit, nominal=bias.nominal))
         models.append(own)
         index.append(np.array([place[p.name] for p in own.parameters], dtype=np.intp))
     return Layout(tuple(unknowns), tuple(models), tuple(index))

@@ -28,12 +28,14 @@ class Averages:
     """Readings and regressor of recordings averaged over blocks: what is slow enough to be a tool or a push.
 
     reading (b, p), regressor (b, p, k) in the unknowns of the layout, owner (b,) the recording of each block
+    raw_spread (recordings, p): median over blocks of the raw samples' std about their block
     """
 
     unknowns: Layout
     reading: Array
     regressor: Array
     owner: NDArray[np.intp]
+    raw_spread: Array
 
     @cached_property
     def scale(self) -> Array:
@@ -55,14 +57,33 @@ class Averages:
         solution = np.linalg.lstsq(rows / length, target, rcond=1e-6)[0] / length
         return np.asarray(self.reading - self.regressor @ solution)
 
+    def constant_wrench(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """A constant wrench (p,) in a window, estimated together with the tip, and how the tip inflates its std (p,).
+
+        The inflation is 1 where the tip cannot imitate such a wrench, and grows without limit as it can.
+        """
+        p = self.reading.shape[1]
+        constant = inside[:, None, None] * np.eye(p)
+        rows = (np.concatenate([self.regressor, constant], axis=2) / self.scale[:, :, None]).reshape(
+            len(inside) * p, -1
+        )
+        length = np.linalg.norm(rows, axis=0)
+        length[length == 0] = 1.0
+        left, singular, right = np.linalg.svd(rows / length, full_matrices=False)
+        kept = singular > 1e-9 * singular[0]
+        inverse = right[kept].T / singular[kept]
+        wrench = (inverse @ (left[:, kept].T @ (self.reading / self.scale).ravel()) / length)[-p:]
+        inflation = np.linalg.norm(inverse, axis=1)[-p:]
+        return wrench, np.asarray(inflation)
+
 
 def find_pushes(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[tuple[tuple[float, float], ...], ...]:
     """At most one interval (s) per single run in which a push explains what the rigid tip cannot.
 
-    The tip is fitted to all blocks of all recordings but those of a window; the window whose removal lowers the
-    weighted error of the rest most is a push when its mean wrench exceeds anything that the rest of the run
-    leaves: Student's t with the rest's own spread and as many degrees of freedom as it has independent blocks
-    (by its lag-one correlation), paid for by channels and windows.
+    The window is the one without which the tip fits the rest of the run best. It is a push when a constant wrench in
+    it, estimated together with the tip, exceeds anything that the run leaves elsewhere: Student's t with the larger
+    of the rest's spread and of the raw samples' about their block, and with as many degrees of freedom as the rest
+    has independent blocks (by its lag-one correlation), paid for by channels and windows. Repeats see far less.
     """
     averages = _averaged(model.base, recordings)
     found: list[tuple[tuple[float, float], ...]] = []
@@ -76,7 +97,7 @@ def find_pushes(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[tu
 
 def _averaged(model: WrenchModel, recordings: Sequence[Recording]) -> Averages:
     unknowns = layout(model, recordings)
-    readings, regressors, owners = [], [], []
+    readings, regressors, owners, spreads = [], [], [], []
     for number, recording in enumerate(recordings):
         response = respond(unknowns.models[number], recording, np.zeros(len(unknowns.models[number].parameters)))
         whole = np.zeros((recording.samples, len(recording.channels), unknowns.size))
@@ -86,7 +107,9 @@ def _averaged(model: WrenchModel, recordings: Sequence[Recording]) -> Averages:
         readings += [recording.wrench[part].mean(axis=0) for part in parts]
         regressors += [whole[part].mean(axis=0) for part in parts]
         owners += [number] * count
-    return Averages(unknowns, np.array(readings), np.array(regressors), np.array(owners, dtype=np.intp))
+        spreads.append(np.median([recording.wrench[part].std(axis=0) for part in parts], axis=0))
+    owner = np.array(owners, dtype=np.intp)
+    return Averages(unknowns, np.array(readings), np.array(regressors), owner, np.array(spreads))
 
 
 def _window(averages: Averages, number: int) -> tuple[int, int] | None:
@@ -99,7 +122,8 @@ def _window(averages: Averages, number: int) -> tuple[int, int] | None:
     inside[own[start:end]] = True
     residual = averages.residual_without(inside)
     rest = residual[np.setdiff1d(own, own[start:end])]
-    return (start, end) if _exceeds(residual[inside], rest) else None
+    wrench, soaked = averages.constant_wrench(inside)
+    return (start, end) if _exceeds(wrench, soaked, rest, averages.raw_spread[number]) else None
 
 
 def _best_window(averages: Averages, own: NDArray[np.intp], windows: list[tuple[int, int]]) -> tuple[int, int]:
@@ -112,17 +136,18 @@ def _best_window(averages: Averages, own: NDArray[np.intp], windows: list[tuple[
         left = len(rest)
         scores.append(np.inf if left < BLOCKS // 5 else float(left * np.log((rest**2).mean(axis=0) + 1e-12).sum()))
     # Inside the window every block has a wrench of its own; its likelihood counts as that of the whole spread.
-    spread = np.log(((averages.residual_without(np.zeros(len(averages.owner), dtype=bool)) / averages.scale)[own] ** 2)
-                    .mean(axis=0) + 1e-12).sum()
+    spread = np.log(
+        ((averages.residual_without(np.zeros(len(averages.owner), dtype=bool)) / averages.scale)[own] ** 2).mean(axis=0)
+        + 1e-12
+    ).sum()
     totals = [s + (end - start) * spread for s, (start, end) in zip(scores, windows, strict=True)]
     return windows[int(np.argmin(totals))]
 
 
-def _exceeds(inside: Array, rest: Array) -> bool:
-    """Whether the mean wrench inside is more than the rest of the run could leave anywhere."""
+def _exceeds(wrench: Array, soaked: Array, rest: Array, raw_spread: Array) -> bool:
+    """Whether a constant wrench is more than the rest of the run, or its raw noise, could leave anywhere."""
     spread = np.sqrt((rest**2).mean(axis=0))
     correlation = np.clip((rest[1:] * rest[:-1]).mean(axis=0) / np.maximum(spread**2, 1e-300), 0.0, 0.99)
     freedom = np.maximum(2.0, len(rest) * (1 - correlation) / (1 + correlation))
-    trials = inside.shape[1] * BLOCKS
-    limit = student.isf(CHANCE / 2 / trials, freedom)
-    return bool(np.any(np.abs(inside.mean(axis=0)) > limit * spread))
+    limit = student.isf(CHANCE / 2 / (len(wrench) * BLOCKS), freedom)
+    return bool(np.any(np.abs(wrench) > limit * soaked * np.maximum(spread, raw_spread)))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.signal import lfilter
 
 from estimation.response import Response
 
@@ -96,20 +97,26 @@ class LineWhitener(Whitener):
 
 @dataclass(frozen=True, eq=False)
 class RegressionWhitener(Whitener):
-    """Rows are the innovations of a vector autoregression, for a single run: the channels' noise predicts itself.
+    """Rows are the innovations of an autoregression, for a single run; order 0 for poses at rest.
 
-    coefficients  (order, p, p): noise[t] = sum_i A_i noise[t-i] + innovation; order 0 for poses at rest
+    block         samples averaged into one before anything else; a tool moves slower than a sensor samples
+    coefficients  (order, p) of each channel: noise[t] = sum_i a_i noise[t-i] + innovation
     root          (p, p) inverse Cholesky factor of the innovations' covariance
+    events        ranges of blocks with a noise of their own, white, with the inverse factor `event_root`; the `order`
+                  samples after each, which would be predicted from it, count nothing
     """
 
     samples: int
+    block: int
     coefficients: Array
     root: Array
+    events: tuple[tuple[int, int], ...] = ()
+    event_root: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def rows(self) -> int:  # type: ignore[override]
-        """One row per sample and channel after the first `order` samples."""
-        return (self.samples - len(self.coefficients)) * len(self.root)
+        """One row per block and channel after the first `order` blocks."""
+        return (self.samples // self.block - len(self.coefficients)) * len(self.root)
 
     @property
     def steady_rows(self) -> int:  # type: ignore[override]
@@ -119,16 +126,26 @@ class RegressionWhitener(Whitener):
     def series(self, values: Array) -> Array:
         """Rows of a series over the whole record."""
         order = len(self.coefficients)
-        flat = values.reshape(*values.shape[:2], -1)
-        innovation = flat[order:].copy()
-        for lag, matrix in enumerate(self.coefficients, start=1):
-            innovation -= np.einsum("ij,njk->nik", matrix, flat[order - lag : len(flat) - lag])
-        white = np.einsum("ij,njk->nik", self.root, innovation)
+        flat = block_means(values.reshape(*values.shape[:2], -1), self.block)
+        innovation = np.stack(
+            [lfilter([1.0, *-a], [1.0], flat[:, c], axis=0)[order:] for c, a in enumerate(self.coefficients.T)], axis=1
+        )
+        white = np.matmul(self.root, innovation)
+        for start, end in self.events if self.event_root is not None else ():
+            first, last = max(start, order), max(end, order)
+            white[first - order : last - order] = np.matmul(self.event_root, flat[first:last])
+            white[last - order : end] = 0.0
         return np.asarray(white.reshape(-1, *values.shape[2:]))
 
     def steady(self, values: Array) -> Array:
         """The same as `series`: one repeat is the whole run."""
         return self.series(values)
+
+
+def block_means(values: Array, block: int) -> Array:
+    """Means (n // block, ...) of successive blocks of samples; what does not fill a block at the end is left out."""
+    count = len(values) // block
+    return np.asarray(values[: count * block].reshape(count, block, *values.shape[1:]).mean(axis=1))
 
 
 def inverse_root(covariance: Array | Lines) -> Array | Lines:

@@ -39,7 +39,8 @@ class Effect(ABC):
     """A missing piece of physics. Everything else (column, refit, design, text, code) follows from `perturb`.
 
     Subclasses state their equation, sign and units in the docstring; `id` is stable, `advice` says what to look at
-    on the rig. `per_recording` effects (events, a wandering zero) do not carry over to another recording.
+    on the rig. `per_recording` effects (events, a wandering zero) do not carry over to another recording;
+    `needs_repeats` are those that a single run of a motion cannot tell from slow physics.
     """
 
     id: ClassVar[str]
@@ -49,6 +50,7 @@ class Effect(ABC):
     advice: ClassVar[str]
     spaces: ClassVar[tuple[Space, ...]] = (Space.PLANE, Space.SPACE)
     per_recording: ClassVar[bool] = False
+    needs_repeats: ClassVar[bool] = False
 
     @abstractmethod
     def parameters(self, space: Space) -> tuple[Parameter, ...]:

@@ -37,14 +37,14 @@ class WrenchModel:
     def __add__(self, effect: Effect | Iterable[Effect]) -> WrenchModel:
         """The model with one more effect (or several) in its chain."""
         added = (effect,) if isinstance(effect, Effect) else tuple(effect)
-        for new in added:
+        for place, new in enumerate(added):
             if self.space not in new.spaces:
                 raise InputError(
                     what=f"'{new.id}' does not exist for {len(self.space.channels)} channels",
                     where="effect id",
                     remedy="see `truewrench effects` for where each applies",
                 )
-            if any(new.id == old.id for old in self.effects):
+            if any(new.id == old.id for old in (*self.effects, *added[:place])):
                 raise InputError(
                     what=f"'{new.id}' is in the model already",
                     where="effect id",

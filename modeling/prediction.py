@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -29,20 +29,21 @@ class Emitted:
     parameters: tuple[sp.Symbol, ...]
 
     @cached_property
-    def functions(self) -> tuple[Any, Any]:
-        """CasADi functions: the value, and the value with its derivative in the parameters it depends on."""
+    def symbols(self) -> tuple[Any, Any]:
+        """CasADi symbols of the inputs and of the parameters."""
         import casadi as ca
 
-        u, theta = ca.SX.sym("u", len(self.inputs)), ca.SX.sym("theta", len(self.parameters))
+        return ca.SX.sym("u", len(self.inputs)), ca.SX.sym("theta", len(self.parameters))
+
+    @cached_property
+    def graph(self) -> Any:
+        """The expression (p,) as a CasADi graph over `symbols`."""
+        import casadi as ca
+
+        u, theta = self.symbols
         known: dict[sp.Symbol, Any] = {sp.Symbol(n, real=True): u[i] for i, n in enumerate(self.inputs)}
         known |= {symbol: theta[i] for i, symbol in enumerate(self.parameters)}
-        value = ca.vertcat(*casadi_expressions(known, list(self.expression)))
-        jacobian = ca.jacobian(value, theta)[:, list(self.active)]
-        arguments = [u, theta]
-        return (
-            ca.Function("value", arguments, [value]),
-            ca.Function("tangent", arguments, [value, ca.densify(ca.vec(jacobian))]),
-        )
+        return ca.densify(ca.vertcat(*casadi_expressions(known, list(self.expression))))
 
     @cached_property
     def active(self) -> tuple[int, ...]:
@@ -58,43 +59,62 @@ class Emitted:
                     where="recording",
                     remedy="record it, or leave the effect out",
                 )
-        if not self.inputs:
-            return np.zeros((0, samples))
-        return np.stack([np.asarray(signals[name], dtype=float)[:samples] for name in self.inputs])
+        columns = [np.asarray(signals[name], dtype=float)[:samples] for name in self.inputs]
+        return np.stack(columns, axis=1) if columns else np.zeros((samples, 0))
 
     def value(self, signals: Signals, theta: Array, samples: int) -> Array:
         """Value (samples, p)."""
-        function = self.functions[0].map(samples)
-        return np.asarray(function(self._samples(signals, samples), _tiled(theta, samples))).T
+        (value,) = _mapped(self, None, samples)(self._samples(signals, samples), theta)
+        return value
 
     def tangent(self, signals: Signals, theta: Array, samples: int) -> tuple[Array, Array]:
         """Value (samples, p) and derivative (samples, p, k) in all k parameters."""
         p, k, active = len(self.expression), len(self.parameters), self.active
-        function = self.functions[1].map(samples)
-        value, flat = function(self._samples(signals, samples), _tiled(theta, samples))
+        value, flat = _mapped(self, active, samples)(self._samples(signals, samples), theta)
         derivative = np.zeros((samples, p, k))
-        derivative[:, :, list(active)] = np.asarray(flat).T.reshape(samples, len(active), p).transpose(0, 2, 1)
-        return np.asarray(value).T, derivative
+        derivative[:, :, list(active)] = flat.reshape(samples, len(active), p).transpose(0, 2, 1)
+        return value, derivative
 
     def slopes(self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int) -> Array:
         """Derivative (samples, p, g, len(which)) in some parameters only, at each of g parameter sets theta (g, k)."""
-        function, inputs = _slope_function(self, which).map(samples), self._samples(signals, samples)
+        function, inputs = _mapped(self, which, samples), self._samples(signals, samples)
         p, count = len(self.expression), len(which)
-        columns = [np.asarray(function(inputs, _tiled(row, samples))).T.reshape(samples, count, p) for row in theta]
+        columns = [function(inputs, row)[1].reshape(samples, count, p) for row in theta]
         return np.stack(columns, axis=1).transpose(0, 3, 1, 2)
 
 
-@lru_cache(maxsize=256)
-def _slope_function(emitted: Emitted, which: tuple[int, ...]) -> Any:
+@lru_cache(maxsize=512)
+def _function(emitted: Emitted, which: tuple[int, ...] | None) -> Any:
+    """CasADi function of (u, theta): the value, and its derivative in the parameters `which`, column by column."""
     import casadi as ca
 
-    u, theta = ca.SX.sym("u", len(emitted.inputs)), ca.SX.sym("theta", len(emitted.parameters))
-    value = emitted.functions[0](u, theta)
-    return ca.Function("slopes", [u, theta], [ca.densify(ca.vec(ca.jacobian(value, theta)[:, list(which)]))])
+    results = [emitted.graph]
+    if which is not None:
+        jacobian = ca.jacobian(emitted.graph, emitted.symbols[1])[:, list(which)]
+        results.append(ca.densify(ca.vec(jacobian)))
+    return ca.Function("emitted", list(emitted.symbols), results)
 
 
-def _tiled(theta: Array, samples: int) -> Array:
-    return np.repeat(np.asarray(theta, dtype=float)[:, None], samples, axis=1)
+@lru_cache(maxsize=512)
+def _mapped(emitted: Emitted, which: tuple[int, ...] | None, samples: int) -> Callable[[Array, Array], list[Array]]:
+    """The function mapped over samples, without a copy: inputs (samples, m), theta (k,), results (samples, .)."""
+    function = _function(emitted, which).map(samples)
+    widths = [function.size1_out(i) for i in range(function.n_out())]
+
+    def run(inputs: Array, theta: Array) -> list[Array]:
+        buffer, evaluate = function.buffer()
+        repeated = np.tile(np.asarray(theta, dtype=float), (samples, 1))
+        results = [np.zeros((samples, width)) for width in widths]
+        for place, values in enumerate((np.ascontiguousarray(inputs), repeated)):
+            if values.size:
+                buffer.set_arg(place, memoryview(values))  # type: ignore[arg-type]
+        for place, values in enumerate(results):
+            if values.size:
+                buffer.set_res(place, memoryview(values))  # type: ignore[arg-type]
+        evaluate()
+        return results
+
+    return run
 
 
 @dataclass(frozen=True, eq=False)

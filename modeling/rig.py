@@ -16,6 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from modeling.errors import InputError
 
 STANDARD_GRAVITY = 9.806  # m/s², the value of the chapter and of FORMATS
+LARGEST = 1e12  # beyond any length, speed or force that a rig has
 PLANAR_CHANNELS = ("fx", "fy", "tau")
 SPATIAL_CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -140,7 +141,7 @@ def _sensor_data(sensor: SensorDescription) -> dict[str, Any]:
 
 
 def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
 
 
 def _pair(value: object) -> object:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from math import hypot, inf, pi
 
@@ -33,6 +33,7 @@ def distances(extent: Extent) -> list[float]:
     return [float(d) for d in np.linspace(0.0, extent.reach, 5)]
 
 
+@dataclass(frozen=True)
 class CentreOfMassOffset(Effect):
     """The tool's centre of mass lies off the tip axis.
 
@@ -57,6 +58,7 @@ class CentreOfMassOffset(Effect):
         return replace(chain, body=Body(body.mass, body.first_moment + vector(p["mlx"], 0, 0), body.inertia))
 
 
+@dataclass(frozen=True)
 class GravityTilt(Effect):
     """The base is not level: gravity is turned against the world that the motion is given in.
 
@@ -84,6 +86,7 @@ class GravityTilt(Effect):
         return replace(chain, gravity=turn * chain.gravity)
 
 
+@dataclass(frozen=True)
 class ViscousDrag(Effect):
     """A force against the velocity of the point at distance d along the tip: F = -c v (on the tool, N).
 
@@ -109,6 +112,7 @@ class ViscousDrag(Effect):
         return tuple({"d": d} for d in distances(extent))
 
 
+@dataclass(frozen=True)
 class QuadraticDrag(ViscousDrag):
     """A force against the velocity of the point at distance d, growing with its square: F = -c |v| v (N).
 
@@ -131,6 +135,7 @@ class QuadraticDrag(ViscousDrag):
         return pushed(chain, -p["c"] * speed * velocity, p["d"])
 
 
+@dataclass(frozen=True)
 class CableSpring(Effect):
     """A tether pulls the point at d along the tip towards an anchor, and never pushes.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import pi
 from typing import Any
 
@@ -15,6 +15,7 @@ from modeling.parameter import Parameter
 from modeling.space import Space, turned
 
 
+@dataclass(frozen=True)
 class SensorRotation(Effect):
     """The sensor is mounted turned against the frame that its motion is given in.
 
@@ -38,6 +39,7 @@ class SensorRotation(Effect):
         return replace(chain, mounting=turned(chain.space, tuple(p.values())).T * chain.mounting)
 
 
+@dataclass(frozen=True)
 class SensorCrosstalk(Effect):
     """One channel leaks into another: reading = (1 + G) wrench with zero diagonal.
 
@@ -72,6 +74,7 @@ class SensorCrosstalk(Effect):
         return replace(chain, gain=(sp.eye(len(channels)) + leak) * chain.gain)
 
 
+@dataclass(frozen=True)
 class SensorLag(Effect):
     """The sensor, or its filter, is a first-order low-pass: H(s) = 1 / (1 + s time_constant), in s."""
 
@@ -90,6 +93,7 @@ class SensorLag(Effect):
         return replace(chain, memory=chain.memory / (1 + LAPLACE * p["time_constant"]))
 
 
+@dataclass(frozen=True)
 class TimeDelay(Effect):
     """The reading comes later than the motion by a pure delay (s): H(s) = exp(-s delay); negative when it leads."""
 

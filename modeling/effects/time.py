@@ -31,6 +31,7 @@ class BiasDrift(Effect):
     equation = "reading_i += sum_k b_ik P_k(progress)"
     advice = "let the sensor warm up, record a still pose for as long, zero it before each run"
     per_recording = True
+    needs_repeats = True
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """Coefficients per channel and degree, in the channel's unit."""
@@ -51,6 +52,7 @@ class BiasDrift(Effect):
         return replace(chain, zero=chain.zero + sp.Matrix(curve))
 
 
+@dataclass(frozen=True)
 class ThermalDrift(Effect):
     """The zero point follows the recorded temperature (°C): reading_i += b_i (temperature - 20)."""
 
@@ -72,6 +74,7 @@ class ThermalDrift(Effect):
         return replace(chain, zero=chain.zero + (temperature - 20) * sp.Matrix(list(p.values())))
 
 
+@dataclass(frozen=True)
 class ContactEvent(Effect):
     """Something pushes the tool with a constant wrench between start and end (s).
 

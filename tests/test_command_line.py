@@ -1,0 +1,565 @@
+"""The command line: what it prints and writes, and one line with exit code 2 for whatever it cannot use."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from design.fourier import FourierMotion
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.verdict import EffectVerdict, RecordVerdict
+from modeling.effects import CATALOGUE
+from modeling.rig import Convention
+from truewrench.command_line import main
+from truewrench.commands import demo, effects
+from truewrench.commands import diagnose as diagnose_command
+from truewrench.model_file import ModelFile
+from truewrench.output import CLEARED, replacing
+from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, SpatialRig, rest_poses, simulate, write_recording
+from truewrench.summary import sentence, staircase, summary
+
+pytest.importorskip("mujoco")
+
+RIG_TEXT = """
+[robot]
+link_lengths = [1.0, 0.97, 0.4]
+[limits]
+position = [1.2, 1.2, 1.2]
+velocity = [2.5, 2.5, 2.5]
+acceleration = [12.0, 12.0, 12.0]
+"""
+HEAVY = ("numpy", "scipy", "pandas", "sympy", "casadi", "matplotlib", "pydantic", "jinja2", "mujoco")
+
+
+def motion(seed: int) -> FourierMotion:
+    """A short random motion of the planar arm."""
+    return PlanarRig().random_motion(seed=seed, harmonics=3)
+
+
+def recorded(seed: int, *hidden: str, repeats: int = 4) -> pd.DataFrame:
+    """A short recording of the planar arm."""
+    effects = [HIDDEN_EFFECTS[effect_id] for effect_id in hidden]
+    return simulate(PlanarRig(), motion(seed), hidden=effects, repeats=repeats, samples_per_period=200, seed=seed)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Files to work with: a rig, a recording with a drag in it, and another motion of the same."""
+
+    folder: Path
+    rig: str
+    training: str
+    validation: str
+    frame: pd.DataFrame
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    folder = tmp_path_factory.mktemp("bench")
+    rig, training, validation = (folder / name for name in ("rig.toml", "train.csv", "validate.csv"))
+    rig.write_text(RIG_TEXT)
+    frame = recorded(1, "viscous_drag")
+    write_recording(frame, training)
+    write_recording(recorded(2, "viscous_drag", repeats=3), validation)
+    return Bench(folder, str(rig), str(training), str(validation), frame)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+Runner = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Runner:
+    """Run a command in this process."""
+
+    def command(*argv: str | Path) -> Outcome:
+        code = main([str(a) for a in argv])
+        return Outcome(code, *capsys.readouterr())
+
+    return command
+
+
+# ------------------------------------------------------------------------------------------ diagnose
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """One diagnosis by the command, kept for several tests."""
+
+    code: int
+    printed: str
+    folder: Path
+    found: Diagnosis
+
+
+@pytest.fixture(scope="module")
+def diagnosed(bench: Bench) -> Diagnosed:
+    folder = bench.folder / "new" / "report"
+    printed, kept = io.StringIO(), []
+    original = diagnose_command.diagnosed
+
+    def keep(case: Any) -> Diagnosis:
+        kept.append(original(case))
+        return kept[0]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(diagnose_command, "diagnosed", keep)
+        patch.setattr(sys, "stdout", printed)
+        argv = [bench.training, "--rig", bench.rig, "--validate", bench.validation, "--out", str(folder), "--json"]
+        code = main(["diagnose", *argv])
+    return Diagnosed(code, printed.getvalue(), folder, kept[0])
+
+
+def numbers(data: Any) -> Iterator[float]:
+    """Every number in nested data."""
+    if isinstance(data, dict | list):
+        for value in data.values() if isinstance(data, dict) else data:
+            yield from numbers(value)
+    elif isinstance(data, int | float) and not isinstance(data, bool):
+        yield data
+
+
+def test_diagnose_writes_report_result_and_model_and_nothing_else(diagnosed: Diagnosed) -> None:
+    assert diagnosed.code == 0
+    assert sorted(p.name for p in diagnosed.folder.iterdir()) == ["model.json", "report.html", "result.json"]
+    assert "<html" in (diagnosed.folder / "report.html").read_text(encoding="utf-8")[:500]
+
+
+def test_json_is_the_result_alone(diagnosed: Diagnosed) -> None:
+    written = (diagnosed.folder / "result.json").read_text(encoding="utf-8")
+    assert json.loads(diagnosed.printed) == json.loads(written) == diagnosed.found.to_data()
+
+
+def test_the_result_has_the_keys_of_the_contract_and_finite_numbers(diagnosed: Diagnosed) -> None:
+    result = json.loads(diagnosed.printed)
+    assert result["channels"] == ["fx", "fy", "tau"]
+    assert result["verdict"] in {v.value for v in RecordVerdict}
+    assert result["noise_source"] == "repeats"
+    assert set(result["noise_floor"]) == set(result["zero_shift"]) == set(result["channels"])
+    assert [step["effect"] for step in result["steps"]] == [None, *result["added"]]
+    for step in result["steps"]:
+        assert isinstance(step["misfit"], float)
+        for key in ("rms", "explainable_rms", "validation_rms", "validation_explainable_rms"):
+            assert set(step[key]) == set(result["channels"])
+    assert {e["id"] for e in result["effects"]} == {e.id for e in CATALOGUE}
+    for effect in result["effects"]:
+        assert effect["verdict"] in {v.value for v in EffectVerdict}
+        assert {"p_value", "error_removed", "detectable", "confusable_with", "reason", "parameters"} <= set(effect)
+    assert set(result["parameters"]["m"]) == {"value", "std", "unit"}
+    assert "unexplained" in result
+    assert all(map(isfinite, numbers(result)))
+
+
+def test_the_drag_is_named_with_its_size(diagnosed: Diagnosed) -> None:
+    result = json.loads(diagnosed.printed)
+    assert (result["verdict"], result["added"]) == ("explained", ["viscous_drag"])
+    drag = next(e for e in result["effects"] if e["id"] == "viscous_drag")["parameters"]["c"]
+    assert drag["unit"] == "N s/m"
+    assert abs(drag["value"] - HIDDEN_EFFECTS["viscous_drag"].c) < 5 * drag["std"]  # type: ignore[attr-defined]
+
+
+def test_the_model_file_is_the_last_fit(diagnosed: Diagnosed) -> None:
+    model = ModelFile.read(diagnosed.folder / "model.json")
+    assert model.model == diagnosed.found.model
+    assert {n: e.value for n, e in model.parameters.items()} == diagnosed.found.fit.values
+
+
+def test_the_text_starts_with_the_verdict_and_says_what_to_check(diagnosed: Diagnosed) -> None:
+    text = summary(diagnosed.found)
+    assert text.startswith("Explained: ")
+    assert "[explained]" in text.splitlines()[0]
+    assert "c = 0.1" in text
+    assert " ± " in text
+    assert "On the rig: " in text
+    assert "validate.csv (validation)" in staircase(diagnosed.found)
+
+
+def test_the_command_prints_the_summary(
+    bench: Bench, diagnosed: Diagnosed, run: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnose_command, "diagnosed", lambda case: diagnosed.found)
+    outcome = run("diagnose", bench.training, "--rig", bench.rig)
+    assert outcome == Outcome(0, summary(diagnosed.found) + "\n", "")
+
+
+@pytest.mark.parametrize("verdict", RecordVerdict)
+def test_every_verdict_has_words(diagnosed: Diagnosed, verdict: RecordVerdict) -> None:
+    text = sentence(replace(diagnosed.found, verdict=verdict))
+    assert text.endswith(f"[{verdict.value}]")
+    assert "{" not in text
+
+
+# ----------------------------------------------------------------------------------- fit and effects
+
+
+def test_fit_prints_parameters_and_writes_the_model(bench: Bench, run: Runner, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "model.json"
+    add = ["--add", "viscous_drag", "--add", "com_offset", "--drop", "com_offset"]
+    outcome = run("fit", bench.training, "--rig", bench.rig, *add, "--out", path)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "viscous_drag.c = 0.1" in outcome.out
+    assert [e.id for e in ModelFile.read(path).model.effects] == ["viscous_drag"]
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_fit_json_is_the_model_and_how_well_it_fits(bench: Bench, run: Runner) -> None:
+    outcome = run("fit", bench.training, bench.validation, "--rig", bench.rig, "--json")
+    data = json.loads(outcome.out)
+    assert [r["name"] for r in data.pop("recordings")] == ["train.csv", "validate.csv"]
+    assert ModelFile.from_data(data).parameters["m"].unit == "kg"
+
+
+def test_recordings_of_one_file_name_do_not_clash(bench: Bench, run: Runner, tmp_path: Path) -> None:
+    places = [tmp_path / day / "run.csv" for day in ("monday", "tuesday")]
+    for place, source in zip(places, (bench.training, bench.validation), strict=True):
+        place.parent.mkdir()
+        place.write_bytes(Path(source).read_bytes())
+    outcome = run("fit", *places, "--rig", bench.rig)
+    assert "bias_fx@tuesday/run.csv" in outcome.out
+    assert "monday/run.csv:" in outcome.out
+
+
+@pytest.mark.parametrize("convention", [Convention.ON_TOOL, Convention.ON_SENSOR])
+def test_the_sign_of_six_axes_is_decided_and_reported(convention: Convention, run: Runner, tmp_path: Path) -> None:
+    rig = SpatialRig(convention=convention.value)
+    path = write_recording(rest_poses(rig, 24, seed=1), tmp_path / "poses.csv")
+    outcome = run("fit", path, "--json")
+    data = json.loads(outcome.out)
+    assert data["convention"] == data["sign"]["convention"] == convention.value
+    assert data["sign"]["mass"] == pytest.approx(rig.mass, rel=0.02)
+    assert data["sign"]["mounting_angle_deg"] < 2
+    assert data["parameters"]["m"]["value"] > 0
+    assert data["parameters"]["Ixx"]["std"] is None
+    text = run("fit", path).out
+    assert convention.value in text
+    assert "mounted turned by" in text
+    assert "not determined" in text
+
+
+def test_effects_lists_the_catalogue_and_describes_each(run: Runner) -> None:
+    listing = run("effects")
+    assert listing.code == 0
+    for effect in CATALOGUE:
+        assert f"\n{effect.id} " in listing.out
+        described = run("effects", effect.id)
+        assert described.code == 0
+        assert effect.equation in described.out
+        assert effect.advice in described.out
+
+
+# ---------------------------------------------------------------------------------------------- demo
+
+
+def test_demo_tells_what_was_hidden_and_what_was_named(
+    run: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demo, "SAMPLES", 200)
+    monkeypatch.setattr(demo, "TRAINING", replace(demo.TRAINING, repeats=4))
+    outcome = run("demo", "--effect", "viscous_drag", "--out", tmp_path / "demo")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "Hidden: viscous_drag. Named: viscous_drag. That is right." in outcome.out
+    assert str(tmp_path / "demo" / "report.html") in outcome.out
+    names = {"rig.toml", "train.csv", "validate.csv", "report.html", "result.json", "model.json"}
+    assert {p.name for p in (tmp_path / "demo").iterdir()} == names
+    assert json.loads((tmp_path / "demo" / "result.json").read_text())["verdict"] == "explained"
+
+
+def test_demo_without_mujoco_says_how_to_get_it(run: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import importlib.util
+
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    refused(run("demo", "--out", tmp_path / "demo"), 'pip install "truewrench[simulation]"')
+    assert not (tmp_path / "demo").exists()
+
+
+# ----------------------------------------------------------------------------------------- bad input
+
+
+def refused(outcome: Outcome, *said: str) -> None:
+    """Check exit code 2, nothing on stdout, and one line on stderr that says so."""
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.endswith("\n")
+    assert "Traceback" not in outcome.err
+    for part in said:
+        assert part in outcome.err
+
+
+def without(name: str) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    return lambda frame: frame.drop(columns=name)
+
+
+def with_cell(name: str, row: int, value: Any) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    def change(frame: pd.DataFrame) -> pd.DataFrame:
+        column = frame[name].astype(object)
+        column.iloc[row] = value
+        return frame.assign(**{name: column})
+
+    return change
+
+
+def scaled(factor: float, *names: str) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    return lambda frame: frame.assign(**{name: frame[name] * factor for name in names})
+
+
+BAD_RECORDINGS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[str, ...]]] = {
+    "missing channel": (without("tau"), ("tau",)),
+    "missing joint": (without("q2"), ("q2",)),
+    "missing wrench": (lambda f: f.drop(columns=["fx", "fy", "tau"]), ("no wrench",)),
+    "not a number": (with_cell("fx", 10, "high"), ("fx", "row 12", "high")),
+    "nan": (with_cell("fy", 20, np.nan), ("fy", "row 22")),
+    "infinite": (with_cell("fy", 20, np.inf), ("fy", "row 22")),
+    "time falls": (with_cell("time", 30, 0.0), ("time", "row 32")),
+    "time stands": (lambda f: f.assign(time=0.0), ("time",)),
+    "unequal repeats": (lambda f: f.iloc[:-7], ("repeat",)),
+    "one sample": (lambda f: f.iloc[:1], ("train.csv",)),
+    "too few samples": (lambda f: f.iloc[:12], ("train.csv",)),
+    "no samples": (lambda f: f.iloc[:0], ("no samples",)),
+    "degrees": (scaled(180 / np.pi, "q1", "q2", "q3"), ("q1", "degrees?")),
+    "other sign": (scaled(-1, "fx", "fy", "tau"), ("the mass comes out as -0.9", "on_sensor")),
+}
+
+
+@pytest.mark.parametrize("command", ["diagnose", "fit"])
+@pytest.mark.parametrize("name", BAD_RECORDINGS)
+def test_a_bad_recording_is_refused(name: str, command: str, bench: Bench, run: Runner, tmp_path: Path) -> None:
+    change, said = BAD_RECORDINGS[name]
+    path = tmp_path / "train.csv"
+    change(bench.frame).to_csv(path, index=False)
+    out = tmp_path / "out"
+    refused(run(command, path, "--rig", bench.rig, "--out", out), *said)
+    assert not out.exists()
+
+
+BAD_FILES = {
+    "empty": b"",
+    "header only": b"time,q1,q2,q3,fx,fy,tau\n",
+    "binary": bytes(range(256)),
+    "semicolons": b"time;fx;fy;tau\n0;1;2;3\n",
+    "ragged": b"time,phi,fx,fy,tau\n0,1,2,3,4\n1,2\n",
+    "column twice": b"time,phi,fx,fx,fy,tau\n0,1,2,3,4,5\n",
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_a_bad_file_is_refused(name: str, bench: Bench, run: Runner, tmp_path: Path) -> None:
+    path = tmp_path / "rec.csv"
+    path.write_bytes(BAD_FILES[name])
+    refused(run("diagnose", path, "--rig", bench.rig, "--out", tmp_path / "out"), "rec.csv")
+    assert not (tmp_path / "out").exists()
+
+
+BAD_RIGS = {
+    "not TOML": "[robot",
+    "unknown key": "[robot]\nlink_length = [1.0, 0.97, 0.4]",
+    "text for a number": '[robot]\nlink_lengths = ["1 m", "2 m"]',
+    "negative length": "[robot]\nlink_lengths = [1.0, -0.97, 0.4]",
+    "no links": "[robot]\nname = 'x'",
+    "other joints": "[robot]\nlink_lengths = [1.0, 0.97]",
+    "undecidable convention": RIG_TEXT + '[sensor]\nconvention = "auto"',
+    "unknown convention": RIG_TEXT + '[sensor]\nconvention = "upwards"',
+}
+
+
+@pytest.mark.parametrize("name", BAD_RIGS)
+def test_a_bad_rig_is_refused(name: str, bench: Bench, run: Runner, tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(BAD_RIGS[name])
+    refused(run("diagnose", bench.training, "--rig", path, "--out", tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+BAD_USAGE: dict[str, tuple[str, str]] = {
+    "no command": ("", "COMMAND"),
+    "unknown command": ("guess", "guess"),
+    "no recording": ("diagnose", "REC"),
+    "unknown option": ("diagnose {train} --rig {rig} --loud", "--loud"),
+    "option without value": ("diagnose {train} --rig", "--rig"),
+    "no such recording": ("diagnose {folder}/none.csv --rig {rig}", "none.csv"),
+    "a folder as recording": ("fit {folder} --rig {rig}", "{folder}"),
+    "no such rig": ("diagnose {train} --rig {folder}/none.toml", "none.toml"),
+    "no rig": ("diagnose {train}", "no rig was given"),
+    "no such validation": ("diagnose {train} --rig {rig} --validate {folder}/none.csv", "none.csv"),
+    "the same recording twice": ("fit {train} {train} --rig {rig}", "given twice"),
+    "validation by the training": ("diagnose {train} --rig {rig} --validate {train}", "given twice"),
+    "unknown effect to add": ("fit {train} --rig {rig} --add ghost", "'ghost'"),
+    "effect added twice": ("fit {train} --rig {rig} --add com_offset --add com_offset", "in the model already"),
+    "unknown effect to drop": ("fit {train} --rig {rig} --drop ghost", "'ghost'"),
+    "dropped, not added": ("fit {train} --rig {rig} --drop com_offset", "not in the model"),
+    "unknown effect": ("effects ghost", "'ghost'"),
+    "unknown effect to hide": ("demo --effect ghost --out {folder}/demo", "'ghost'"),
+    "a file as folder": ("diagnose {train} --rig {rig} --out {train}", "File exists"),
+    "a folder as file": ("fit {train} --rig {rig} --out {folder}", "Is a directory"),
+    "a folder within a file": ("fit {train} --rig {rig} --out {train}/model.json", "{train}"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_USAGE)
+def test_bad_usage_is_refused(name: str, bench: Bench, run: Runner) -> None:
+    places = {"train": bench.training, "rig": bench.rig, "folder": str(bench.folder)}
+    line, said = (text.format(**places) for text in BAD_USAGE[name])
+    before = sorted(bench.folder.iterdir())
+    refused(run(*line.split()), said)
+    assert sorted(bench.folder.iterdir()) == before
+
+
+def test_recordings_of_two_sensors_are_refused(bench: Bench, run: Runner, tmp_path: Path) -> None:
+    path = write_recording(rest_poses(SpatialRig(), 24), tmp_path / "poses.csv")
+    refused(run("fit", bench.training, path, "--rig", bench.rig), "poses.csv: its channels are fx, fy, fz")
+
+
+def test_gravity_in_one_direction_does_not_decide_the_sign(run: Runner, tmp_path: Path) -> None:
+    poses = np.zeros((12, 6))
+    poses[:, 0] = np.linspace(0, 0.3, 12)
+    path = write_recording(rest_poses(SpatialRig(), poses), tmp_path / "poses.csv")
+    refused(run("diagnose", path, "--out", tmp_path / "out"), "cannot be decided", "convention =")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_name_with_a_line_break_stays_in_one_line(run: Runner) -> None:
+    refused(run("fit", "two\nlines.csv"), "two lines.csv")
+
+
+# ---------------------------------------------------------------------------------- the program itself
+
+PROGRAM = "import sys; from truewrench.command_line import main; sys.exit(main())"
+
+
+def program(*argv: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command as a program of its own."""
+    return subprocess.run([sys.executable, "-c", PROGRAM, *argv], text=True, capture_output=True, **options)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom truewrench.command_line import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit as end:\n    assert not end.code\n"
+        f"print('loaded:', [name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
+    assert "loaded: []" in done.stdout
+    for command in ("demo", "diagnose", "fit", "effects"):
+        assert f"\n    {command} " in done.stdout
+
+
+def test_exit_codes_reach_the_shell() -> None:
+    assert (program("--help").returncode, program("diagnose", "--help").returncode) == (0, 0)
+    bad = program("diagnose", "none.csv")
+    assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
+
+
+def test_a_closed_pipe_is_no_error() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, "effects"], stdout=write, stderr=subprocess.PIPE, text=True, check=False
+    )
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")
+def test_a_full_disk_is_one_line() -> None:
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, "effects"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_a_fault_is_one_line_for_a_user_and_an_exception_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    spoilt = "import truewrench.commands.effects as e; e.listing = lambda: 1 // 0; " + PROGRAM
+    done = subprocess.run([sys.executable, "-c", spoilt, "effects"], text=True, capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "ZeroDivisionError" in done.stderr
+    monkeypatch.setattr(effects, "listing", lambda: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        main(["effects"])
+
+
+def test_an_ascii_terminal_gets_text() -> None:
+    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = program("effects", "viscous_drag", env=ascii_only)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_an_interrupt_is_quiet(run: Runner, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    from truewrench.case import Case
+
+    def interrupted(*_args: Any, **_options: Any) -> Case:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Case, "read", interrupted)
+    assert run("fit", bench.training) == Outcome(130, "", "")
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        """Say so."""
+        return True
+
+
+def test_a_terminal_sees_progress_and_a_clean_line_after_it(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    assert main(["fit", bench.training, "--rig", bench.rig]) == 0
+    assert "fit ..." in terminal.getvalue()
+    assert "\n" not in terminal.getvalue()
+    assert terminal.getvalue().endswith(CLEARED)
+
+
+# --------------------------------------------------------------------------------------------- output
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "file.txt"
+    path.write_text("old")
+
+    def broken() -> None:
+        with replacing(path) as beside:
+            beside.write_text("half of the ne")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        broken()
+    assert path.read_text() == "old"
+    with replacing(path) as beside:
+        beside.write_text("new")
+        assert (path.read_text(), beside.name) == ("old", ".file.txt.tmp")
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_a_link_and_a_device_a_device(tmp_path: Path) -> None:
+    target, link = tmp_path / "target.txt", tmp_path / "link.txt"
+    link.symlink_to(target)
+    with replacing(link) as beside:
+        beside.write_text("new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+    with replacing(Path(os.devnull)) as beside:
+        assert beside == Path(os.devnull)
+    assert Path(os.devnull).exists()

@@ -1,0 +1,81 @@
+"""The README: its commands and its code run as they stand there, and what it names exists."""
+
+from __future__ import annotations
+
+import json
+import re
+import runpy
+import shlex
+from pathlib import Path
+
+import pytest
+
+from diagnosis.verdict import RecordVerdict
+from modeling.rig import Rig
+from truewrench.command_line import main
+from truewrench.commands import demo, diagnose
+from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, simulate, write_recording
+
+pytest.importorskip("mujoco")
+
+README = Path(__file__).parents[1] / "README.md"
+TEXT = README.read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    """The code blocks of a language, in their order."""
+    return re.findall(rf"^```{language}\n(.*?)^```", TEXT, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def rig_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to work in, with the README's rig and recordings that go with it."""
+    (tmp_path / "rig.toml").write_text(blocks("toml")[0], encoding="utf-8")
+    rig = PlanarRig()
+    assert Rig.read(tmp_path / "rig.toml").link_lengths == rig.link_lengths
+    drag = HIDDEN_EFFECTS["viscous_drag"]
+    for name, seed, repeats in (("train.csv", 1, 4), ("validate.csv", 2, 3)):
+        motion = rig.random_motion(seed=seed, harmonics=3)
+        frame = simulate(rig, motion, hidden=[drag], repeats=repeats, samples_per_period=150, seed=seed)
+        write_recording(frame, tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_commands_run(rig_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = [line for block in blocks("sh") for line in block.splitlines()]
+    assert {shlex.split(line)[1] for line in lines} == {"diagnose", "effects", "fit"}
+    for line in lines:
+        program, *arguments = shlex.split(line)
+        assert program == "truewrench"
+        assert main(arguments) == 0, line
+        printed = capsys.readouterr().out
+        if "--out report" in line:
+            assert f"[{RecordVerdict.EXPLAINED.value}]" in printed.splitlines()[0]
+        if "--json" in line:
+            assert "detectable" in json.loads(printed)["effects"][0]
+    for name in diagnose.FILES:
+        assert (rig_folder / "report" / name).exists()
+        assert f"report/{name}" in TEXT
+    assert (rig_folder / "model.json").exists()
+
+
+def test_the_code_runs(rig_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    script = rig_folder / "example.py"
+    script.write_text("\n".join(blocks("python")), encoding="utf-8")
+    names = runpy.run_path(str(script))
+    assert names["found"].added == ("viscous_drag",)
+    assert "lack of fit" in capsys.readouterr().out
+
+
+def test_every_verdict_is_explained() -> None:
+    for verdict in RecordVerdict:
+        assert f"| `{verdict.value}` |" in TEXT
+
+
+def test_what_is_named_exists() -> None:
+    makefile = (README.parent / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"^make (\w+)", TEXT, flags=re.MULTILINE):
+        assert f"\n{target}:" in makefile
+    for effect_id in re.findall(r"demo --effect (\w+)", TEXT):
+        assert effect_id in (demo.NOTHING, *HIDDEN_EFFECTS)

@@ -1,0 +1,76 @@
+"""`truewrench diagnose`: which physical effect the model of these recordings is missing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from truewrench.commands.options import Subcommands, add_recordings, add_repeatable
+
+if TYPE_CHECKING:
+    from diagnosis.diagnosis import Diagnosis
+    from truewrench.case import Case
+
+FILES = ("report.html", "result.json", "model.json")
+
+
+def add_to(commands: Subcommands[Any]) -> None:
+    """Add the command and its options."""
+    text = "Fit the rigid tool, see where it fails, and add the physical effects that explain the rest."
+    command = commands.add_parser("diagnose", help="find what the model is missing", description=text)
+    add_recordings(command)
+    add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
+    command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
+    command.add_argument("--json", action="store_true", help="print the result as JSON alone")
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Diagnose, write the files, print."""
+    from truewrench.case import Case, sign_data, sign_sentence
+    from truewrench.output import folder
+    from truewrench.summary import summary
+
+    case = Case.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
+    out = None if arguments.out is None else folder(arguments.out)
+    found = diagnosed(case)
+    data = found.to_data() | ({} if case.sign is None else {"sign": sign_data(case.sign)})
+    if out is not None:
+        write(found, data, out)
+    if arguments.json:
+        print(json.dumps(data, indent=2, allow_nan=False))
+        return
+    print(summary(found))
+    if case.sign is not None:
+        print(f"\n{sign_sentence(case.sign)}")
+    if out is not None:
+        print("\nWritten: " + ", ".join(str(out / name) for name in FILES))
+
+
+def diagnosed(case: Case) -> Diagnosis:
+    """The diagnosis of a case.
+
+    Raises InputError when the mass comes out negative.
+    """
+    from diagnosis.diagnosis import diagnose
+    from truewrench.output import progress_line
+
+    with progress_line() as progress:
+        return diagnose(case.model, case.training, validate=case.validation, progress=progress)
+
+
+def write(found: Diagnosis, data: dict[str, Any], out: Path) -> None:
+    """Write report, result and model into a folder: all of them, or none."""
+    from truewrench.model_file import ModelFile
+    from truewrench.output import progress_line, replacing
+    from truewrench.report import write_report
+
+    with progress_line() as progress, ExitStack() as files:
+        progress("write the report")
+        report, result, model = (files.enter_context(replacing(out / name)) for name in FILES)
+        result.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        model.write_text(ModelFile.of(found.fit).to_text(), encoding="utf-8")
+        write_report(found, report)

@@ -1,0 +1,68 @@
+"""`truewrench effects`: the catalogue, or one effect of it in full."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from inspect import cleandoc
+from itertools import groupby
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+from truewrench.commands.options import Subcommands
+
+if TYPE_CHECKING:
+    from modeling.effect import Effect
+    from modeling.parameter import Parameter
+    from modeling.space import Space
+
+
+def add_to(commands: Subcommands[Any]) -> None:
+    """Add the command and its options."""
+    text = "List the physical effects that a diagnosis knows, or describe one in full."
+    command = commands.add_parser("effects", help="the catalogue of physical effects", description=text)
+    command.add_argument("id", nargs="?", metavar="ID", help="effect to describe")
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Print the table, or the one effect."""
+    from modeling.effects import named
+
+    print(listing() if arguments.id is None else description(named(arguments.id)))
+
+
+def listing() -> str:
+    """Id, title, stage of the chain and the sensors that each effect applies to."""
+    from estimation.fit import table
+    from modeling.effects import catalogue
+
+    rows = [(e.id, e.title, e.stage.value, _sensors(e.spaces)) for e in catalogue()]
+    return table(("id", "what", "stage", "sensor"), rows)
+
+
+def description(effect: Effect) -> str:
+    """Everything that is known of an effect, and its parameters in each space."""
+    lines = [f"{effect.id}: {effect.title}", "", effect.equation, "", cleandoc(type(effect).__doc__ or ""), ""]
+    lines += [f"Stage of the chain: {effect.stage.value}. Sensor: {_sensors(effect.spaces)}."]
+    if effect.per_recording:
+        lines.append("It belongs to one recording and is not carried over to another.")
+    for space in effect.spaces:
+        lines += ["", f"Parameters, {_sensors((space,))}:", *parameter_lines(effect.parameters(space))]
+    return "\n".join([*lines, "", f"On the rig: {effect.advice}."])
+
+
+def parameter_lines(parameters: Iterable[Parameter]) -> list[str]:
+    """Names with unit and bounds; those that share both and follow one another on one line."""
+    groups = groupby(parameters, key=lambda p: (p.unit, p.bounds))
+    return [f"  {', '.join(p.name for p in group)} ({_range(*key)})" for key, group in groups]
+
+
+def _range(unit: str, bounds: tuple[float, float]) -> str:
+    low, high = bounds
+    named = "no unit" if unit == "1" else unit
+    return named if low == -high == -inf else f"{named}, {low:.4g} to {high:.4g}"
+
+
+def _sensors(spaces: tuple[Space, ...]) -> str:
+    return ", ".join("planar" if space.value == 2 else "six axes" for space in spaces)

@@ -1,0 +1,19 @@
+"""Options: those that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+
+Subcommands = argparse._SubParsersAction  # argparse has no public name for what add_subparsers returns
+
+
+def add_recordings(command: argparse.ArgumentParser) -> None:
+    """Add the options that say what was recorded, on which rig."""
+    command.add_argument("recordings", nargs="+", metavar="REC", help="recording (CSV or Parquet), one rig and tool")
+    command.add_argument("--rig", metavar="RIG", help="rig file (TOML); joint angles need one")
+
+
+def add_repeatable(command: argparse.ArgumentParser, option: str, *, metavar: str, text: str) -> None:
+    """Add an option that may be given several times."""
+    help_text = f"{text}; may be given several times"
+    command.add_argument(option, action="append", default=[], metavar=metavar, help=help_text)

@@ -1,0 +1,308 @@
+"""Model file: a fitted model as data, with all that it takes to predict, design and compensate with it later."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from functools import reduce
+from math import inf, isclose, isfinite
+from operator import add
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from estimation.fit import Estimate, Fit, Problem
+from estimation.noise import NoiseSource
+from modeling.effect import Effect
+from modeling.effects import named
+from modeling.errors import InputError
+from modeling.model import WrenchModel
+from modeling.rig import Convention, Rig
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+FORMAT = "truewrench model"
+VERSION = 1
+BASES = {"planar": Space.PLANE, "spatial": Space.SPACE}
+ROUNDING = 1e-6
+"""Relative difference by which numbers of one file that say the same may differ: a person may shorten them."""
+REMEDY = "write the file again with `truewrench fit --out`, or correct it there"
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """A model and the numbers that a fit gave it.
+
+    parameters    in the model's order; biases are those of the first recording
+    covariance    (k, k) in the same order and the products of their units; a parameter that was not determined has
+                  an infinite variance and no covariance
+    noise_floor   std of one sample per channel of the first recording, and where it is known from
+    """
+
+    model: WrenchModel
+    rig: Rig | None
+    parameters: Mapping[str, Estimate]
+    covariance: Array
+    noise_floor: Mapping[str, float]
+    noise_source: NoiseSource
+
+    @classmethod
+    def of(cls, fitted: Fit) -> Self:
+        """The model of a fit, with the biases of its first recording."""
+        noise, names = fitted.noise[0], [p.name for p in fitted.model.parameters]
+        known = estimates(fitted)
+        unseen = [not isfinite(known[name].std) for name in names]
+        covariance = fitted.covariance[: len(names), : len(names)].copy()
+        covariance[unseen], covariance[:, unseen] = 0.0, 0.0
+        covariance[unseen, unseen] = np.inf
+        return cls(
+            model=fitted.model,
+            rig=fitted.recordings[0].rig,
+            parameters={name: known[name] for name in names},
+            covariance=covariance,
+            noise_floor={c: float(f) for c, f in zip(fitted.model.channels, noise.floor, strict=True)},
+            noise_source=noise.source,
+        )
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """The model in a JSON file.
+
+        Raises InputError, in one line, for whatever is not such a file.
+        """
+        where = str(path)
+        try:
+            text = Path(path).read_bytes().decode("utf-8-sig")
+        except OSError as error:
+            reason = error.strerror or "cannot be read"
+            raise InputError(what=reason, where=where, remedy="give the path of a model file") from None
+        except ValueError as error:  # not UTF-8, or a path that cannot be
+            raise InputError(what=f"not a JSON file: {error}", where=where, remedy=REMEDY) from None
+        return cls.from_text(text, where=where)
+
+    @classmethod
+    def from_text(cls, text: str, *, where: str = "model") -> Self:
+        """The model in a JSON text; `where` names it in an InputError."""
+        try:
+            data = json.loads(text, parse_int=_whole, parse_constant=_no_number, object_pairs_hook=_each_once)
+        except (ValueError, RecursionError) as error:
+            raise InputError(what=f"not a JSON file: {error}", where=where, remedy=REMEDY) from None
+        return cls.from_data(data, where=where)
+
+    @classmethod
+    def from_data(cls, data: object, *, where: str = "model") -> Self:
+        """The model of plain dictionaries, lists, numbers and strings, as `to_data` gives them."""
+        try:
+            table = _Model.model_validate(data)
+        except ValidationError as error:
+            raise _refusal(error, where) from None
+        rig = None if table.rig is None else Rig.from_data(table.rig, where=f"{where}: rig")
+        parameters, covariance = _numbers(table, _model(table, where), where)
+        return cls(
+            model=_model(table, where),
+            rig=rig,
+            parameters=parameters,
+            covariance=covariance,
+            noise_floor=table.noise_floor,
+            noise_source=NoiseSource(table.noise_source),
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """The model as plain data: numbers are finite, or None for a parameter that was not determined."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "base": next(base for base, space in BASES.items() if space is self.model.space),
+            "gravity": self.model.gravity,
+            "convention": self.model.convention.value,
+            "mirror_y": self.model.mirror_y,
+            "channels": list(self.model.channels),
+            "effects": [{"id": e.id, "options": asdict(e)} for e in self.model.effects],
+            "parameters": {
+                e.name: {"value": e.value, "std": _finite(e.std), "unit": e.unit} for e in self.parameters.values()
+            },
+            "covariance": {
+                "parameters": list(self.parameters),
+                "matrix": [[_finite(v) for v in row] for row in self.covariance.tolist()],
+            },
+            "noise_floor": dict(self.noise_floor),
+            "noise_source": self.noise_source.value,
+            "rig": None if self.rig is None else self.rig.to_data(),
+        }
+
+    def to_text(self) -> str:
+        """The JSON text of the file."""
+        return json.dumps(self.to_data(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def estimates(fitted: Fit) -> dict[str, Estimate]:
+    """Every unknown of a fit by name, with an infinite std where nothing in the recordings depends on it."""
+    derivative = Problem(fitted.layout, fitted.recordings, fitted.noise).evaluate(fitted.theta)[1]
+    seen = np.asarray(derivative.any(axis=0)).tolist()
+    found = zip(fitted.parameters.values(), seen, strict=True)
+    return {e.name: e if is_seen else replace(e, std=inf) for e, is_seen in found}
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+# ------------------------------------------------------------------------------ what the file must be
+
+
+def _no_number(token: str) -> float:
+    raise ValueError(f"{token} is no number in JSON")
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > 18:  # of 64 bits; more is no number that a model has
+        raise ValueError(f"{digits[:12]}... is too large a whole number")
+    return int(digits)
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for key in found if sum(k == key for k, _ in pairs) > 1)
+        raise ValueError(f"the key '{twice[:40]}' is there twice")
+    return found
+
+
+Positive = Annotated[float, Field(gt=0)]
+Variance = float | None
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class _Effect(_Table):
+    id: str
+    options: dict[str, int] = Field(default_factory=dict)
+
+
+class _Estimate(_Table):
+    value: float
+    std: Annotated[float, Field(ge=0)] | None
+    unit: str
+
+
+class _Covariance(_Table):
+    parameters: list[str]
+    matrix: list[list[Variance]]
+
+
+class _Model(_Table):
+    format: Literal["truewrench model"]
+    version: Literal[1]
+    base: Literal["planar", "spatial"]
+    gravity: Positive
+    convention: Literal["on_tool", "on_sensor"]
+    mirror_y: bool
+    channels: list[str]
+    effects: list[_Effect]
+    parameters: dict[str, _Estimate]
+    covariance: _Covariance
+    noise_floor: dict[str, Annotated[float, Field(ge=0)]]
+    noise_source: Literal["repeats", "rig", "residual"]
+    rig: dict[str, Any] | None
+
+
+def _refusal(error: ValidationError, where: str) -> InputError:
+    first = error.errors(include_url=False, include_context=False)[0]
+    key = ".".join(map(str, first["loc"]))[:80]
+    came = repr(first["input"])
+    came = "" if first["type"] == "missing" else f", and {came[:40] + '...' * (len(came) > 40)} came"
+    what = f"{key}: {first['msg']}{came}" if key else f"not a model: {first['msg']}"
+    return InputError(what=what, where=where, remedy=REMEDY)
+
+
+# --------------------------------------------------------------------------- from tables to the model
+
+
+def _model(table: _Model, where: str) -> WrenchModel:
+    space = BASES[table.base]
+    _require_names(table.channels, space.channels, "channels", where)
+    _require_names(table.noise_floor, space.channels, "noise_floor", where)
+    bare = WrenchModel(
+        space=space,
+        gravity=table.gravity,
+        convention=Convention(table.convention),
+        mirror_y=table.mirror_y,
+    )
+    try:
+        model = reduce(add, (_effect(effect, len(table.parameters)) for effect in table.effects), bare)
+    except InputError as error:
+        raise InputError(what=f"effects: {error.what}", where=where, remedy=error.remedy) from None
+    _require_names(table.parameters, [p.name for p in model.parameters], "parameters", where)
+    return model
+
+
+def _effect(table: _Effect, most: int) -> Effect:
+    """The effect of that id with its options, each a whole number that counts some of the file's parameters."""
+    effect = named(table.id)
+    known = {field.name for field in fields(effect)}
+    for name, value in table.options.items():
+        if name not in known:
+            raise InputError(what=f"{table.id} has no option '{name[:40]}'", where="effects", remedy=REMEDY)
+        if not 0 < value <= most:
+            raise InputError(what=f"{table.id} cannot have {name} = {value:.3g}", where="effects", remedy=REMEDY)
+    return type(effect)(**table.options)
+
+
+def _require_names(came: Iterable[str], expected: Iterable[str], what: str, where: str) -> None:
+    came, expected = list(came), list(expected)
+    missing = [name for name in expected if name not in came]
+    strange = [name for name in came if name not in expected]
+    if missing:
+        raise InputError(what=f"{what}: {missing[0]} is missing", where=where, remedy=REMEDY)
+    if strange:
+        raise InputError(what=f"{what}: {strange[0][:40]} does not belong there", where=where, remedy=REMEDY)
+    if len(came) != len(expected):
+        raise InputError(what=f"{what}: a name is there twice", where=where, remedy=REMEDY)
+
+
+def _numbers(table: _Model, model: WrenchModel, where: str) -> tuple[dict[str, Estimate], Array]:
+    """Estimates and covariance in the model's order."""
+    found = {}
+    for parameter in model.parameters:
+        entry = table.parameters[parameter.name]
+        if entry.unit != parameter.unit:
+            what = f"parameters.{parameter.name}: its unit is {parameter.unit}, and {entry.unit[:40]!r} came"
+            raise InputError(what=what, where=where, remedy=REMEDY)
+        std = np.inf if entry.std is None else entry.std
+        found[parameter.name] = Estimate(parameter.name, entry.value, std, parameter.unit)
+    covariance = _covariance(table.covariance, list(found), where)
+    for name, variance in zip(found, np.diag(covariance), strict=True):
+        if not isclose(found[name].std, np.sqrt(variance), rel_tol=ROUNDING):
+            what = f"parameters.{name}: std is not the root of its variance in covariance"
+            raise InputError(what=what, where=where, remedy=REMEDY)
+    return found, covariance
+
+
+def _covariance(table: _Covariance, names: list[str], where: str) -> Array:
+    """The matrix in the order of `names`; None is an infinite variance, and no covariance beside the diagonal."""
+    _require_names(table.parameters, names, "covariance", where)
+    if [len(row) for row in table.matrix] != [len(names)] * len(names):
+        what = f"covariance: a matrix of {len(names)} x {len(names)} numbers was expected"
+        raise InputError(what=what, where=where, remedy=REMEDY)
+    order = [table.parameters.index(name) for name in names]
+    matrix = np.array(table.matrix, dtype=np.float64)[np.ix_(order, order)]
+    unknown = np.isnan(matrix)
+    matrix[unknown] = np.where(np.eye(len(names), dtype=bool), np.inf, 0.0)[unknown]
+    variance = np.diag(matrix)
+    scale = np.sqrt(np.where(np.isfinite(variance) & (variance > 0), variance, 1.0))
+    finite = np.where(np.isfinite(matrix), matrix, 1.0) / scale[:, None] / scale
+    if (
+        (variance < 0).any()
+        or not np.allclose(finite, finite.T, rtol=0, atol=ROUNDING)
+        or np.linalg.eigvalsh(finite).min() < -ROUNDING * len(names)
+    ):
+        what = "covariance: the matrix is not symmetric and positive semidefinite"
+        raise InputError(what=what, where=where, remedy=REMEDY)
+    return matrix

@@ -1,0 +1,106 @@
+"""Style: colours that colour-blind people can tell apart (Okabe and Ito), sizes, and what every axes looks like."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.transforms import blended_transform_factory
+from numpy.typing import NDArray
+
+FAILING = "#D55E00"
+"""A model that fails, and cells of a map that strike."""
+HOLDING = "#0072B2"
+"""A model that holds."""
+MEASURED = "#8A8F98"
+INK = "#24292F"
+MUTED = "#6B7280"
+FAINT = "#C9CED6"
+NOISE = "#E9ECF0"
+QUIET_NOISE = "#D3D9E1"
+HELD_OUT = "#E69F00"
+
+WIDTH = 1080
+"""Width of a figure on the page, in CSS pixels."""
+PIXELS_PER_INCH = 96
+SMALL, NORMAL = 7.5, 8.5
+"""Font sizes in points."""
+
+
+LEGEND: dict[str, Any] = {
+    "frameon": False,
+    "fontsize": SMALL,
+    "labelcolor": INK,
+    "handlelength": 1.4,
+    "columnspacing": 1.2,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """Sizes of a grid of panels in CSS pixels: fixed, so that panels stand in line from one figure to the next."""
+
+    rows: int
+    columns: int
+    panel_height: float
+    width: float = WIDTH
+    left: float = 66
+    right: float = 8
+    top: float = 24
+    bottom: float = 40
+    between_columns: float = 22
+    between_rows: float = 16
+
+    @property
+    def height(self) -> float:
+        """Height of the whole figure."""
+        rows = self.rows * self.panel_height + (self.rows - 1) * self.between_rows
+        return self.top + rows + self.bottom
+
+    def panels(self, *, heights: Sequence[float] | None = None, **shared: Any) -> tuple[Figure, NDArray[Any]]:
+        """The empty figure and its axes (rows, columns), dressed; `heights` of the rows against one another."""
+        figure = Figure(figsize=(self.width / PIXELS_PER_INCH, self.height / PIXELS_PER_INCH))
+        figure.patch.set_alpha(0.0)
+        inside = self.width - self.left - self.right - (self.columns - 1) * self.between_columns
+        spacing = {
+            "left": self.left / self.width,
+            "right": 1 - self.right / self.width,
+            "top": 1 - self.top / self.height,
+            "bottom": self.bottom / self.height,
+            "wspace": self.between_columns * self.columns / inside,
+            "hspace": self.between_rows / self.panel_height,
+        }
+        grid = figure.add_gridspec(self.rows, self.columns, height_ratios=heights, **spacing)
+        panels = grid.subplots(squeeze=False, **shared)
+        for axes in panels.flat:
+            dress(axes)
+        return figure, panels
+
+
+def dress(axes: Axes) -> Axes:
+    """The axes with two thin spines, small ticks and no frame."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(FAINT)
+        axes.spines[side].set_linewidth(0.8)
+    axes.tick_params(which="both", colors=MUTED, labelsize=SMALL, length=2.5, width=0.6)
+    axes.xaxis.label.set(color=INK, fontsize=NORMAL)
+    axes.yaxis.label.set(color=INK, fontsize=NORMAL)
+    return axes
+
+
+def heading(axes: Axes, text: str, colour: str = INK) -> None:
+    """A title at the left above the axes."""
+    axes.set_title(text, loc="left", fontsize=NORMAL + 0.5, fontweight="bold", color=colour)
+
+
+def name_y(axes: Axes, text: str, size: float = NORMAL) -> None:
+    """A label of the y axis, at one distance from the figure's edge whatever the ticks say."""
+    axes.set_ylabel(text, fontsize=size, va="top")
+    figure = axes.get_figure(root=True)
+    if figure is not None:
+        axes.yaxis.set_label_coords(0.0, 0.5, blended_transform_factory(figure.transSubfigure, axes.transAxes))
