@@ -121,7 +121,7 @@ def diagnose(
     model: WrenchModel,
     recordings: Recording | Iterable[Recording],
     *,
-    validate: Recording | Iterable[Recording] = (),
+    validate: Recording | Iterable[Recording] | None = None,
     effects: Sequence[Effect] | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:
@@ -131,7 +131,7 @@ def diagnose(
     by default the whole catalogue. Raises InputError when the model's signals are not recorded.
     """
     training = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
-    others = (validate,) if isinstance(validate, Recording) else tuple(validate)
+    others = (validate,) if isinstance(validate, Recording) else tuple(validate or ())
     model = decided(model, (*training, *others))
     candidates = catalogue(model.space) if effects is None else tuple(effects)
     progress("fit the rigid tip")

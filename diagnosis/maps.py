@@ -78,7 +78,7 @@ def map_variables(recording: Recording, load: Array) -> Mapping[str, tuple[Array
     for channel, series in zip(recording.channels, load.T, strict=True):
         found[f"load {channel}"] = (np.asarray(series, dtype=np.float64), "N" if channel.startswith("f") else "N m")
     if recording.time is not None:
-        span = (recording.dt or 1.0) * np.arange(recording.samples)
+        span = np.arange(recording.samples, dtype=np.float64) * (recording.dt or 1.0)
         found["time"] = (span, "s")
     else:
         found["order"] = (signals["order"], "1")

@@ -21,9 +21,6 @@ DRIFT_DEGREE = 8
 SEAM = 4
 """Samples after the record's end is joined to its start at which coloured noise may start anew."""
 MOST_EVENTS = 3
-OUTLIER = 0.3
-"""Share of an event that has to remain without its loudest sample: in coloured noise a push is its two edges, half
-each; a single outlier leaves nothing."""
 BANDS = 8
 
 
@@ -287,8 +284,9 @@ def find_events(recording: Recording, residual: Array) -> tuple[tuple[float, flo
     """Intervals (s) in which a push differs from the other repeats more than noise and drift explain.
 
     Boxes over a grid of starts and lengths are fitted one after another, together with drift, by generalised least
-    squares at the lines between those of the motion; all windows are paid for (1 in 1000). Most of a push remains
-    without its loudest sample, nothing of an outlier.
+    squares at the lines between those of the motion; all windows are paid for (1 in 1000). A push has to be
+    significant without its loudest sample too: of an outlier nothing remains, of a push all but that sample in white
+    noise and one of its two edges in noise that wanders.
     """
     if recording.repeats < 3:
         return ()
@@ -393,10 +391,9 @@ def _loudest_window(
     end = start + np.repeat(lengths, [len(s) for s in starts])
     score = windows.scores(start, end)
     best = int(score.argmax())
-    if score[best] < chi2.isf(0.001 / len(start), p):
-        return None
+    limit = chi2.isf(0.001 / len(start), p)
     first, last = _sharpened(windows, int(start[best]), int(end[best]), n)
-    if windows.without_loudest(first, last) < OUTLIER:
+    if score[best] * windows.without_loudest(first, last) ** 2 < limit:
         return None
     return first * step_of(recording), last * step_of(recording)
 

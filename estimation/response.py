@@ -108,12 +108,16 @@ def through_memory(
 ) -> Array:
     """A series (samples, ...) through H(s), or through H's derivative in one of its parameters.
 
-    A motion that repeats is in its periodic steady state. A single run is continued on both sides by its point
-    reflections before it is transformed. At rest H(0) = 1.
+    A motion that repeats without pause is in its periodic steady state. A single run is continued on both sides by
+    its point reflections before it is transformed. At rest H(0) = 1.
     """
     if not prediction.remembers or recording.dt is None:
         return series if slope is None else np.zeros_like(series)
-    pad = 0 if recording.repeats > 1 else min(len(series) - 1, max(64, len(series) // 8))
+    if not recording.continuous and len(series) > recording.samples_per_repeat:
+        runs = np.split(series, recording.repeats)
+        return np.concatenate([through_memory(prediction, recording, run, theta, slope) for run in runs])
+    periodic = recording.repeats > 1 and recording.continuous
+    pad = 0 if periodic else min(len(series) - 1, max(64, len(series) // 8))
     closed = _padded(series, pad)
     omega = np.asarray(2 * np.pi * np.fft.rfftfreq(len(closed), recording.dt), dtype=np.float64)
     gain, slopes = prediction.transfer(omega, theta)

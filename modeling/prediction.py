@@ -102,6 +102,8 @@ def _mapped(emitted: Emitted, which: tuple[int, ...] | None, samples: int) -> Ca
     widths = [function.size1_out(i) for i in range(function.n_out())]
 
     def run(inputs: Array, theta: Array) -> list[Array]:
+        if np.shape(theta) != (len(emitted.parameters),):
+            raise ValueError(f"{len(emitted.parameters)} parameters were expected, not an array {np.shape(theta)}")
         buffer, evaluate = function.buffer()
         repeated = np.tile(np.asarray(theta, dtype=float), (samples, 1))
         results = [np.zeros((samples, width)) for width in widths]

@@ -75,6 +75,9 @@ def _prepare(*, as_program: bool) -> None:
             stream.reconfigure(errors="backslashreplace")
     if as_program and not sys.warnoptions:
         warnings.simplefilter("ignore")
+    if as_program:
+        for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+            os.environ.setdefault(variable, "1")  # matrices are tall and thin: threads only wait for one another
 
 
 def _fault(error: Exception) -> str:

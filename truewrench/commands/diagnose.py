@@ -35,8 +35,8 @@ def run(arguments: argparse.Namespace) -> None:
     from truewrench.summary import summary
 
     case = Case.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
-    out = None if arguments.out is None else folder(arguments.out)
     found = diagnosed(case)
+    out = None if arguments.out is None else folder(arguments.out)
     data = found.to_data() | ({} if case.sign is None else {"sign": sign_data(case.sign)})
     if out is not None:
         write(found, data, out)
