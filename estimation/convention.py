@@ -11,7 +11,7 @@ from scipy.linalg import polar
 
 from estimation.recording import Recording
 from modeling.errors import InputError
-from modeling.model import WrenchModel
+from modeling.model import QUARTER_TURNS, QuarterTurns, WrenchModel
 from modeling.rig import Convention
 from modeling.space import Space
 
@@ -70,7 +70,7 @@ def decide_convention(recordings: Sequence[Recording], gravity: float) -> SignDe
 
 
 def decided(model: WrenchModel, recordings: Sequence[Recording]) -> WrenchModel:
-    """The model with its convention decided from the recordings where it is AUTO.
+    """The model with its convention, and the quarter turns of its mounting, decided from the recordings where AUTO.
 
     Raises InputError when the data cannot decide, and for planar models, whose two forces never can.
     """
@@ -82,7 +82,13 @@ def decided(model: WrenchModel, recordings: Sequence[Recording]) -> WrenchModel:
             where="convention auto",
             remedy='state convention = "on_tool" or "on_sensor" under [sensor] in the rig',
         )
-    return replace(model, convention=decide_convention(recordings, model.gravity).convention)
+    decision = decide_convention(recordings, model.gravity)
+    return replace(model, convention=decision.convention, mounting=quarter_turns(decision.mounting))
+
+
+def quarter_turns(rotation: Array) -> QuarterTurns:
+    """The rotation by quarter turns about the axes that comes nearest to a rotation (3, 3)."""
+    return max(QUARTER_TURNS, key=lambda turn: float((np.array(turn) * rotation).sum()))
 
 
 def _lift(recording: Recording, gravity: float) -> Array:

@@ -70,7 +70,7 @@ class Chain:
         return reading.xreplace(dict(self.pose)) if self.pose else reading
 
 
-def rigid_chain(space: Space, *, gravity: float, sign: tuple[int, ...], zero: sp.Matrix) -> Chain:
+def rigid_chain(space: Space, *, gravity: float, sign: tuple[int, ...], zero: sp.Matrix, mounting: sp.Matrix) -> Chain:
     """The chain with no effect: a rigid tool under gravity (m/s²), readings with the signs given."""
     return Chain(
         space=space,
@@ -79,6 +79,7 @@ def rigid_chain(space: Space, *, gravity: float, sign: tuple[int, ...], zero: sp
         sign=sign,
         gain=sp.eye(len(space.channels)),
         zero=zero,
+        mounting=mounting,
     )
 
 

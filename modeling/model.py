@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import permutations, product
 
 import sympy as sp
 
@@ -18,6 +19,23 @@ from modeling.tip import body_parameters
 
 STANDARD_GRAVITY = 9.806
 
+QuarterTurns = tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, int, int]]
+ALIGNED: QuarterTurns = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+def _quarter_turns() -> tuple[QuarterTurns, ...]:
+    """The 24 rotations that take axes to axes: signed permutations without a mirror."""
+    turns = []
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        rows = [[signs[i] if j == order[i] else 0 for j in range(3)] for i in range(3)]
+        if sp.Matrix(rows).det() == 1:
+            first, second, third = ((row[0], row[1], row[2]) for row in rows)
+            turns.append((first, second, third))
+    return tuple(turns)
+
+
+QUARTER_TURNS = _quarter_turns()
+
 
 @dataclass(frozen=True, kw_only=True)
 class WrenchModel:
@@ -26,12 +44,15 @@ class WrenchModel:
     reading = H(s) load(signals; parameters) + zero(signals; parameters); planar and six-axis models are two
     instances (`space`). `convention` is the sign of the readings: ON_TOOL is F = m (a - g) (22.8 in the plane),
     ON_SENSOR its negative, AUTO is decided from the data before a fit. `mirror_y` turns the y channel round.
+    `mounting` are the rows of the rotation by quarter turns from the axes of the motion to those of the readings;
+    smaller angles are an effect (`sensor_rotation`).
     """
 
     space: Space
     gravity: float = STANDARD_GRAVITY
     convention: Convention = Convention.ON_TOOL
     mirror_y: bool = False
+    mounting: QuarterTurns = ALIGNED
     effects: tuple[Effect, ...] = ()
 
     def __add__(self, effect: Effect | Iterable[Effect]) -> WrenchModel:
@@ -91,7 +112,8 @@ class WrenchModel:
         sign = -1 if self.convention is Convention.ON_SENSOR else 1
         signs = tuple(-sign if self.mirror_y and c == "fy" else sign for c in self.channels)
         zero = sp.Matrix([p.symbol for p in self.biases])
-        chain = rigid_chain(self.space, gravity=self.gravity, sign=signs, zero=zero)
+        mounting = sp.Matrix(self.mounting)
+        chain = rigid_chain(self.space, gravity=self.gravity, sign=signs, zero=zero, mounting=mounting)
         stages = list(Stage)
         for effect in sorted(self.effects, key=lambda e: stages.index(e.stage)):
             chain = effect.applied(chain)

@@ -20,7 +20,7 @@ from estimation.noise import NoiseSource
 from modeling.effect import Effect
 from modeling.effects import named
 from modeling.errors import InputError
-from modeling.model import WrenchModel
+from modeling.model import QUARTER_TURNS, QuarterTurns, WrenchModel
 from modeling.rig import Convention, Rig
 from modeling.space import Space
 
@@ -121,6 +121,7 @@ class ModelFile:
             "gravity": self.model.gravity,
             "convention": self.model.convention.value,
             "mirror_y": self.model.mirror_y,
+            "mounting": [list(row) for row in self.model.mounting],
             "channels": list(self.model.channels),
             "effects": [{"id": e.id, "options": asdict(e)} for e in self.model.effects],
             "parameters": {
@@ -204,6 +205,7 @@ class _Model(_Table):
     gravity: Positive
     convention: Literal["on_tool", "on_sensor"]
     mirror_y: bool
+    mounting: list[list[int]]
     channels: list[str]
     effects: list[_Effect]
     parameters: dict[str, _Estimate]
@@ -225,6 +227,13 @@ def _refusal(error: ValidationError, where: str) -> InputError:
 # --------------------------------------------------------------------------- from tables to the model
 
 
+def _mounting(rows: list[list[int]], where: str) -> QuarterTurns:
+    for turn in QUARTER_TURNS:
+        if rows == [list(row) for row in turn]:
+            return turn
+    raise InputError(what="mounting is no rotation by quarter turns", where=where, remedy=REMEDY)
+
+
 def _model(table: _Model, where: str) -> WrenchModel:
     space = BASES[table.base]
     _require_names(table.channels, space.channels, "channels", where)
@@ -234,6 +243,7 @@ def _model(table: _Model, where: str) -> WrenchModel:
         gravity=table.gravity,
         convention=Convention(table.convention),
         mirror_y=table.mirror_y,
+        mounting=_mounting(table.mounting, where),
     )
     try:
         model = reduce(add, (_effect(effect, len(table.parameters)) for effect in table.effects), bare)
