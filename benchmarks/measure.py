@@ -1,0 +1,61 @@
+"""Measure: time and peak memory of calls that are made in turn, so that a busy machine is busy for all of them."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from collections.abc import Callable, Mapping
+from math import inf
+from time import perf_counter
+from typing import Any
+
+Call = Callable[[], Any]
+
+PATIENCE = 0.03
+"""How long short calls are repeated in a round, s."""
+
+
+def seconds(call: Call) -> float:
+    """Wall-clock time of the quickest of several calls, as many as fit in `PATIENCE`: the one least disturbed."""
+    begin = perf_counter()
+    best = inf
+    while True:
+        start = perf_counter()
+        call()
+        end = perf_counter()
+        best = min(best, end - start)
+        if end - begin > PATIENCE:
+            return best
+
+
+def rounds(calls: Mapping[str, Call], count: int) -> dict[str, list[float]]:
+    """Seconds of each call in each of `count` rounds, after one that warms up and is not counted.
+
+    Garbage is collected before each round and not during it.
+    """
+    for call in calls.values():
+        call()
+    found: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(count):
+        gc.collect()
+        gc.disable()
+        try:
+            for name, call in calls.items():
+                found[name].append(seconds(call))
+        finally:
+            gc.enable()
+    return found
+
+
+def peak_bytes(call: Call) -> int:
+    """Peak memory of one call above what there was before it, the result included.
+
+    It is what Python and NumPy allocate; compiled code that allocates for itself is not seen.
+    """
+    gc.collect()
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()

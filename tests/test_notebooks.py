@@ -1,0 +1,45 @@
+"""The notebooks: each runs from the top as it stands, and what it claims in words is so."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from diagnosis.verdict import RecordVerdict
+
+pytest.importorskip("mujoco")
+
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.py"))
+
+
+def missing_effect(names: dict[str, Any]) -> None:
+    """The tether is named and was what bent the inertia; the magnet stays unexplained where it hangs."""
+    assert names["found"].verdict is RecordVerdict.EXPLAINED
+    assert names["found"].added == ("cable_spring",)
+    true = names["arm"].inertia
+    bent, mended = (names[fit].parameters["I"] for fit in ("rigid", "tethered"))
+    assert abs(bent.value - true) > 10 * bent.std
+    for name, hidden in {**names["hidden"], "I": true}.items():
+        found = mended if name == "I" else names["tethered"].parameters[f"cable_spring.{name}"]
+        assert abs(found.value - hidden) < 4 * found.std  # six numbers, one in 3000 beyond 4 of any
+    assert names["unknown"].verdict is RecordVerdict.UNEXPLAINED
+    assert names["unknown"].added == ()
+    assert any(f.p_value is not None and f.p_value < 1e-20 for f in names["unknown"].findings)
+    assert names["unknown"].remainder.where.startswith("tau falls near position y")
+
+
+CLAIMS = {"from_recording_to_missing_effect": missing_effect}
+
+
+def test_every_notebook_has_its_claims() -> None:
+    assert {path.stem for path in NOTEBOOKS} == set(CLAIMS)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In an empty folder, warnings as errors (pytest's setting here as everywhere)."""
+    monkeypatch.chdir(tmp_path)
+    CLAIMS[path.stem](runpy.run_path(str(path)))
