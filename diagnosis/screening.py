@@ -171,7 +171,8 @@ def _best_of_grid(
     noise_scores = np.zeros(DRAWS)
     best: tuple[_Candidate, Values] | None = None
     for chunk in _chunks([{names[k]: v for k, v in values.items()} for values in grid], 64):
-        projected = Projected(background, amplitude_columns(background, model, chunk), low)
+        columns = where_judged(background.fit, amplitude_columns(background, model, chunk))
+        projected = Projected(background, columns, low)
         for candidate, values in zip(projected.candidates, chunk, strict=True):
             if best is None or candidate.score > best[0].score:
                 best = (candidate, values)
@@ -229,6 +230,21 @@ def amplitude_columns(background: Background, model: WrenchModel, grid: Sequence
         which = tuple(i for i, p in enumerate(own.parameters) if p.name in amplitude)
         parts.append(_whitened_slopes(own, recording, noise.whitener, theta, which))
     return np.concatenate(parts)
+
+
+def where_judged(fit: Fit, columns: Array) -> Array:
+    """Whitened columns (rows, g, a) in the rows where they are judged.
+
+    What does not repeat with the motion is judged between the motion's lines only: on them it would be taken for
+    anything periodic that the model lacks, because a push or a drift has some of every shape.
+    """
+    judged, start = columns.copy(), 0
+    for noise in fit.noise:
+        steady, end = start + noise.whitener.steady_rows, start + noise.whitener.rows
+        if columns[steady:end].any():
+            judged[start:steady] = 0
+        start = end
+    return judged
 
 
 def _whitened_slopes(
