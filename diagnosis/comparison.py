@@ -8,6 +8,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import polygamma
 from scipy.stats import chi2, f
 
 from estimation.fit import Fit, Problem, table
@@ -152,7 +154,9 @@ def judged(fit: Fit, number: int) -> tuple[float | None, float]:
     for band in frequency_bands(noise):
         freedom = band.sum() - leverage[band].sum()
         if freedom > 0.5:
-            p_values.append(tail((rows[band] ** 2).sum(), freedom, float(noise.doubt[band].mean())))
+            power = float((rows[band] ** 2).sum())
+            shares = (rows * band)[:, None] ** 2 / max(power, 1e-300)
+            p_values.append(tail(power, freedom, float(noise.doubt_of(shares)[0])))
     return float(total), float(min(1.0, len(p_values) * min(p_values, default=1.0)))
 
 
@@ -193,8 +197,13 @@ def frequency_bands(noise: Noise) -> list[NDArray[np.bool_]]:
 def tail(statistic: float, freedom: float, doubt: float) -> float:
     """Chance of a chi-square this large under the noise; F where the noise's power is known with some doubt.
 
-    A power estimated from n complex ordinates has a logarithm of variance 1/n and is worth 2n degrees of freedom.
+    A power estimated with d degrees of freedom has a logarithm of variance trigamma(d / 2), which is the doubt.
     """
     if doubt <= 0:
         return float(chi2.sf(statistic, freedom))
-    return float(f.sf(statistic / freedom, freedom, 2 / doubt))
+    return float(f.sf(statistic / freedom, freedom, 2 * inverse_trigamma(doubt)))
+
+
+def inverse_trigamma(value: float) -> float:
+    """The x > 0 at which trigamma(x) has this value."""
+    return float(brentq(lambda x: polygamma(1, x) - value, min(1.0, 0.5 / np.sqrt(value)) / 2, 1 + 2 / value))

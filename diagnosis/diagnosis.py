@@ -216,7 +216,7 @@ def _findings(
     tolerance: Mapping[str, float],
 ) -> tuple[Finding, ...]:
     added = [
-        _supported(step, before, screening, lookalikes[step.effect], explainable(steps[0]), len(candidates))
+        _supported(step, before, screening, lookalikes[step.effect], steps, len(candidates))
         for before, step, screening in zip(steps, steps[1:], _path(final, steps), strict=False)
         if step.effect is not None
     ]
@@ -255,11 +255,12 @@ def _path(final: Candidate, steps: Sequence[Step]) -> list[Screening]:
 
 
 def _supported(
-    step: Step, before: Step, screening: Screening, lookalikes: list[Rival], base_power: float, trials: int
+    step: Step, before: Step, screening: Screening, lookalikes: list[Rival], steps: Sequence[Step], trials: int
 ) -> Finding:
     effect = screening.effect
     names = [p.name for p in effect.qualified(step.fit.model.space)]
-    removed = (explainable(before) - explainable(step)) / max(base_power, 1e-300)
+    removed = (explainable(before) - explainable(step)) / max(explainable(steps[0]), 1e-300)
+    final = steps[-1].fit.parameters
     return Finding(
         effect=effect,
         verdict=EffectVerdict.SUPPORTED,
@@ -268,7 +269,7 @@ def _supported(
         detectable=_own_names(effect, screening.detectable),
         confusable_with=tuple(r.effect.id for r in lookalikes if r.separation < CONFUSABLE),
         reason="",
-        parameters={n.split(".", 1)[1]: step.fit.parameters[n] for n in names},
+        parameters={n.split(".", 1)[1]: final[n] for n in names},
     )
 
 

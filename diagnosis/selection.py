@@ -110,7 +110,30 @@ def select(base: Fit, effects: Sequence[Effect], progress: Progress = silent) ->
                 break
             level = [best]
     best = level[0] if residual_judges_itself(base) else min(tried.values(), key=lambda c: c.criterion)
-    return Selection(start, _pruned(best, progress), tuple(tried.values()))
+    if len(best.ids) > 1 and not residual_judges_itself(base):
+        best = _swapped(best, effects, tried, progress)
+    return Selection(start, _simplest(_pruned(best, progress), tuple(tried.values())), tuple(tried.values()))
+
+
+def _swapped(
+    best: Candidate, effects: Sequence[Effect], tried: dict[frozenset[str], Candidate], progress: Progress
+) -> Candidate:
+    """The best after each effect's place was offered to the others, given the rest."""
+    for effect in best.fit.model.effects:
+        rest = [e for e in best.fit.model.effects if e.id != effect.id]
+        _grown(refitted(best, rest), effects, tried, progress)
+    return min(tried.values(), key=lambda c: c.criterion)
+
+
+def _simplest(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
+    """The set with the fewest parameters that is adequate, and no worse than the best by what the others are worth."""
+    rivals = [best]
+    for other in tried:
+        saved = len(best.fit.theta) - len(other.fit.theta)
+        worse = other.background.cost - best.background.cost
+        if saved > 0 and worse < chi2.isf(SIGNIFICANCE / len(CATALOGUE), saved) and other.adequate:
+            rivals.append(other)
+    return min(rivals, key=lambda c: (len(c.fit.theta), c.criterion))
 
 
 def _grown(

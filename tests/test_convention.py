@@ -67,5 +67,5 @@ def test_poses_in_a_plane_do_not_decide() -> None:
 
 def test_a_negative_mass_is_refused() -> None:
     model = replace(spatial(), convention=Convention.ON_TOOL)
-    with pytest.raises(InputError, match="mass comes out as -0.8"):
+    with pytest.raises(InputError, match=r"mass comes out as -0\.8"):
         fit(model, poses(sign=-1.0, turn=np.eye(3)))

@@ -20,10 +20,10 @@ class BiasDrift(Effect):
     """The zero point wanders: each channel gets sum_k b_k P_k(progress) with Legendre polynomials P_1 .. P_degree.
 
     `progress` runs from -1 to 1 over the recording (over the order of poses at rest); the b_k are in the channel's
-    unit. The degree is low, because a free enough curve would mimic temperature.
+    unit. A free enough curve would mimic temperature, so that it gets no more than four swings.
     """
 
-    degree: int = 4
+    degree: int = 8
 
     id = "bias_drift"
     title = "zero point wanders"
