@@ -12,6 +12,8 @@ from scipy.optimize import brentq
 from scipy.special import polygamma
 from scipy.stats import chi2, f
 
+from diagnosis.generic import held_out_lack_of_fit, push_evidence
+from diagnosis.validation import transferred
 from estimation.fit import Fit, Problem, table
 from estimation.noise import Noise, NoiseSource, step_of
 from estimation.recording import Recording
@@ -77,8 +79,6 @@ def compare(fit: Fit, recording: Recording | None = None) -> Comparison:
     if recording is None or recording in fit.recordings:
         number = 0 if recording is None else fit.recordings.index(recording)
         return comparison_of(fit, number)
-    from diagnosis.validation import transferred
-
     return comparison_of(transferred(fit, recording), 0)
 
 
@@ -144,8 +144,6 @@ def judged(fit: Fit, number: int) -> tuple[float | None, float]:
     """
     noise = fit.noise[number]
     if noise.source is NoiseSource.RESIDUAL:
-        from diagnosis.generic import held_out_lack_of_fit, push_evidence
-
         return None, min(1.0, 2 * min(held_out_lack_of_fit(fit, number), push_evidence(fit, number)))
     rows, leverage = _judged_rows(fit, number)
     steady = noise.whitener.steady_rows

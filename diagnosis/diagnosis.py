@@ -25,6 +25,7 @@ from estimation.fit import Estimate, Fit, first_noise, fit, table
 from estimation.recording import Recording
 from modeling.effect import Effect
 from modeling.effects import catalogue
+from modeling.errors import InputError
 from modeling.model import WrenchModel
 
 
@@ -128,10 +129,17 @@ def diagnose(
     """Find the physical effects that a model lacks for its recordings to be explained.
 
     `validate` are recordings of other motions of the same rig and tool, never fitted; `effects` are the candidates,
-    by default the whole catalogue. Raises InputError when the model's signals are not recorded.
+    by default the whole catalogue.
+    Raises InputError when the model has effects already, or its signals are not recorded.
     """
     training = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     others = (validate,) if isinstance(validate, Recording) else tuple(validate or ())
+    if model.effects:
+        raise InputError(
+            what=f"the model has {', '.join(e.id for e in model.effects)} already",
+            where="model",
+            remedy="diagnose the rigid tool: model.base",
+        )
     model = decided(model, (*training, *others))
     candidates = catalogue(model.space) if effects is None else tuple(effects)
     progress("fit the rigid tip")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from scipy.stats import t as student
 
 from estimation.fit import Fit
 from estimation.recording import Recording
@@ -30,7 +33,7 @@ def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
             terms |= {f"sin {k} phi": np.sin(k * phi), f"cos {k} phi": np.cos(k * phi)}
         plain: tuple[str, ...] = ("px", "py", "dphi", "ddphi", "vx", "vy", "ax", "ay")
     else:
-        down = _down(signals["qx"], signals["qy"], signals["qz"], signals["qw"])
+        down = gravity_direction(signals)
         for i, a in enumerate("xyz"):
             terms |= {
                 f"down_{a}²" if i == j else f"down_{a} down_{b}": down[i] * down[j]
@@ -50,9 +53,11 @@ def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
     return {name: series for name, series in terms.items() if np.ptp(series) > 0}
 
 
-def _down(x: Array, y: Array, z: Array, w: Array) -> tuple[Array, Array, Array]:
-    """The world's -z in the sensor frame."""
-    return -2 * (x * z - y * w), -2 * (y * z + x * w), -(1 - 2 * (x**2 + y**2))
+def gravity_direction(signals: Mapping[str, Array]) -> tuple[Array, Array, Array]:
+    """The world's -z in the sensor frame, three series (n,) of unit vectors' components."""
+    orientation = Rotation.from_quat(np.stack([signals[name] for name in ("qx", "qy", "qz", "qw")], axis=1))
+    x, y, z = orientation.apply([0.0, 0.0, -1.0], inverse=True).T
+    return x, y, z
 
 
 def standardised(terms: dict[str, Array]) -> Array:
@@ -65,26 +70,44 @@ def standardised(terms: dict[str, Array]) -> Array:
 def held_out_lack_of_fit(fit: Fit, number: int) -> float:
     """P-value of "generic terms predict nothing": the residual of each block predicted from all other blocks.
 
-    The whitened residual is regressed (ridge) on the whitened terms of every channel; the gain of a held-out block
-    is its residual times its prediction, and the mean gain over the blocks is tested against zero (Student, one
-    sided). Weaker than repeats: what the autoregression took for noise cannot be seen.
+    The whitened residual of each channel is regressed (ridge) on a constant and the whitened terms, and the gain of
+    a held-out block is its residual times its prediction. The sum of the gains is a quadratic form in the blocks'
+    residuals without its diagonal; were they noise, the sign of each block would be open, and all 2^(blocks - 1)
+    patterns of signs give the sum's distribution. Weaker than repeats: what the autoregression took for noise
+    cannot be seen.
     """
     recording, noise = fit.recordings[number], fit.noise[number]
     load = recording.wrench - fit.residuals[number]
     p = len(recording.channels)
-    columns = standardised(generic_terms(recording, load))
+    terms = standardised(generic_terms(recording, load))
+    columns = np.column_stack([np.ones(recording.samples), terms])
     residual = noise.whitener.series(fit.residuals[number]).reshape(-1, p)
-    blocks = np.array_split(np.arange(len(residual)), min(BLOCKS, len(residual) // 2))
-    gains = np.zeros(len(blocks))
+    blocks = np.array_split(np.arange(len(residual)), min(BLOCKS, len(residual)))
+    pairs = np.zeros((len(blocks), len(blocks)))
     for channel in range(p):
         series = np.zeros((recording.samples, p, columns.shape[1]))
         series[:, channel] = columns
         white = noise.whitener.series(series).reshape(len(residual), p, -1)[:, channel]
-        gains += _held_out_gains(white, residual[:, channel], blocks)
-    spread = gains.std(ddof=1)
-    if spread == 0:
-        return 1.0
-    return float(student.sf(gains.mean() / (spread / np.sqrt(len(gains))), len(gains) - 1))
+        pairs += _gain_of_pairs(white, residual[:, channel], blocks)
+    signs = np.array(list(product((1.0, -1.0), repeat=len(blocks) - 1)))
+    signs = np.column_stack([np.ones(len(signs)), signs])
+    gains = np.einsum("sb,bc,sc->s", signs, pairs, signs)
+    return float(np.mean(gains >= gains[0] * (1 - 1e-12)))
+
+
+def _gain_of_pairs(white: Array, residual: Array, blocks: list[NDArray[np.intp]]) -> Array:
+    """Element (b, c): what block c contributes to the gain of block b, when b is predicted from all others."""
+    gram = white.T @ white
+    ridge = np.eye(len(gram)) * max(1e-3 * np.trace(gram) / len(gram), 1.0)
+    moments = np.stack([white[block].T @ residual[block] for block in blocks], axis=1)
+    pairs = np.stack(
+        [
+            moments[:, b] @ np.linalg.solve(gram - white[block].T @ white[block] + ridge, moments)
+            for b, block in enumerate(blocks)
+        ]
+    )
+    np.fill_diagonal(pairs, 0.0)
+    return pairs
 
 
 def push_evidence(fit: Fit, number: int) -> float:
@@ -102,15 +125,3 @@ def push_evidence(fit: Fit, number: int) -> float:
     ]
     statistic = float(np.sum(np.square(sums)))
     return float(chi2.sf(statistic, len(sums) * rows.shape[1]))
-
-
-def _held_out_gains(white: Array, residual: Array, blocks: list[NDArray[np.intp]]) -> Array:
-    gram, moment = white.T @ white, white.T @ residual
-    ridge = np.eye(len(gram)) * max(1e-3 * np.trace(gram) / len(gram), 1.0)
-    gains = []
-    for block in blocks:
-        part, target = white[block], residual[block]
-        coefficients = np.linalg.solve(gram - part.T @ part + ridge, moment - part.T @ target)
-        predicted = part @ coefficients
-        gains.append(float(predicted @ target))
-    return np.array(gains)

@@ -11,6 +11,7 @@ from scipy.stats import false_discovery_control
 from scipy.stats import t as student
 
 from diagnosis.comparison import Comparison
+from diagnosis.generic import gravity_direction
 from estimation.recording import Recording
 from estimation.response import signals_of
 
@@ -62,8 +63,7 @@ def map_variables(recording: Recording, load: Array) -> Mapping[str, tuple[Array
         velocity = [signals[n] for n in ("vx", "vy") if n in signals]
         direction = {"x": "vx", "y": "vy"}
     else:
-        x, y, z, w = (signals[n] for n in ("qx", "qy", "qz", "qw"))
-        down = (-2 * (x * z - y * w), -2 * (y * z + x * w), -(1 - 2 * (x**2 + y**2)))
+        down = gravity_direction(signals)
         found |= {f"gravity along {a}": (np.asarray(d), "g") for a, d in zip("xyz", down, strict=True)}
         found["turning speed"] = (_length([signals[f"w{a}"] for a in "xyz"]), "rad/s")
         found["turning acceleration"] = (_length([signals[f"al{a}"] for a in "xyz"]), "rad/s²")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +30,7 @@ POWER = 0.8
 RANK_TOLERANCE = 1e-4
 """Share of a column that must be left after projection; less is a derivative's rounding, not a direction."""
 DRAWS = 100
+SEED = 0
 """Draws of pure noise from which a supremum over nuisance values takes its number of trials."""
 
 
@@ -53,7 +54,6 @@ class Screening:
     amounts: Mapping[str, tuple[float, float]]
     detectable: Mapping[str, float]
     soaked: float
-    rms_limit: Mapping[str, float] = field(default_factory=dict)
     reason: str = ""
 
     @property
@@ -95,6 +95,12 @@ class Background:
         raw = self._evaluated[0]
         return np.asarray(raw - self.basis @ (self.basis.T @ raw))
 
+    @cached_property
+    def draws(self) -> Array:
+        """Pure noise (rows, DRAWS) with the directions taken out; always the same, so that a p-value repeats."""
+        noise = np.random.default_rng(SEED).standard_normal((len(self.residual), DRAWS))
+        return np.asarray(noise - self.basis @ (self.basis.T @ noise))
+
     @property
     def cost(self) -> float:
         """Whitened chi-square of the fit."""
@@ -112,15 +118,15 @@ def extent_of(recording: Recording, events: Sequence[tuple[float, float]] = ()) 
     return Extent(low=low, high=high, start=0.0, end=end, reach=2 * (tip or 0.2), events=tuple(events))
 
 
-def screen(fit: Fit, effects: Sequence[Effect], seed: int = 0) -> list[Screening]:
+def screen(fit: Fit, effects: Sequence[Effect]) -> list[Screening]:
     """Every effect that the model lacks, screened against the fit's residual; the most significant first."""
     background = Background(fit)
     present = {e.id for e in fit.model.effects}
-    found = [_screened(background, e, seed) for e in effects if e.id not in present]
+    found = [_screened(background, e) for e in effects if e.id not in present]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))
 
 
-def _screened(background: Background, effect: Effect, seed: int) -> Screening:
+def _screened(background: Background, effect: Effect) -> Screening:
     fit = background.fit
     model = fit.model + effect
     missing = [_missing(fit.model.base, effect, r) for r in fit.recordings]
@@ -134,7 +140,7 @@ def _screened(background: Background, effect: Effect, seed: int) -> Screening:
     grid = effect.nuisance_grid(extent)
     if not grid:
         return _not_excited(effect, "the recording has no position")
-    return _best_of_grid(background, model, effect, grid, seed)
+    return _best_of_grid(background, model, effect, grid)
 
 
 def _missing(base: WrenchModel, effect: Effect, recording: Recording) -> tuple[str, ...]:
@@ -146,7 +152,7 @@ def _missing(base: WrenchModel, effect: Effect, recording: Recording) -> tuple[s
 
 
 def _not_excited(effect: Effect, reason: str) -> Screening:
-    return Screening(effect, 0.0, 0, 1.0, {}, {}, {}, 1.0, {}, reason)
+    return Screening(effect, 0.0, 0, 1.0, {}, {}, {}, 1.0, reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +167,7 @@ class _Candidate:
     doubt: float
 
 
-def _best_of_grid(
-    background: Background, model: WrenchModel, effect: Effect, grid: Sequence[Values], seed: int
-) -> Screening:
+def _best_of_grid(background: Background, model: WrenchModel, effect: Effect, grid: Sequence[Values]) -> Screening:
     parameters = effect.qualified(model.space)
     amplitudes = [p for p in parameters if not p.nuisance]
     names = {p.name: q.name for p, q in zip(effect.parameters(model.space), parameters, strict=True)}
@@ -177,7 +181,7 @@ def _best_of_grid(
             if best is None or candidate.score > best[0].score:
                 best = (candidate, values)
         if len(grid) > 1:
-            noise_scores = np.maximum(noise_scores, projected.noise_scores(np.random.default_rng(seed)))
+            noise_scores = np.maximum(noise_scores, projected.noise_scores())
     if best is None or best[0].rank == 0:
         return _not_excited(effect, why_not_shown(projected))
     candidate, start = best
@@ -347,11 +351,9 @@ class Projected:
             for g in range(len(rank))
         ]
 
-    def noise_scores(self, generator: np.random.Generator) -> Array:
+    def noise_scores(self) -> Array:
         """The largest score of these columns in draws of pure noise, (DRAWS,)."""
-        draws = generator.standard_normal((len(self.columns), DRAWS))
-        basis = self.background.basis
-        score, _ = self.scores(draws - basis @ (basis.T @ draws))
+        score, _ = self.scores(self.background.draws)
         return np.asarray(score.max(axis=0))
 
 

@@ -213,6 +213,8 @@ def fit(
     mass comes out negative under the convention stated.
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
+    if not several:
+        raise InputError(what="no recording was given", where="recordings", remedy="give at least one")
     for recording in several:
         if recording.channels != model.channels:
             raise InputError(

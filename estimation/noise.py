@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from estimation.recording import Recording
 from estimation.spectrum import Spectrum, smooth_spectrum
 from estimation.whitening import LineWhitener, RegressionWhitener, Whitener, inverse_root
+from modeling.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ class Noise:
         To first order the logarithm of such a sum moves by the shares times the logarithms of the noise's power. Those
         belong together along a channel's curve and not from channel to channel.
         """
-        if not self.spectra or self.whitener.rows != len(self.doubt):
+        if len(self.doubt) != 2 * len(self.frequency) * len(self.spectra) or not self.spectra:
             return np.asarray(self.doubt @ shares)
         lines = shares.reshape(len(self.frequency), 2, len(self.spectra), -1).sum(axis=1)
         return np.asarray(sum(s.joint_doubt(self.frequency, lines[:, c]) for c, s in enumerate(self.spectra)))
@@ -76,6 +77,7 @@ def noise_of(
     `fitted` is the number of parameters that went into it, `events` are intervals (s) of a run with noise of their own.
     """
     if recording.repeats > 1:
+        _require_noise(recording)
         return _from_repeats(recording, residual)
     stated = stated_floor(recording)
     if stated is not None:
@@ -104,6 +106,19 @@ def repeat_floor(recording: Recording) -> Array:
     repeats, once = recording.repeats, recording.samples_per_repeat
     blocks = recording.wrench.reshape(repeats, once, -1)
     return np.asarray(np.sqrt(((blocks - blocks.mean(0)) ** 2).sum((0, 1)) / (once * (repeats - 1))))
+
+
+def _require_noise(recording: Recording) -> None:
+    """Raise InputError for channels that read the same in every repeat."""
+    largest = np.abs(recording.wrench).max(axis=0)
+    floor = repeat_floor(recording)
+    dead = [c for c, f, size in zip(recording.channels, floor, largest, strict=True) if f <= 1e-9 * size or size == 0]
+    if dead:
+        raise InputError(
+            what=f"{', '.join(dead)} reads the same in every repeat, so that no noise can be measured",
+            where=recording.name,
+            remedy="record the raw sensor, or leave `repeat` out and state the noise under [sensor] in the rig",
+        )
 
 
 def _from_repeats(recording: Recording, residual: Array) -> Noise:

@@ -114,7 +114,8 @@ def _averaged(model: WrenchModel, recordings: Sequence[Recording]) -> Averages:
 
 def _window(averages: Averages, number: int) -> tuple[int, int] | None:
     own = np.flatnonzero(averages.owner == number)
-    best = _best_window(averages, own, [(i, j) for i in range(0, BLOCKS, 6) for j in range(i + 6, BLOCKS + 1, 6)])
+    coarse = [(i, j) for i in range(0, BLOCKS, 6) for j in range(i + 6, BLOCKS + 1, 6)]
+    best = _best_window(averages, own, coarse)
     fine = range(-5, 6)
     near = [(best[0] + i, best[1] + j) for i in fine for j in fine]
     start, end = _best_window(averages, own, [(i, j) for i, j in near if 0 <= i < j - 1 and j <= BLOCKS])
@@ -123,7 +124,8 @@ def _window(averages: Averages, number: int) -> tuple[int, int] | None:
     residual = averages.residual_without(inside)
     rest = residual[np.setdiff1d(own, own[start:end])]
     wrench, soaked = averages.constant_wrench(inside)
-    return (start, end) if _exceeds(wrench, soaked, rest, averages.raw_spread[number]) else None
+    windows = len(coarse) + len(near)
+    return (start, end) if _exceeds(wrench, soaked, rest, averages.raw_spread[number], windows) else None
 
 
 def _best_window(averages: Averages, own: NDArray[np.intp], windows: list[tuple[int, int]]) -> tuple[int, int]:
@@ -144,10 +146,10 @@ def _best_window(averages: Averages, own: NDArray[np.intp], windows: list[tuple[
     return windows[int(np.argmin(totals))]
 
 
-def _exceeds(wrench: Array, soaked: Array, rest: Array, raw_spread: Array) -> bool:
+def _exceeds(wrench: Array, soaked: Array, rest: Array, raw_spread: Array, windows: int) -> bool:
     """Whether a constant wrench is more than the rest of the run, or its raw noise, could leave anywhere."""
     spread = np.sqrt((rest**2).mean(axis=0))
     correlation = np.clip((rest[1:] * rest[:-1]).mean(axis=0) / np.maximum(spread**2, 1e-300), 0.0, 0.99)
     freedom = np.maximum(2.0, len(rest) * (1 - correlation) / (1 + correlation))
-    limit = student.isf(CHANCE / 2 / (len(wrench) * BLOCKS), freedom)
+    limit = student.isf(CHANCE / 2 / (len(wrench) * windows), freedom)
     return bool(np.any(np.abs(wrench) > limit * soaked * np.maximum(spread, raw_spread)))

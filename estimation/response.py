@@ -50,7 +50,7 @@ def signals_of(recording: Recording) -> Mapping[str, Array]:
     """The recording's signals, auxiliary ones smoothed, and `progress`, -1 to 1 over the record."""
     signals = dict(recording.signals)
     if recording.dt is not None:
-        for name in recording.auxiliary:
+        for name in (name for name in recording.auxiliary if np.ptp(signals[name]) > 0):
             signals[name] = smooth(signals[name][:, None], recording.dt).value[:, 0]
     return signals | {"progress": np.linspace(-1.0, 1.0, recording.samples)}
 

@@ -9,8 +9,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.stats import gamma
 
+from modeling.errors import InputError
+
 Array = NDArray[np.float64]
 
+FEWEST = 8
+"""Ordinates below which a curve of four free coefficients and its smoothness cannot be told apart."""
 TONE_PROBABILITY = 0.01
 """Chance that an untroubled record loses one ordinate to the search for tones."""
 
@@ -74,6 +78,12 @@ def smooth_spectrum(frequency: Array, ordinates: Array, *, shape: float = 1.0, s
     """
     begin = float(frequency.min()) if start is None else min(start, float(frequency.min()))
     keep = np.isfinite(ordinates) & (ordinates > 0)
+    if keep.sum() < FEWEST:
+        raise InputError(
+            what="a channel's noise has too few lines to be judged by",
+            where="recording",
+            remedy="record longer, or the raw sensor instead of rounded readings",
+        )
     tones = ~keep
     for _ in range(4):
         curve = _fitted(frequency, ordinates, ~tones, shape, begin)

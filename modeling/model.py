@@ -13,11 +13,9 @@ from modeling.chain import Chain, Stage, rigid_chain
 from modeling.effect import Effect
 from modeling.errors import InputError
 from modeling.parameter import Parameter
-from modeling.rig import Convention, Rig
+from modeling.rig import STANDARD_GRAVITY, Convention, Rig
 from modeling.space import Space
 from modeling.tip import body_parameters
-
-STANDARD_GRAVITY = 9.806
 
 QuarterTurns = tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, int, int]]
 ALIGNED: QuarterTurns = ((1, 0, 0), (0, 1, 0), (0, 0, 1))

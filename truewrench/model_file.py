@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from functools import reduce
-from math import inf, isclose, isfinite
+from math import isclose, isfinite
 from operator import add
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from estimation.fit import Estimate, Fit, Problem
+from estimation.fit import Estimate, Fit
 from estimation.noise import NoiseSource
 from modeling.effect import Effect
 from modeling.effects import named
@@ -55,7 +55,7 @@ class ModelFile:
     def of(cls, fitted: Fit) -> Self:
         """The model of a fit, with the biases of its first recording."""
         noise, names = fitted.noise[0], [p.name for p in fitted.model.parameters]
-        known = estimates(fitted)
+        known = fitted.parameters
         unseen = [not isfinite(known[name].std) for name in names]
         covariance = fitted.covariance[: len(names), : len(names)].copy()
         covariance[unseen], covariance[:, unseen] = 0.0, 0.0
@@ -139,14 +139,6 @@ class ModelFile:
     def to_text(self) -> str:
         """The JSON text of the file."""
         return json.dumps(self.to_data(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def estimates(fitted: Fit) -> dict[str, Estimate]:
-    """Every unknown of a fit by name, with an infinite std where nothing in the recordings depends on it."""
-    derivative = Problem(fitted.layout, fitted.recordings, fitted.noise).evaluate(fitted.theta)[1]
-    seen = np.asarray(derivative.any(axis=0)).tolist()
-    found = zip(fitted.parameters.values(), seen, strict=True)
-    return {e.name: e if is_seen else replace(e, std=inf) for e, is_seen in found}
 
 
 def _finite(value: float) -> float | None:

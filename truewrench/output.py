@@ -38,7 +38,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     ordinary = target.is_file() or not target.exists()
-    beside = target.with_name(f".{target.name}.tmp") if ordinary else target
+    beside = target.with_name(f".{target.name}.{os.getpid()}.tmp") if ordinary else target
     try:
         if ordinary:
             target.parent.mkdir(parents=True, exist_ok=True)

@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> None:
     from diagnosis.comparison import comparison_of
     from estimation.fit import fit
     from truewrench.case import Case, sign_data, sign_sentence
-    from truewrench.model_file import ModelFile, estimates
+    from truewrench.model_file import ModelFile
     from truewrench.output import progress_line, replacing
     from truewrench.summary import table_of
 
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> None:
         print(json.dumps(data, indent=2, allow_nan=False))
         return
     parts = [] if case.sign is None else [sign_sentence(case.sign)]
-    parts += [table_of(estimates(fitted)), *(f"{c.recording.name}:\n{c}" for c in comparisons)]
+    parts += [table_of(fitted.parameters), *(f"{c.recording.name}:\n{c}" for c in comparisons)]
     parts += [] if arguments.out is None else [f"Written: {arguments.out}"]
     print("\n\n".join(parts))
 
