@@ -108,6 +108,7 @@ class Diagnosis:
             "noise_source": first.noise.source.value,
             "added": list(self.added),
             "lack_of_fit_p": self.lack_of_fit,
+            "converged": self.fit.converged,
             "steps": [_step_data(s) for s in self.steps],
             "effects": [_finding_data(f) for f in self.findings],
             "parameters": _estimates_data(self.fit.parameters),

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from estimation.convention import decided
 from estimation.layout import Layout, layout
-from estimation.noise import Noise, NoiseSource, noise_of, step_of
+from estimation.noise import Noise, NoiseSource, step_of
+from estimation.noise_source import noise_of
 from estimation.push import find_pushes
 from estimation.recording import Recording
 from estimation.response import Response, respond
@@ -44,6 +45,7 @@ class Fit:
 
     theta       (k,) unknowns in the order of `layout.parameters`
     covariance  (k, k) from the whitened derivative, valid for the noise it was whitened with
+    converged   whether the last refit came to rest
     shown       (k,) whether the recordings tell an unknown apart from all others
     noise       per recording
     """
@@ -55,6 +57,7 @@ class Fit:
     theta: Array
     covariance: Array
     shown: NDArray[np.bool_]
+    converged: bool = True
 
     @cached_property
     def parameters(self) -> Mapping[str, Estimate]:
@@ -90,7 +93,8 @@ class Fit:
         ]
 
     def __str__(self) -> str:
-        return table(("parameter", "value", "std", "unit"), self.rows())
+        found = table(("parameter", "value", "std", "unit"), self.rows())
+        return found if self.converged else f"{found}\nnot converged after {MOST_STEPS} steps: the values may move on"
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -146,8 +150,8 @@ class Problem:
             else:
                 damping = max(10 * damping, 1e-6)
             if abs(gain) < STEP_TOLERANCE or damping > 1e6:
-                break
-        return Minimum(theta, *covariance_of(derivative), cost)
+                return Minimum(theta, *covariance_of(derivative), cost, True)
+        return Minimum(theta, *covariance_of(derivative), cost, False)
 
 
 def damped_step(residual: Array, derivative: Array, theta: Array, bounds: tuple[Array, Array], damping: float) -> Array:
@@ -169,12 +173,16 @@ def damped_step(residual: Array, derivative: Array, theta: Array, bounds: tuple[
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """Unknowns (k,) at a minimum, their covariance (k, k), which of them the data show (k,), and the chi-square."""
+    """Unknowns (k,) at a minimum, their covariance (k, k), which of them the data show (k,), and the chi-square.
+
+    `converged` is False when the steps ran out before the chi-square stood still.
+    """
 
     theta: Array
     covariance: Array
     shown: NDArray[np.bool_]
     cost: float
+    converged: bool
 
 
 def covariance_of(derivative: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -242,7 +250,7 @@ def refit(
         problem = Problem(unknowns, several, known)
         found = problem.minimise(theta)
         theta = found.theta
-        estimated = Fit(model, several, known, unknowns, theta, found.covariance, found.shown)
+        estimated = Fit(model, several, known, unknowns, theta, found.covariance, found.shown, found.converged)
         if noise is not None or all(n.source is not NoiseSource.RESIDUAL for n in known):
             break
         known = refreshed(estimated)

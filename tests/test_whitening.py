@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
-from estimation.noise import Noise, NoiseSource, noise_of
+from estimation.noise import Noise, NoiseSource
+from estimation.noise_source import noise_of
 from estimation.reading import from_columns
 from estimation.recording import Recording
 from estimation.response import Response

@@ -9,6 +9,8 @@ from modeling.effects.time import BiasDrift, ContactEvent, ThermalDrift
 from modeling.errors import InputError
 from modeling.space import Space
 
+__all__ = ["CATALOGUE", "BiasDrift", "Effect", "catalogue", "named"]
+
 com_offset = CentreOfMassOffset
 gravity_tilt = GravityTilt
 viscous_drag = ViscousDrag

@@ -1,0 +1,84 @@
+"""The seam: where a Fourier transform joins a record's end to its start, and coloured noise jumps on all lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.spectrum import Spectrum
+from estimation.whitening import LineWhitener
+
+Array = NDArray[np.float64]
+
+SEAM = 4
+"""Samples after the record's end is joined to its start at which coloured noise may start anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeamlessWhitener(LineWhitener):
+    """A line whitener that does not believe the seam, where the transform joins the record's end to its start.
+
+    Coloured noise does not close on itself. Filtered to whiteness round the seam, the first few samples after it are
+    wrong, by the same amount in all lines: to a drift, which jumps there too, they look like proof. The noise is
+    therefore free to start anew, as in an autoregression that is given its first samples. The directions `seam`
+    (rows, k), orthonormal, of the motion's lines and of those between are taken out of every row, and the rest
+    scaled so that the squares of noise still add up to the number of rows.
+    """
+
+    steady_seam: Array
+    rest_seam: Array
+
+    def series(self, values: Array) -> Array:
+        """Rows of a series over the whole record, without the seam."""
+        rows = super().series(values)
+        parts = (
+            _without(rows[: self.steady_rows], self.steady_seam),
+            _without(rows[self.steady_rows :], self.rest_seam),
+        )
+        return np.concatenate(parts)
+
+    def steady(self, values: Array) -> Array:
+        """Rows of one repeat of a periodic series, without the seam."""
+        return _without(super().steady(values), self.steady_seam)
+
+
+def _without(rows: Array, seam: Array) -> Array:
+    if not rows.size or not seam.size:
+        return rows
+    flat = rows.reshape(len(rows), -1)
+    kept = flat - seam @ (seam.T @ flat)
+    return np.asarray(kept * np.sqrt(len(rows) / (len(rows) - seam.shape[1]))).reshape(rows.shape)
+
+
+def seamless(plain: LineWhitener, spectra: tuple[Spectrum, ...], dt: float) -> LineWhitener:
+    """The whitener less the noise that begins at the seam: its answer to each of the first shocks."""
+    once = plain.samples // plain.repeats
+    steady = plain.steady(shocks_of(spectra, once, dt))
+    rest = np.zeros((0, 1))
+    if len(plain.between):
+        rest = plain.series(shocks_of(spectra, plain.samples, dt))[plain.steady_rows :]
+    fields = (plain.samples, plain.repeats, plain.motion, plain.between, plain.root)
+    return SeamlessWhitener(*fields, np.linalg.qr(steady)[0], np.linalg.qr(rest)[0])
+
+
+def shocks_of(spectra: tuple[Spectrum, ...], n: int, dt: float) -> Array:
+    """Noise (n, p, p SEAM) that a unit shock in one channel at one of the first samples sets going.
+
+    The causal series whose transform has the modulus sqrt(S): the minimum-phase one, by folding the cepstrum.
+    """
+    p = len(spectra)
+    series = np.zeros((n, p, p * SEAM))
+    frequency = np.maximum(np.arange(n // 2 + 1), 1) / (n * dt)
+    for channel, spectrum in enumerate(spectra):
+        cepstrum = np.fft.irfft(np.log(spectrum(frequency)) / 2, n=n)
+        cepstrum[1 : (n + 1) // 2] *= 2
+        cepstrum[n // 2 + 1 :] = 0
+        answer = np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), n=n)
+        for late in range(SEAM):
+            series[:, channel, channel * SEAM + late] = np.roll(answer, late)
+    return series
+
+
+# ------------------------------------------------------------------------------------------- events
