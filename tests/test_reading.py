@@ -149,6 +149,12 @@ RAW: dict[str, tuple[bytes, list[str]]] = {
     "no header": (ROWS.encode(), ["row 1", "header"]),
     "semicolons": ((HEADER + ROWS).replace(",", ";").encode(), ["commas"]),
     "open quote": ((HEADER + ROWS + '"1,2,3,4\n').encode(), ["row"]),
+    "short row, old line ends": (
+        (HEADER + ROWS + "1,2,3\n" + ROWS).replace("\n", "\r").encode(),
+        ["row 6", "3 values"],
+    ),
+    "endless name": ((HEADER.replace("tau", "t" * 131073) + ROWS).encode(), ["row 1 cannot be read"]),
+    "open quote in the header": (('"' + HEADER + ROWS * 5000).encode(), ["row 1 cannot be read"]),
 }
 
 
@@ -181,3 +187,12 @@ def test_harmless_habits_of_programs(tmp_path: Path) -> None:
     text = "\ufeff" + HEADER.replace(",", ", ") + ROWS + "\n\n"
     (tmp_path / "run.csv").write_bytes(text.replace("\n", "\r\n").encode())
     assert read(tmp_path / "run.csv").samples == 4
+
+
+def test_line_ends_of_every_system_are_alike(tmp_path: Path) -> None:
+    wrenches = []
+    for end in ("\n", "\r\n", "\r"):
+        (tmp_path / "run.csv").write_bytes((HEADER + ROWS).replace("\n", end).encode())
+        wrenches.append(read(tmp_path / "run.csv").wrench)
+    np.testing.assert_array_equal(wrenches[1:], [wrenches[0]] * 2)
+    assert wrenches[0].shape == (4, 3)

@@ -1,0 +1,96 @@
+"""Which wrench and which form of motion a table holds; or one line that says what it lacks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from estimation.recording import QUATERNION, MotionForm, numbered
+from estimation.table import Table
+from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
+
+JOINT_ANGLE = re.compile(r"q[1-9]\d*")
+RECORD = "record it, or rename the column that holds it"
+
+
+def wrench_channels(table: Table) -> tuple[str, ...]:
+    """The channels of the one wrench that is there, all of them."""
+    planar, spatial = (
+        [channel for channel in channels if channel in table.columns]
+        for channels in (PLANAR_CHANNELS, SPATIAL_CHANNELS)
+    )
+    lone = [channel for channel in spatial if channel not in PLANAR_CHANNELS]
+    if "tau" in planar and lone:
+        what = f"a mixed wrench: the planar tau beside {', '.join(lone)}"
+        raise table.error(what, "keep fx, fy, tau or fx, fy, fz, tx, ty, tz")
+    expected, found = (SPATIAL_CHANNELS, spatial) if lone else (PLANAR_CHANNELS, planar)
+    missing = [channel for channel in expected if channel not in found]
+    if not found:
+        raise table.error("there is no wrench: fx, fy, tau or fx, fy, fz, tx, ty, tz are missing", RECORD)
+    if missing:
+        raise table.error(f"the wrench is missing {_listed(missing)}", RECORD)
+    return expected
+
+
+def motion_form(table: Table, channels: tuple[str, ...], rig: Rig | None) -> MotionForm:
+    """The first complete form of motion, in the order of FORMATS, that this wrench can go with."""
+    planar = channels == PLANAR_CHANNELS
+    forms = (MotionForm.JOINTS, MotionForm.PLANAR_POSE) if planar else (MotionForm.POSE,)
+    obstacles = {form: _missing(form, table, rig) for form in forms}
+    for form, obstacle in obstacles.items():
+        if obstacle is None:
+            return form
+    for form, obstacle in obstacles.items():
+        if obstacle is not None and _begun(form, table):
+            raise table.error(*obstacle)
+    if planar:
+        raise table.error("the motion is missing: neither q1..qn nor phi", RECORD)
+    remedy = "record the orientation of the sensor (joint angles are read for planar arms only)"
+    raise table.error(f"the motion is missing {_listed(QUATERNION)}", remedy)
+
+
+def _begun(form: MotionForm, table: Table) -> bool:
+    """Whether anything of this form is there, so that what it lacks is worth naming."""
+    if form is MotionForm.JOINTS:
+        return bool(_joint_angles(table))
+    names = ("phi", "ax", "ay") if form is MotionForm.PLANAR_POSE else QUATERNION
+    return any(name in table.columns for name in names)
+
+
+def _joint_angles(table: Table) -> list[str]:
+    angles = (name for name in table.columns if JOINT_ANGLE.fullmatch(name))
+    return sorted(angles, key=lambda name: int(name[1:]))
+
+
+def _missing(form: MotionForm, table: Table, rig: Rig | None) -> tuple[str, str] | None:
+    """What keeps a form of motion from being complete, and the remedy; None when it is complete."""
+    if form is MotionForm.JOINTS:
+        return _missing_joints(table, rig)
+    needed = ["phi"] if form is MotionForm.PLANAR_POSE else list(QUATERNION)
+    if form is MotionForm.PLANAR_POSE and ("ax" in table.columns) != ("ay" in table.columns):
+        needed += ["ax", "ay"]
+    missing = [name for name in needed if name not in table.columns]
+    return (f"the motion is missing {_listed(missing)}", RECORD) if missing else None
+
+
+def _missing_joints(table: Table, rig: Rig | None) -> tuple[str, str] | None:
+    angles = _joint_angles(table)
+    if rig is None or rig.link_lengths is None:
+        lacks = "no rig was given" if rig is None else "the rig has no link_lengths"
+        return (
+            f"columns {_listed(angles)} are joint angles, and {lacks}",
+            "give a rig with robot.link_lengths",
+        )
+    expected = numbered("q", len(rig.link_lengths))
+    missing = [name for name in expected if name not in angles]
+    if missing:
+        return f"the motion is missing {_listed(missing)}", "record every joint of robot.link_lengths"
+    extra = [name for name in angles if name not in expected]
+    if extra:
+        what = f"columns {_listed(extra)} are joint angles beyond the rig's {len(expected)} link_lengths"
+        return what, "give a rig with a length for each joint, or rename the column"
+    return None
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names)

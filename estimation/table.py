@@ -1,0 +1,194 @@
+"""From a file to columns of finite numbers; or one line that says what is wrong and where."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from modeling.errors import InputError
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Table:
+    """Finite columns by name, (n,) each; where they come from, and the row of the first sample there."""
+
+    columns: Mapping[str, Array]
+    where: str
+    first_row: int
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def row(self, index: int) -> int:
+        """Row in the file of a sample; a CSV's header is row 1."""
+        return self.first_row + index
+
+    def error(self, what: str, remedy: str) -> InputError:
+        """An InputError about this table."""
+        return InputError(what=what, where=self.where, remedy=remedy)
+
+
+def file_table(path: Path) -> Table:
+    """The table in a CSV or Parquet file; rows are counted with a CSV's header as row 1."""
+    content = _content(path)
+    parquet = path.suffix.lower() in (".parquet", ".pq") or content.startswith(b"PAR1")
+    return _parquet_table(content, str(path)) if parquet else _csv_table(content, str(path))
+
+
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        what = error.strerror or "cannot be read"
+        raise InputError(what=what, where=str(path), remedy="give the path of a CSV or Parquet file") from None
+    if not content.strip():
+        raise InputError(what="the file is empty", where=str(path), remedy="give a recording with a header row")
+    return content
+
+
+def _csv_table(content: bytes, where: str) -> Table:
+    text = _decoded(content, where)
+    names = _names(text, where)
+    try:
+        with warnings.catch_warnings():
+            # Rows that are too long would be cut off with no more than this warning.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(
+                io.StringIO(text),
+                header=0,
+                names=names,
+                index_col=False,
+                dtype=np.float64,
+                skip_blank_lines=False,
+            )
+        trouble = "" if np.isfinite(frame.to_numpy()).all() else "a value is missing or not finite"
+    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # parser errors are ValueErrors
+        trouble = str(error)
+    if trouble:
+        _explain(text, names, where)
+        raise InputError(what=trouble, where=where, remedy="correct the file")
+    return _filled({name: frame[name].to_numpy(dtype=float) for name in names}, where=where, first_row=2)
+
+
+def _decoded(content: bytes, where: str) -> str:
+    remedy = "give a CSV file in UTF-8, or a Parquet file"
+    if b"\0" in content:
+        raise InputError(what="a binary file, not a CSV", where=where, remedy=remedy)
+    try:
+        text = content.decode("utf-8-sig").rstrip() + "\n"
+    except UnicodeDecodeError as error:
+        raise InputError(what=f"not UTF-8 text: {error}", where=where, remedy=remedy) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")  # the csv module refuses lines that end in CR only
+
+
+def _names(text: str, where: str) -> list[str]:
+    try:
+        names = [name.strip() for name in next(csv.reader(io.StringIO(text)))]
+    except csv.Error as error:
+        what = f"row 1 cannot be read: {error}"
+        raise InputError(what=what, where=where, remedy="correct that row") from None
+    if len(names) == 1 and re.search(r"[;\t]", names[0]):
+        what = "the columns are not separated by commas"
+        raise InputError(what=what, where=where, remedy="write a CSV with commas, and points in the numbers")
+    if all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
+        raise InputError(what="row 1 is no header", where=where, remedy="name the columns in the first row")
+    return _unique(names, where)
+
+
+def _unique(names: Sequence[str], where: str) -> list[str]:
+    for i, name in enumerate(names):
+        if not name:
+            what = f"column {i + 1} has no name"
+            raise InputError(what=what, where=where, remedy="name it in the header, or remove it")
+        if name in names[:i]:
+            what = f"column {name} is there twice"
+            raise InputError(what=what, where=where, remedy="rename or remove one of them")
+    return list(names)
+
+
+def _explain(text: str, names: Sequence[str], where: str) -> None:
+    """Raise the InputError of the first cell that is no finite number; the slow way, only after trouble."""
+    try:
+        reader = csv.reader(io.StringIO(text), strict=True)
+        next(reader)
+        for cells in reader:
+            _explain_row(cells, names, reader.line_num, where)
+    except csv.Error as error:
+        what = f"row {reader.line_num} cannot be read: {error}"
+        raise InputError(what=what, where=where, remedy="correct that row") from None
+
+
+def _explain_row(cells: Sequence[str], names: Sequence[str], row: int, where: str) -> None:
+    if len(cells) != len(names):
+        what = f"row {row} has {len(cells)} values, and the header has {len(names)} columns"
+        raise InputError(what=what, where=where, remedy="complete or remove that row")
+    for name, cell in zip(names, cells, strict=True):
+        if not cell.strip():
+            what = f"column {name} is empty at row {row}"
+            raise InputError(what=what, where=where, remedy="fill in the value, or remove the row")
+        try:
+            number = float(cell) if "_" not in cell else None
+        except ValueError:
+            number = None
+        if number is None:
+            what = f"column {name} is not a number at row {row}: {cell.strip()[:40]!r}"
+            raise InputError(what=what, where=where, remedy="make the column numeric, or remove it")
+        if not np.isfinite(number):
+            what = f"column {name} is {cell.strip()} at row {row}"
+            raise InputError(what=what, where=where, remedy="replace it by a finite number, or remove the row")
+
+
+def _parquet_table(content: bytes, where: str) -> Table:
+    import pyarrow as pa  # slow to import, and a CSV does not need it
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(io.BytesIO(content))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        what = f"not a Parquet file: {error}"
+        raise InputError(what=what, where=where, remedy="give a CSV or Parquet file") from None
+    _unique(table.column_names, where)
+    frame = table.to_pandas(ignore_metadata=True)
+    kept = [name for name in frame.columns if not re.fullmatch(r"__index_level_\d+__", name)]
+    return frame_table(frame[kept], where)
+
+
+def frame_table(frame: pd.DataFrame, where: str) -> Table:
+    """A data frame's columns, each checked to be finite numbers; rows are counted from 1."""
+    columns = {}
+    for name in frame.columns:
+        column = frame[name]
+        if not _is_real(column):
+            what = f"column {name} is not numeric but {column.dtype} from row 1 on"
+            raise InputError(what=what, where=where, remedy="make the column numeric, or remove it")
+        values = column.to_numpy(dtype=float, na_value=np.nan, copy=True)
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if wrong.size:
+            what = f"column {name} is {values[wrong[0]]} at row {wrong[0] + 1}"
+            raise InputError(what=what, where=where, remedy="replace it by a finite number, or remove the row")
+        columns[str(name)] = values
+    return _filled(columns, where=where, first_row=1)
+
+
+def _is_real(column: pd.Series) -> bool:
+    kind = pd.api.types
+    odd = kind.is_bool_dtype(column) or kind.is_complex_dtype(column)
+    return kind.is_numeric_dtype(column) and not odd
+
+
+def _filled(columns: Mapping[str, Array], *, where: str, first_row: int) -> Table:
+    if not columns or not len(next(iter(columns.values()))):
+        raise InputError(what="there are no samples", where=where, remedy="give a recording with rows")
+    return Table(columns=columns, where=where, first_row=first_row)

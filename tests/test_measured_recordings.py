@@ -1,0 +1,78 @@
+"""The measured recordings of a KUKA LBR Med 14 with an ATI Gamma and an unknown tool (Skrede, Zenodo 11096791).
+
+They lie at TRUEWRENCH_DATA, or else at ../shared/data beside the repository; without them these tests are skipped.
+What is known of them is a mass of 0.934 ± 0.003 kg and a centre of mass at (0.3, 0.1, 43.9) mm from the poses.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.verdict import RecordVerdict
+from estimation.convention import decide_convention
+from estimation.fit import fit
+from estimation.reading import read
+from estimation.recording import Recording
+from modeling.errors import InputError
+from modeling.model import spatial
+from modeling.rig import Convention, Rig
+
+DATA = Path(os.environ.get("TRUEWRENCH_DATA") or Path(__file__).parents[2] / "shared" / "data") / "ais2202"
+
+pytestmark = pytest.mark.skipif(
+    not DATA.is_dir(), reason=f"no recordings at {DATA}: set TRUEWRENCH_DATA to the folder that holds `ais2202`"
+)
+
+KNOWN_MASS = 0.934
+
+
+@lru_cache
+def recording(name: str) -> Recording:
+    return read(DATA / f"{name}.csv", rig=Rig.read(DATA / "rig.toml"))
+
+
+@lru_cache
+def diagnosed(*names: str) -> Diagnosis:
+    return diagnose(spatial(Rig.read(DATA / "rig.toml")), [recording(name) for name in names])
+
+
+def test_the_poses_weigh_the_tool_and_decide_the_sign() -> None:
+    fitted = fit(spatial(), read(DATA / "calibration_poses.csv"))
+    assert fitted.model.convention is Convention.ON_SENSOR
+    values = fitted.values
+    assert values["m"] == pytest.approx(KNOWN_MASS, abs=0.003)
+    centre = np.array([values["mx"], values["my"], values["mz"]]) / values["m"]
+    assert np.allclose(centre, [0.3e-3, 0.1e-3, 43.9e-3], atol=0.2e-3)  # the last digit that is known, twice
+
+
+@pytest.mark.parametrize("name", ["baseline", "vibrations", "contact"])
+def test_the_runs_cannot_decide_the_sign(name: str) -> None:
+    with pytest.raises(InputError, match="does not span three directions"):
+        decide_convention([recording(name)], 9.806)
+
+
+@pytest.mark.parametrize("names", [("contact",), ("contact", "calibration_poses")])
+def test_the_hand_is_found_and_not_taken_for_a_heavier_tool(names: tuple[str, ...]) -> None:
+    """Fitted blindly the contact run weighs 1.20 kg; the hand is on the tool from about 0.6 s to 4.2 s."""
+    found = diagnosed(*names)
+    assert found.added == ("contact_event",)
+    parameters = found.fit.parameters
+    assert parameters["contact_event.start"].value == pytest.approx(0.6, abs=0.4)
+    assert parameters["contact_event.end"].value == pytest.approx(4.2, abs=0.4)
+    assert parameters["m"].value == pytest.approx(KNOWN_MASS, abs=0.03 if len(names) == 1 else 0.005)
+
+
+@pytest.mark.parametrize("name", ["calibration_poses", "baseline", "vibrations"])
+def test_what_the_others_hold_has_no_name_in_the_catalogue(name: str) -> None:
+    """A force that depends on the pose, interference and hammer taps: nothing to add, and it is said where they are."""
+    found = diagnosed(name)
+    assert found.added == ()
+    assert found.verdict is RecordVerdict.UNEXPLAINED
+    assert found.remainder is not None
+    assert found.remainder.where

@@ -1,0 +1,208 @@
+"""Hidden effects of the sensor and of its zero."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+from truewrench.simulated_rig.hidden import Clock, HiddenEffect, SensorEffect, Signal, ZeroShift
+from truewrench.simulated_rig.scene import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorGain(SensorEffect):
+    """Each channel named reads (1 + error) times what it should; errors as (channel, error)."""
+
+    id = "sensor_gain"
+    order = 0
+    errors: tuple[tuple[str, float], ...] = (("fy", 0.03),)
+
+    def through(self, signal: Signal) -> Signal:
+        """Scale channels."""
+        errors = dict(self.errors)
+        _known(self, errors, signal.channels)
+        gains = np.array([1 + errors.get(c, 0.0) for c in signal.channels])
+        return signal.mapped(lambda wrench: wrench * gains)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorCrosstalk(SensorEffect):
+    """Channels leak: (into, out_of, gain) adds gain times the true channel `out_of` to the reading `into`."""
+
+    id = "sensor_crosstalk"
+    order = 1
+    leaks: tuple[tuple[str, str, float], ...] = (("fy", "fx", 0.04),)
+
+    def through(self, signal: Signal) -> Signal:
+        """Mix channels."""
+        names = signal.channels
+        _known(self, (name for leak in self.leaks for name in leak[:2]), names)
+        matrix = np.eye(len(names))
+        for into, out_of, gain in self.leaks:
+            matrix[names.index(into), names.index(out_of)] += gain
+        return signal.mapped(lambda wrench: wrench @ matrix.T)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GainNonlinearity(SensorEffect):
+    """Each force channel reads w + quadratic w² + cubic w³: 1/N and 1/N²."""
+
+    id = "gain_nonlinearity"
+    order = 2
+    quadratic: float = 1.5e-3
+    cubic: float = 0.0
+
+    def through(self, signal: Signal) -> Signal:
+        """Bend the forces."""
+        square, cube = signal.amounts(self.quadratic, 0.0), signal.amounts(self.cubic, 0.0)
+        return signal.mapped(lambda w: w + square * w**2 + cube * w**3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorHysteresis(SensorEffect):
+    """Play between load and reading, of half-width `force` (N) and `torque` (N m) in the channels.
+
+    The reading follows the load only when the load reaches an end of the play.
+    """
+
+    id = "sensor_hysteresis"
+    order = 3
+    has_memory = True
+    force: float = 0.25
+    torque: float = 0.01
+
+    def through(self, signal: Signal) -> Signal:
+        """Take the play up over the period before, then through the record."""
+        width = signal.amounts(self.force, self.torque)
+        settled = _play(signal.before, width, signal.before[0])
+        before = _play(signal.before, width, settled[-1])
+        return replace(signal, before=before, record=_play(signal.record, width, before[-1]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorLag(SensorEffect):
+    """A first-order low-pass, time_constant dy/dt = wrench - y (s), in its periodic state from the beginning.
+
+    Exact for a wrench that is straight between the points of the oversampled grid.
+    """
+
+    id = "sensor_lag"
+    order = 4
+    has_memory = True
+    needs_motion = True
+    time_constant: float = 0.02
+
+    def through(self, signal: Signal) -> Signal:
+        """Filter the period before, then the record.
+
+        Over one step h the input goes from u to v and y becomes a y + old u + new v, with a = exp(-h / T),
+        new = 1 - (1 - a) T / h, old = 1 - a - new. The periodic state repeats after the period's steps.
+        """
+        share = signal.step / self.time_constant
+        kept = np.exp(-share)
+        new = 1 - (1 - kept) / share
+        old = (1 - kept) - new
+        b, a = [new, old], [1.0, -kept]
+        start = np.zeros((1, signal.before.shape[1]))
+        rest = lfilter(b, a, signal.before, axis=0, zi=start)[0]
+        ends = rest[-1] * kept + old * signal.before[-1]
+        state = (ends / (1 - kept ** len(rest)))[None, :]
+        before, after = lfilter(b, a, signal.before, axis=0, zi=state)
+        record, _ = lfilter(b, a, signal.record, axis=0, zi=after)
+        return replace(signal, before=before, record=record)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeDelay(HiddenEffect):
+    """The reading at time t is that of the motion at t - delay (s)."""
+
+    id = "time_delay"
+    needs_motion = True
+    delay: float = 0.012
+
+
+@dataclass(frozen=True, kw_only=True)
+class Saturation(HiddenEffect):
+    """Each force channel is clipped at `share` of its own largest |reading|, before the noise is added."""
+
+    id = "saturation"
+    share: float = 0.9
+
+    def clipped(self, readings: Array, forces: npt.NDArray[np.bool_]) -> Array:
+        """The readings (N, p), clipped."""
+        level = np.where(forces, self.share * np.abs(readings).max(axis=0), np.inf)
+        return np.clip(readings, -level, level)
+
+
+# the zero
+
+
+@dataclass(frozen=True, kw_only=True)
+class BiasDrift(ZeroShift):
+    """The zero wanders smoothly, by `force` (N) and `torque` (N m) from peak to peak.
+
+    It is a random sum of 1 to 4 half-waves over the record.
+    """
+
+    id = "bias_drift"
+    force: float = 0.6
+    torque: float = 0.05
+
+    def shift(self, clock: Clock, rng: np.random.Generator) -> Array:
+        """Another wander for each channel, zero in the beginning."""
+        progress = (clock.time - clock.time[0]) / (np.ptp(clock.time) or 1.0)
+        waves = np.cos(np.pi * np.multiply.outer(progress, np.arange(1, 5)))
+        wander = waves @ (rng.standard_normal((4, len(clock.channels))) / np.arange(1, 5)[:, None])
+        size = np.ptp(wander, axis=0)
+        return np.asarray((wander - wander[0]) / size * clock.amounts(self.force, self.torque))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalDrift(ZeroShift):
+    """The zero follows the true temperature: force (N/K) and torque (N m/K) times (temperature - 20 °C)."""
+
+    id = "thermal_drift"
+    force: float = 0.2
+    torque: float = 0.01
+
+    def shift(self, clock: Clock, rng: np.random.Generator) -> Array:
+        """Proportional to the temperature."""
+        return np.outer(clock.temperature - 20.0, clock.amounts(self.force, self.torque))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineInterference(ZeroShift):
+    """A tone at `frequency` (Hz), not locked to the motion, of `force` (N) and `torque` (N m)."""
+
+    id = "line_interference"
+    needs_motion = True
+    frequency: float = 17.317
+    force: float = 0.2
+    torque: float = 0.01
+
+    def shift(self, clock: Clock, rng: np.random.Generator) -> Array:
+        """One sine per channel."""
+        phase = rng.uniform(0, 2 * np.pi, len(clock.channels))
+        angle = 2 * np.pi * self.frequency * clock.time[:, None] + phase
+        return np.asarray(clock.amounts(self.force, self.torque) * np.sin(angle))
+
+
+def _known(effect: HiddenEffect, names: Iterable[str], channels: tuple[str, ...]) -> None:
+    for name in names:
+        if name not in channels:
+            raise ValueError(f"{effect.id}: the rig has no channel '{name}'; it has {', '.join(channels)}")
+
+
+def _play(load: Array, width: Array, start: Array) -> Array:
+    """The play operator, by channel: y stays within `width` of the load and moves only when pushed."""
+    low, high = load - width, load + width
+    followed = np.empty_like(load)
+    y = start
+    for i in range(len(load)):
+        y = np.minimum(np.maximum(y, low[i]), high[i])
+        followed[i] = y
+    return followed
