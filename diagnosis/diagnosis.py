@@ -5,52 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from diagnosis.acceptance import HELD_OUT_SIGNIFICANCE, HeldOut, accepted
-from diagnosis.comparison import Comparison, comparison_of
-from diagnosis.confusion import CONFUSABLE, Rival, rivals
-from diagnosis.limits import contribution_limit
+from diagnosis.confusion import rivals
+from diagnosis.finding import Finding, findings_of
+from diagnosis.limits import contribution_limit, tolerance_of, within
 from diagnosis.remainder import Remainder, remainder
-from diagnosis.screening import SIGNIFICANCE, Screening, screen
-from diagnosis.selection import Candidate, Progress, Selection, holm, refitted, select, silent
+from diagnosis.result import estimates_data, finding_data, finite, remainder_data, step_data
+from diagnosis.screening import SIGNIFICANCE, screen
+from diagnosis.selection import Candidate, Progress, refitted, select, silent
+from diagnosis.step import Step, explainable, staircase
 from diagnosis.validation import transferred, zero_shift
-from diagnosis.verdict import EffectVerdict, RecordVerdict
+from diagnosis.verdict import RecordVerdict
 from estimation.convention import decided
-from estimation.fit import Estimate, Fit, first_noise, fit, table
+from estimation.fit import Fit, first_noise, fit, table
 from estimation.recording import Recording
 from modeling.effect import Effect
 from modeling.effects import catalogue
 from modeling.errors import InputError
 from modeling.model import WrenchModel
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One step of the staircase: the model after one more effect, on the training and the held-out recordings."""
-
-    effect: str | None
-    fit: Fit
-    training: tuple[Comparison, ...]
-    validation: tuple[Comparison, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """What is said of one effect."""
-
-    effect: Effect
-    verdict: EffectVerdict
-    p_value: float | None
-    error_removed: float | None
-    detectable: Mapping[str, float]
-    confusable_with: tuple[str, ...]
-    reason: str
-    parameters: Mapping[str, Estimate]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +85,14 @@ class Diagnosis:
             "added": list(self.added),
             "lack_of_fit_p": self.lack_of_fit,
             "converged": self.fit.converged,
-            "steps": [_step_data(s) for s in self.steps],
-            "effects": [_finding_data(f) for f in self.findings],
-            "parameters": _estimates_data(self.fit.parameters),
+            "steps": [step_data(s) for s in self.steps],
+            "effects": [finding_data(f) for f in self.findings],
+            "parameters": estimates_data(self.fit.parameters),
             "zero_shift": None if self.zero_shift is None else dict(self.zero_shift),
-            "unexplained": None if self.remainder is None else _remainder_data(self.remainder),
+            "unexplained": None if self.remainder is None else remainder_data(self.remainder),
         }
-        finite: dict[str, Any] = _finite(data)
-        return finite
+        plain: dict[str, Any] = finite(data)
+        return plain
 
 
 def diagnose(
@@ -151,7 +127,7 @@ def diagnose(
     tolerance, stated = tolerance_of(base)
     believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out)
     final, reasons = believed.candidate, dict(believed.reasons)
-    steps = _staircase(selection.base, final, held_out)
+    steps = staircase(selection.base, final, held_out)
     verdict = _verdict(final, steps, tolerance)
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), "takes less than half of an error that is not explained by it")
@@ -159,20 +135,12 @@ def diagnose(
     progress("judge every effect")
     added = [e.id for e in final.fit.model.effects]
     lookalikes = {i: rivals(final, i, list(candidates)) for i in added}
-    findings = _findings(selection, final, steps, lookalikes, reasons, candidates, tolerance)
+    findings = findings_of(selection, final, steps, lookalikes, reasons, candidates, tolerance)
     left = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         left = remainder(steps[-1].training[_worst_recording(steps[-1])], tolerance)
     shift = zero_shift(final.fit, transferred(final.fit, others[0], held_out[0].noise)) if others else None
     return Diagnosis(final.fit.model, verdict, steps, findings, shift, tolerance, left)
-
-
-def tolerance_of(base: Fit) -> tuple[dict[str, float], bool]:
-    """What the user does not care about per channel, else a tenth of the noise floor; and whether it was stated."""
-    recording, floor = base.recordings[0], base.noise[0].floor
-    stated = (recording.rig.sensor.tolerance if recording.rig is not None else None) or {}
-    tolerance = {c: float(stated.get(c, f / 10)) for c, f in zip(recording.channels, floor, strict=True)}
-    return tolerance, bool(stated)
 
 
 def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bool) -> Candidate:
@@ -182,151 +150,9 @@ def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bo
     for effect in candidate.fit.model.effects:
         without = refitted(candidate, [e for e in candidate.fit.model.effects if e.id != effect.id])
         (screening,) = screen(without.fit, [effect])
-        if screening.excited and _within(contribution_limit(without.fit, screening), tolerance):
+        if screening.excited and within(contribution_limit(without.fit, screening), tolerance):
             return _worthwhile(without, tolerance, stated)
     return candidate
-
-
-def _within(size: Mapping[str, float], tolerance: Mapping[str, float]) -> bool:
-    return all(size[c] <= tolerance[c] for c in tolerance)
-
-
-def _staircase(base: Candidate, final: Candidate, held_out: Sequence[HeldOut]) -> tuple[Step, ...]:
-    steps = [_step(None, base.fit, held_out)]
-    effects = final.fit.model.effects
-    for count in range(1, len(effects) + 1):
-        partial = final if count == len(effects) else refitted(final, effects[:count])
-        steps.append(_step(effects[count - 1].id, partial.fit, held_out))
-    return tuple(steps)
-
-
-def _step(effect: str | None, fitted: Fit, held_out: Sequence[HeldOut]) -> Step:
-    training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
-    validation = tuple(comparison_of(transferred(fitted, o.recording, o.noise), 0) for o in held_out)
-    return Step(effect, fitted, training, validation)
-
-
-def explainable(step: Step) -> float:
-    """Power of the training error that can be explained, in units of the noise floor's, over all recordings."""
-    total = 0.0
-    for comparison in step.training:
-        size = comparison.explainable_rms or comparison.rms
-        total += sum((size[c] / max(comparison.noise_floor[c], 1e-300)) ** 2 for c in size)
-    return total
-
-
-def _findings(
-    selection: Selection,
-    final: Candidate,
-    steps: Sequence[Step],
-    lookalikes: Mapping[str, list[Rival]],
-    rejected: Mapping[str, str],
-    candidates: Sequence[Effect],
-    tolerance: Mapping[str, float],
-) -> tuple[Finding, ...]:
-    added = [
-        _supported(step, before, screening, lookalikes[step.effect], steps, len(candidates))
-        for before, step, screening in zip(steps, steps[1:], _path(final, steps), strict=False)
-        if step.effect is not None
-    ]
-    confusable = {
-        r.effect.id: (added_id, r) for added_id, found in lookalikes.items() for r in found if r.separation < CONFUSABLE
-    }
-    screenings = screen(final.fit, candidates)
-    adjusted = holm(screenings)
-    excess = None if selection.base.adequate else selection.base.excess
-    others = []
-    for screening in screenings:
-        effect_id = screening.effect.id
-        verdict, reason = _judged(screening, final, confusable.get(effect_id), rejected.get(effect_id), tolerance)
-        others.append(
-            Finding(
-                effect=screening.effect,
-                verdict=verdict,
-                p_value=adjusted.get(effect_id),
-                error_removed=min(1.0, screening.statistic / excess) if excess and screening.excited else None,
-                detectable=_own_names(screening.effect, screening.detectable),
-                confusable_with=(confusable[effect_id][0],) if effect_id in confusable else (),
-                reason=reason,
-                parameters=_amounts(screening, final.fit),
-            )
-        )
-    return (*added, *others)
-
-
-def _path(final: Candidate, steps: Sequence[Step]) -> list[Screening]:
-    """The screening of each added effect, given those added before it."""
-    found = []
-    for before, step in pairwise(steps):
-        effect = next(e for e in final.fit.model.effects if e.id == step.effect)
-        found.append(screen(before.fit, [effect])[0])
-    return found
-
-
-def _supported(
-    step: Step, before: Step, screening: Screening, lookalikes: list[Rival], steps: Sequence[Step], trials: int
-) -> Finding:
-    effect = screening.effect
-    names = [p.name for p in effect.qualified(step.fit.model.space)]
-    removed = (explainable(before) - explainable(step)) / max(explainable(steps[0]), 1e-300)
-    final = steps[-1].fit.parameters
-    return Finding(
-        effect=effect,
-        verdict=EffectVerdict.SUPPORTED,
-        p_value=min(1.0, trials * screening.p_value),
-        error_removed=float(np.clip(removed, 0.0, 1.0)),
-        detectable=_own_names(effect, screening.detectable),
-        confusable_with=tuple(r.effect.id for r in lookalikes if r.separation < CONFUSABLE),
-        reason="",
-        parameters={n.split(".", 1)[1]: final[n] for n in names},
-    )
-
-
-def _judged(
-    screening: Screening,
-    final: Candidate,
-    confusable: tuple[str, Rival] | None,
-    rejected: str | None,
-    tolerance: Mapping[str, float],
-) -> tuple[EffectVerdict, str]:
-    if confusable is not None:
-        added, rival = confusable
-        reason = (
-            f"explains as much as {added} (separation {rival.separation:.2g}, mistaken {rival.chance:.0%} of times)"
-        )
-        return EffectVerdict.CONFUSABLE, reason
-    if rejected is not None:
-        return EffectVerdict.NOT_SUPPORTED, rejected
-    if not screening.excited:
-        return EffectVerdict.NOT_EXCITED, screening.reason
-    if beyond := _beyond_range(screening, final.fit):
-        return EffectVerdict.NOT_EXCITED, beyond
-    if _within(contribution_limit(final.fit, screening), tolerance):
-        return EffectVerdict.NEGLIGIBLE, "its upper 95 % limit is below tolerance"
-    if screening.p_value < SIGNIFICANCE / 10:
-        return EffectVerdict.NOT_SUPPORTED, "follows what is left, but does not explain it when refitted exactly"
-    return EffectVerdict.NOT_SUPPORTED, ""
-
-
-def _beyond_range(screening: Screening, fitted: Fit) -> str:
-    """Why an effect could not have been seen: its detectable amounts all lie beyond the physical range."""
-    bounds = {p.name: p for p in screening.effect.qualified(fitted.model.space)}
-    wide = [n for n, amount in screening.detectable.items() if amount > max(np.abs(bounds[n].bounds))]
-    if wide and len(wide) == len(screening.detectable):
-        return f"this motion shows {wide[0].split('.', 1)[1]} only beyond its physical range"
-    return ""
-
-
-def _own_names(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    return {name.removeprefix(f"{effect.id}."): value for name, value in values.items()}
-
-
-def _amounts(screening: Screening, fitted: Fit) -> dict[str, Estimate]:
-    units = {p.name: p.unit for p in screening.effect.qualified(fitted.model.space)}
-    return {
-        name.split(".", 1)[1]: Estimate(name, value, std, units[name])
-        for name, (value, std) in screening.amounts.items()
-    }
 
 
 def _verdict(final: Candidate, steps: Sequence[Step], tolerance: Mapping[str, float]) -> RecordVerdict:
@@ -336,7 +162,7 @@ def _verdict(final: Candidate, steps: Sequence[Step], tolerance: Mapping[str, fl
     if not final.ids:
         return RecordVerdict.NOTHING_MISSING if adequate else RecordVerdict.UNEXPLAINED
     compared = (*steps[-1].training, *steps[-1].validation)
-    if adequate or all(c.explainable_rms is not None and _within(c.explainable_rms, tolerance) for c in compared):
+    if adequate or all(c.explainable_rms is not None and within(c.explainable_rms, tolerance) for c in compared):
         return RecordVerdict.EXPLAINED
     halved = explainable(steps[-1]) <= explainable(steps[0]) / 2
     return RecordVerdict.PARTLY_EXPLAINED if halved else RecordVerdict.UNEXPLAINED
@@ -344,60 +170,6 @@ def _verdict(final: Candidate, steps: Sequence[Step], tolerance: Mapping[str, fl
 
 def _worst_recording(step: Step) -> int:
     return int(np.argmin([c.lack_of_fit for c in step.training]))
-
-
-def _step_data(step: Step) -> dict[str, Any]:
-    first = step.training[0]
-    validation = step.validation[0] if step.validation else None
-    return {
-        "effect": step.effect,
-        "misfit": first.misfit,
-        "rms": dict(first.rms),
-        "explainable_rms": _optional(first.explainable_rms),
-        "validation_rms": None if validation is None else dict(validation.rms),
-        "validation_explainable_rms": None if validation is None else _optional(validation.explainable_rms),
-    }
-
-
-def _optional(values: Mapping[str, float] | None) -> dict[str, float] | None:
-    return None if values is None else dict(values)
-
-
-def _finding_data(finding: Finding) -> dict[str, Any]:
-    return {
-        "id": finding.effect.id,
-        "verdict": finding.verdict.value,
-        "p_value": finding.p_value,
-        "error_removed": finding.error_removed,
-        "detectable": dict(finding.detectable),
-        "confusable_with": list(finding.confusable_with),
-        "reason": finding.reason,
-        "parameters": _estimates_data(finding.parameters),
-    }
-
-
-def _estimates_data(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {name: {"value": e.value, "std": e.std, "unit": e.unit} for name, e in estimates.items()}
-
-
-def _remainder_data(left: Remainder) -> dict[str, Any]:
-    return {
-        "where": left.where,
-        "explainable_rms": dict(left.explainable_rms),
-        "looks_like": list(left.looks_like),
-        "share": left.share,
-    }
-
-
-def _finite(value: Any) -> Any:
-    """The same data with None for every number that is not finite."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_finite(v) for v in value]
-    if isinstance(value, float):
-        return float(value) if isfinite(value) else None
-    return value
 
 
 def _short(value: float | None) -> str:

@@ -66,3 +66,16 @@ def _raw_columns(
     index = {p.name: i for i, p in enumerate(fitted.layout.parameters)}
     kept = [i for i, n in enumerate(names) if n in index]
     return np.asarray(derivative[:, :, place] - derivative[:, :, kept] @ share[[index[names[i]] for i in kept]])
+
+
+def tolerance_of(base: Fit) -> tuple[dict[str, float], bool]:
+    """What the user does not care about per channel, else a tenth of the noise floor; and whether it was stated."""
+    recording, floor = base.recordings[0], base.noise[0].floor
+    stated = (recording.rig.sensor.tolerance if recording.rig is not None else None) or {}
+    tolerance = {c: float(stated.get(c, f / 10)) for c, f in zip(recording.channels, floor, strict=True)}
+    return tolerance, bool(stated)
+
+
+def within(size: Mapping[str, float], tolerance: Mapping[str, float]) -> bool:
+    """Whether every channel is within tolerance."""
+    return all(size[c] <= tolerance[c] for c in tolerance)

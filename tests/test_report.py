@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from diagnosis.comparison import compare
-from diagnosis.diagnosis import Diagnosis, Finding, diagnose
+from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.finding import Finding
 from diagnosis.verdict import EffectVerdict, RecordVerdict
 from estimation.fit import Estimate, fit
 from estimation.reading import from_columns

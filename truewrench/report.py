@@ -12,7 +12,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from diagnosis.comparison import Comparison
-from diagnosis.diagnosis import Diagnosis, Finding
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.finding import Finding
 from diagnosis.maps import ResidualMap, residual_maps
 from diagnosis.verdict import RecordVerdict
 from estimation.fit import Estimate

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping
 from math import floor, isfinite, log10
 
 from diagnosis.comparison import Comparison
-from diagnosis.diagnosis import Diagnosis, Finding, Step
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.finding import Finding
+from diagnosis.step import Step
 from diagnosis.verdict import EffectVerdict, RecordVerdict
 from estimation.fit import Estimate, table
 from estimation.noise import NoiseSource

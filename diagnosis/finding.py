@@ -1,0 +1,147 @@
+"""Finding: what is said of each effect, in the user's units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from diagnosis.confusion import CONFUSABLE, Rival
+from diagnosis.limits import contribution_limit, within
+from diagnosis.screening import SIGNIFICANCE, Screening, screen
+from diagnosis.selection import Candidate, Selection, holm
+from diagnosis.step import Step, explainable
+from diagnosis.verdict import EffectVerdict
+from estimation.fit import Estimate, Fit
+from modeling.effect import Effect
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """What is said of one effect."""
+
+    effect: Effect
+    verdict: EffectVerdict
+    p_value: float | None
+    error_removed: float | None
+    detectable: Mapping[str, float]
+    confusable_with: tuple[str, ...]
+    reason: str
+    parameters: Mapping[str, Estimate]
+
+
+def findings_of(
+    selection: Selection,
+    final: Candidate,
+    steps: Sequence[Step],
+    lookalikes: Mapping[str, list[Rival]],
+    rejected: Mapping[str, str],
+    candidates: Sequence[Effect],
+    tolerance: Mapping[str, float],
+) -> tuple[Finding, ...]:
+    """What is said of every candidate effect, those added first."""
+    added = [
+        _supported(step, before, screening, lookalikes[step.effect], steps, len(candidates))
+        for before, step, screening in zip(steps, steps[1:], _path(final, steps), strict=False)
+        if step.effect is not None
+    ]
+    confusable = {
+        r.effect.id: (added_id, r) for added_id, found in lookalikes.items() for r in found if r.separation < CONFUSABLE
+    }
+    screenings = screen(final.fit, candidates)
+    adjusted = holm(screenings)
+    excess = None if selection.base.adequate else selection.base.excess
+    others = []
+    for screening in screenings:
+        effect_id = screening.effect.id
+        verdict, reason = _judged(screening, final, confusable.get(effect_id), rejected.get(effect_id), tolerance)
+        others.append(
+            Finding(
+                effect=screening.effect,
+                verdict=verdict,
+                p_value=adjusted.get(effect_id),
+                error_removed=min(1.0, screening.statistic / excess) if excess and screening.excited else None,
+                detectable=_own_names(screening.effect, screening.detectable),
+                confusable_with=(confusable[effect_id][0],) if effect_id in confusable else (),
+                reason=reason,
+                parameters=_amounts(screening, final.fit),
+            )
+        )
+    return (*added, *others)
+
+
+def _path(final: Candidate, steps: Sequence[Step]) -> list[Screening]:
+    """The screening of each added effect, given those added before it."""
+    found = []
+    for before, step in pairwise(steps):
+        effect = next(e for e in final.fit.model.effects if e.id == step.effect)
+        found.append(screen(before.fit, [effect])[0])
+    return found
+
+
+def _supported(
+    step: Step, before: Step, screening: Screening, lookalikes: list[Rival], steps: Sequence[Step], trials: int
+) -> Finding:
+    effect = screening.effect
+    names = [p.name for p in effect.qualified(step.fit.model.space)]
+    removed = (explainable(before) - explainable(step)) / max(explainable(steps[0]), 1e-300)
+    final = steps[-1].fit.parameters
+    return Finding(
+        effect=effect,
+        verdict=EffectVerdict.SUPPORTED,
+        p_value=min(1.0, trials * screening.p_value),
+        error_removed=float(np.clip(removed, 0.0, 1.0)),
+        detectable=_own_names(effect, screening.detectable),
+        confusable_with=tuple(r.effect.id for r in lookalikes if r.separation < CONFUSABLE),
+        reason="",
+        parameters={n.split(".", 1)[1]: final[n] for n in names},
+    )
+
+
+def _judged(
+    screening: Screening,
+    final: Candidate,
+    confusable: tuple[str, Rival] | None,
+    rejected: str | None,
+    tolerance: Mapping[str, float],
+) -> tuple[EffectVerdict, str]:
+    if confusable is not None:
+        added, rival = confusable
+        reason = (
+            f"explains as much as {added} (separation {rival.separation:.2g}, mistaken {rival.chance:.0%} of times)"
+        )
+        return EffectVerdict.CONFUSABLE, reason
+    if rejected is not None:
+        return EffectVerdict.NOT_SUPPORTED, rejected
+    if not screening.excited:
+        return EffectVerdict.NOT_EXCITED, screening.reason
+    if beyond := _beyond_range(screening, final.fit):
+        return EffectVerdict.NOT_EXCITED, beyond
+    if within(contribution_limit(final.fit, screening), tolerance):
+        return EffectVerdict.NEGLIGIBLE, "its upper 95 % limit is below tolerance"
+    if screening.p_value < SIGNIFICANCE / 10:
+        return EffectVerdict.NOT_SUPPORTED, "follows what is left, but does not explain it when refitted exactly"
+    return EffectVerdict.NOT_SUPPORTED, ""
+
+
+def _beyond_range(screening: Screening, fitted: Fit) -> str:
+    """Why an effect could not have been seen: its detectable amounts all lie beyond the physical range."""
+    bounds = {p.name: p for p in screening.effect.qualified(fitted.model.space)}
+    wide = [n for n, amount in screening.detectable.items() if amount > max(np.abs(bounds[n].bounds))]
+    if wide and len(wide) == len(screening.detectable):
+        return f"this motion shows {wide[0].split('.', 1)[1]} only beyond its physical range"
+    return ""
+
+
+def _own_names(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    return {name.removeprefix(f"{effect.id}."): value for name, value in values.items()}
+
+
+def _amounts(screening: Screening, fitted: Fit) -> dict[str, Estimate]:
+    units = {p.name: p.unit for p in screening.effect.qualified(fitted.model.space)}
+    return {
+        name.split(".", 1)[1]: Estimate(name, value, std, units[name])
+        for name, (value, std) in screening.amounts.items()
+    }
