@@ -21,7 +21,7 @@ from diagnosis.step import Step, explainable, staircase
 from diagnosis.validation import transferred, zero_shift
 from diagnosis.verdict import RecordVerdict
 from estimation.convention import decided
-from estimation.fit import Fit, first_noise, fit, table
+from estimation.fit import Fit, check_channels, first_noise, refit, require_weight, table
 from estimation.recording import Recording
 from modeling.effect import Effect
 from modeling.effects import catalogue
@@ -107,7 +107,7 @@ def diagnose(
 
     `validate` are recordings of other motions of the same rig and tool, never fitted; `effects` are the candidates,
     by default the whole catalogue.
-    Raises InputError when the model has effects already, or its signals are not recorded.
+    Raises InputError when the model has effects already, its signals are not recorded, or the mass comes out negative.
     """
     training = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     others = (validate,) if isinstance(validate, Recording) else tuple(validate or ())
@@ -117,10 +117,11 @@ def diagnose(
             where="model",
             remedy="diagnose the rigid tool: model.base",
         )
+    check_channels(model, training)
     model = decided(model, (*training, *others))
     candidates = catalogue(model.space) if effects is None else tuple(effects)
     progress("fit the rigid tip")
-    base = fit(model, training)
+    base = refit(model, training)
     held_out = [HeldOut(r, n) for r, n in zip(others, first_noise(model, others), strict=True)]
     selection = select(base, candidates, progress)
     progress("check on other data")
@@ -132,6 +133,7 @@ def diagnose(
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), "takes less than half of an error that is not explained by it")
         final, steps = selection.base, steps[:1]
+    require_weight(final.fit)
     progress("judge every effect")
     added = [e.id for e in final.fit.model.effects]
     lookalikes = {i: rivals(final, i, list(candidates)) for i in added}

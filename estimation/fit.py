@@ -221,6 +221,14 @@ def fit(
     mass comes out negative under the convention stated.
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
+    check_channels(model, several)
+    estimated = refit(decided(model, several), several, noise=noise, start=start)
+    require_weight(estimated)
+    return estimated
+
+
+def check_channels(model: WrenchModel, several: tuple[Recording, ...]) -> tuple[Recording, ...]:
+    """The recordings, when there are any and their channels are the model's; InputError otherwise."""
     if not several:
         raise InputError(what="no recording was given", where="recordings", remedy="give at least one")
     for recording in several:
@@ -230,9 +238,7 @@ def fit(
                 where=recording.name,
                 remedy="use planar() for fx, fy, tau and spatial() for six axes",
             )
-    estimated = refit(decided(model, several), several, noise=noise, start=start)
-    require_weight(estimated)
-    return estimated
+    return several
 
 
 def refit(

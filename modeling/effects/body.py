@@ -19,6 +19,9 @@ from modeling.tip import Body
 SLOWEST = 1e-6
 """Speed (m/s) below which |v| is rounded off, so that it has a derivative at rest."""
 
+CELL = (-5.0, 5.0)
+"""Where a tether can be tied (m, each world axis): in the robot's cell. From farther away it is a constant force."""
+
 DISTANCE = Parameter(name="d", unit="m", bounds=(-0.5, 1.5), nuisance=True)
 
 
@@ -151,7 +154,7 @@ class CableSpring(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """k in N/m; anchor, length and d in m."""
-        anchor = tuple(Parameter(name=f"anchor_{a}", unit="m", nuisance=True) for a in space.axes)
+        anchor = tuple(Parameter(name=f"anchor_{a}", unit="m", bounds=CELL, nuisance=True) for a in space.axes)
         length = Parameter(name="length", unit="m", bounds=(0.0, inf), nuisance=True)
         return (Parameter(name="k", unit="N/m", bounds=(0.0, inf)), *anchor, length, DISTANCE)
 
