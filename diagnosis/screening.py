@@ -20,6 +20,7 @@ from estimation.response import missing_inputs, repeats_with_motion, respond, si
 from estimation.whitening import Whitener
 from modeling.chain import Stage
 from modeling.effect import Effect, Extent, Values
+from modeling.effects import CATALOGUE
 from modeling.model import WrenchModel
 from modeling.prediction import compiled
 
@@ -186,12 +187,13 @@ def _best_of_grid(background: Background, model: WrenchModel, effect: Effect, gr
         return _not_excited(effect, why_not_shown(projected))
     candidate, start = best
     named = [p.name for p in amplitudes]
-    needed = np.sqrt(detectable_separation(candidate.rank))
+    trials = _trials(noise_scores, candidate.rank) if len(grid) > 1 else 1.0
+    needed = np.sqrt(detectable_separation(candidate.rank, SIGNIFICANCE / len(CATALOGUE) / trials))
     return Screening(
         effect=effect,
         statistic=candidate.score,
         freedom=candidate.rank,
-        p_value=_paid(candidate, noise_scores if len(grid) > 1 else None),
+        p_value=min(1.0, trials * tail(candidate.score, candidate.rank, candidate.doubt)),
         start=start | {n: float(a) for n, a in zip(named, candidate.amounts, strict=True)},
         amounts={n: (float(a), float(s)) for n, a, s in zip(named, candidate.amounts, candidate.std, strict=True)},
         detectable={n: float(needed * s) for n, s in zip(named, candidate.std, strict=True)},
@@ -357,23 +359,19 @@ class Projected:
         return np.asarray(score.max(axis=0))
 
 
-def _paid(candidate: _Candidate, noise_scores: Array | None) -> float:
-    """P-value of the best score over the nuisance values.
+def _trials(noise_scores: Array, rank: int) -> float:
+    """Number of independent trials that a search over nuisance values amounts to.
 
-    The supremum's own distribution comes from draws of pure noise; beyond their reach its tail is that of one
-    chi-square times the number of independent trials that the draws' upper tenth implies.
+    Draws of pure noise give the supremum's own distribution; beyond their reach its tail is taken as that of one
+    chi-square times the number of trials that the draws' upper tenth implies.
     """
-    single = tail(candidate.score, candidate.rank, candidate.doubt)
-    if noise_scores is None:
-        return single
     high = float(np.quantile(noise_scores, 0.9))
-    trials = max(1.0, 0.1 / max(float(chi2.sf(high, candidate.rank)), 1e-12))
-    return min(1.0, trials * single)
+    return max(1.0, 0.1 / max(float(chi2.sf(high, rank)), 1e-12))
 
 
-def detectable_separation(freedom: int) -> float:
-    """Noncentrality that a chi-square test of this freedom at 1 % shows with 80 % power."""
-    limit = chi2.isf(SIGNIFICANCE, freedom)
+def detectable_separation(freedom: int, level: float) -> float:
+    """Noncentrality that a chi-square test of this freedom at this level shows with 80 % power."""
+    limit = chi2.isf(level, freedom)
     return float(brentq(lambda x: ncx2.sf(limit, freedom, x) - POWER, 1e-6, 1e4))
 
 
