@@ -95,6 +95,9 @@ def accepted(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut])
 def _failed(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) -> tuple[str, str] | None:
     """The effect that fails most clearly, and why; None when the set holds."""
     effects = lasting(candidate.fit.model).effects
+    pressed = _at_bound(candidate)
+    if pressed is not None:
+        return pressed
     lost = _confounded(candidate, base)
     if lost is not None and effects:
         return _least_needed(candidate), f"cannot be told from the tool's {lost} by these data"
@@ -136,6 +139,16 @@ def _cost(fitted: Fit, noise: Sequence[Noise]) -> float:
     """Whitened chi-square of a fit on the rows of that noise."""
     residual, _ = Problem(fitted.layout, fitted.recordings, tuple(noise)).evaluate(fitted.theta)
     return float(residual @ residual)
+
+
+def _at_bound(candidate: Candidate) -> tuple[str, str] | None:
+    """An effect with a parameter that the data drive to a physical bound which is not its nominal value."""
+    fitted = candidate.fit
+    for effect in fitted.model.effects:
+        for p in effect.qualified(fitted.model.space):
+            if fitted.values[p.name] in p.bounds and fitted.values[p.name] != p.nominal:
+                return effect.id, f"its {p.name.split('.', 1)[1]} leaves the physical range"
+    return None
 
 
 def _confounded(candidate: Candidate, base: Candidate) -> str | None:

@@ -15,8 +15,8 @@ from diagnosis.finding import Finding, findings_of
 from diagnosis.limits import contribution_limit, tolerance_of, within
 from diagnosis.remainder import Remainder, remainder
 from diagnosis.result import estimates_data, finding_data, finite, remainder_data, step_data
-from diagnosis.screening import SIGNIFICANCE, screen
-from diagnosis.selection import Candidate, Progress, refitted, select, silent
+from diagnosis.screening import SIGNIFICANCE, residual_judges_itself, screen
+from diagnosis.selection import Candidate, Progress, Selection, refitted, select, silent
 from diagnosis.step import Step, explainable, staircase
 from diagnosis.validation import transferred, zero_shift
 from diagnosis.verdict import RecordVerdict
@@ -129,7 +129,7 @@ def diagnose(
     believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out)
     final, reasons = believed.candidate, dict(believed.reasons)
     steps = staircase(selection.base, final, held_out)
-    verdict = _verdict(final, steps, tolerance)
+    verdict = _verdict(selection, final, steps, tolerance)
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), "takes less than half of an error that is not explained by it")
         final, steps = selection.base, steps[:1]
@@ -157,12 +157,19 @@ def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bo
     return candidate
 
 
-def _verdict(final: Candidate, steps: Sequence[Step], tolerance: Mapping[str, float]) -> RecordVerdict:
-    """The record's verdict; a model that fails on held-out data is not adequate, whatever it does in training."""
+def _verdict(
+    selection: Selection, final: Candidate, steps: Sequence[Step], tolerance: Mapping[str, float]
+) -> RecordVerdict:
+    """The record's verdict; a model that fails on held-out data is not adequate, whatever it does in training.
+
+    Where the residual had to give the noise, lack of fit is weak: then nothing is only missing when no effect was
+    significant either, be it the right one or not.
+    """
     held_out = min((c.lack_of_fit for c in steps[-1].validation), default=1.0)
     adequate = final.lack_of_fit >= SIGNIFICANCE and held_out >= HELD_OUT_SIGNIFICANCE
     if not final.ids:
-        return RecordVerdict.NOTHING_MISSING if adequate else RecordVerdict.UNEXPLAINED
+        followed = residual_judges_itself(final.fit) and len(selection.tried) > 1
+        return RecordVerdict.NOTHING_MISSING if adequate and not followed else RecordVerdict.UNEXPLAINED
     compared = (*steps[-1].training, *steps[-1].validation)
     if adequate or all(c.explainable_rms is not None and within(c.explainable_rms, tolerance) for c in compared):
         return RecordVerdict.EXPLAINED
