@@ -15,7 +15,6 @@ CHAPTER_OPTIMUM_DEGREES = (
 )  # fmt: skip
 """x_opt of equation 22.17, in degrees: an inference, from joint peaks of 42, 44 and 35 degrees."""
 
-SHARED_HARMONICS = 3
 JOINT_HARMONICS = 3
 POINTS_PER_WAVE = 256
 

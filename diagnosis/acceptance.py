@@ -76,6 +76,8 @@ class PartWhitener(Whitener):
 def accepted(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) -> Acceptance:
     """Drop effects from a candidate until what is left holds on other data.
 
+    No effect may have a parameter on a physical bound other than its nominal value, or leave undetermined what the
+    base model determines of the tool. Without held-out recordings a set has to explain the other half of the data.
     A set holds when the error that can be explained falls on every held-out recording, and either the exact refit
     leaves no significant lack of fit (there and in training), or each effect keeps its coefficients: between the
     training and the held-out motion, or between two halves of the training data when there is no other.
