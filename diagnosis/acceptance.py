@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from diagnosis.comparison import comparison_of, orthonormal
+from diagnosis.comparison import comparison_of, orthonormal, residual_judges_itself
+from diagnosis.held_out import HeldOut
+from diagnosis.own_effect import with_own
+from diagnosis.part import halved
 from diagnosis.screening import SIGNIFICANCE
 from diagnosis.selection import Candidate, refitted
-from diagnosis.validation import lasting, transferred
 from estimation.fit import Fit, Problem, refit
-from estimation.noise import Noise, NoiseSource
-from estimation.recording import Recording
+from estimation.noise import Noise
 from estimation.response import respond
-from estimation.whitening import LineWhitener, RegressionWhitener, Whitener
 from modeling.effect import Effect
 from modeling.tip import body_parameters
 
@@ -31,72 +31,42 @@ all but the square of it, 1 % of its power, is then explained on both."""
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
-    """A recording that was not used for the fit, with its noise."""
-
-    recording: Recording
-    noise: Noise
-
-
-@dataclass(frozen=True, eq=False)
 class Acceptance:
-    """Which effects of a candidate hold, and why the others do not."""
+    """Which effects of a candidate hold, why the others do not, and what the held-out recordings have of their own."""
 
     candidate: Candidate
     reasons: dict[str, str]
+    held_out: tuple[HeldOut, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class PartWhitener(Whitener):
-    """Some rows of another whitener: half of the motion's lines, or of a run."""
-
-    whole: Whitener
-    part: NDArray[np.intp]
-    steady_part: int
-
-    @property
-    def rows(self) -> int:  # type: ignore[override]
-        """The rows kept."""
-        return len(self.part)
-
-    @property
-    def steady_rows(self) -> int:  # type: ignore[override]
-        """Those of them that the motion reaches."""
-        return self.steady_part
-
-    def series(self, values: Array) -> Array:
-        """Kept rows of a series over the whole record."""
-        return np.asarray(self.whole.series(values)[self.part])
-
-    def steady(self, values: Array) -> Array:
-        """Kept rows of one repeat."""
-        return np.asarray(self.whole.steady(values)[self.part[: self.steady_part]])
-
-
-def accepted(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) -> Acceptance:
+def accepted(
+    candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut], effects: Sequence[Effect]
+) -> Acceptance:
     """Drop effects from a candidate until what is left holds on other data.
 
     No effect may have a parameter on a physical bound other than its nominal value, or leave undetermined what the
     base model determines of the tool. Without held-out recordings a set has to explain the other half of the data.
     A set holds when the error that can be explained falls on every held-out recording, and either the exact refit
     leaves no significant lack of fit (there and in training), or each effect keeps its coefficients: between the
-    training and the held-out motion, or between two halves of the training data when there is no other.
+    training and the held-out motion, or between two halves of the training data when there is no other. What passed
+    over a held-out recording alone, a drift or a push or another of the `effects` that belong to one recording, is
+    estimated there each time, and the same for the base.
     """
     reasons: dict[str, str] = {}
-    while candidate.ids:
-        failed = _failed(candidate, base, held_out)
+    while True:
+        known = tuple(with_own(h, candidate.fit, effects) for h in held_out)
+        failed = _failed(candidate, base, known) if candidate.ids else None
         if failed is None:
-            break
+            return Acceptance(candidate, reasons, known)
         effect_id, reason = failed
         reasons[effect_id] = reason
         rest = [e for e in candidate.fit.model.effects if e.id != effect_id]
         candidate = refitted(candidate, rest)
-    return Acceptance(candidate, reasons)
 
 
 def _failed(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) -> tuple[str, str] | None:
     """The effect that fails most clearly, and why; None when the set holds."""
-    effects = lasting(candidate.fit.model).effects
+    effects = candidate.fit.model.lasting.effects
     pressed = _at_bound(candidate)
     if pressed is not None:
         return pressed
@@ -105,20 +75,15 @@ def _failed(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) 
         return _least_needed(candidate), f"cannot be told from the tool's {lost} by these data"
     fits = candidate.adequate
     for other in held_out if effects else ():
-        before = _steady_cost(transferred(base.fit, other.recording, other.noise))
-        carried = transferred(candidate.fit, other.recording, other.noise)
-        if _steady_cost(carried) >= before:
+        carried = other.carried(candidate.fit)
+        if _steady_cost(carried) >= _steady_cost(other.carried(base.fit)):
             return _least_needed(candidate), f"does not lower the error on {other.recording.name}"
         fits = fits and comparison_of(carried, 0).lack_of_fit >= HELD_OUT_SIGNIFICANCE
-    if fits and not _judged_by_residual(candidate.fit):
+    if fits and not residual_judges_itself(candidate.fit):
         return None
     if not held_out and not _falls_across_halves(candidate, base):
         return _least_needed(candidate), "does not explain the other half of the data"
     return _inconstant(candidate, held_out)
-
-
-def _judged_by_residual(fitted: Fit) -> bool:
-    return any(n.source is NoiseSource.RESIDUAL for n in fitted.noise)
 
 
 def _falls_across_halves(candidate: Candidate, base: Candidate) -> bool:
@@ -127,7 +92,7 @@ def _falls_across_halves(candidate: Candidate, base: Candidate) -> bool:
     What they lower the error by there has to be at least half of what they lower it by where they were fitted: an
     effect that is there keeps nearly all of it, one that follows noise loses as much as it had won.
     """
-    halves = _halved(candidate.fit)
+    halves = halved(candidate.fit)
     fitted_cost, judged_cost = [0.0, 0.0], [0.0, 0.0]
     for trained_on, judged_on in (halves, halves[::-1]):
         for place, whole in enumerate((base.fit, candidate.fit)):
@@ -176,7 +141,7 @@ def _steady_cost(fitted: Fit) -> float:
 def _least_needed(candidate: Candidate) -> str:
     """The effect without which the training error rises least; lasting ones first, which claim more."""
     effects = candidate.fit.model.effects
-    ids = [e.id for e in lasting(candidate.fit.model).effects] or [e.id for e in effects]
+    ids = [e.id for e in candidate.fit.model.lasting.effects] or [e.id for e in effects]
     if len(ids) == 1:
         return ids[0]
     costs = {i: refitted(candidate, [o for o in effects if o.id != i]).background.cost for i in ids}
@@ -204,39 +169,18 @@ def _share(change: float) -> str:
 def _pairs(candidate: Candidate, held_out: Sequence[HeldOut]) -> list[tuple[Fit, Fit, str]]:
     """Fits of the same effects to different data: held-out motions, else halves of the training data."""
     trained = candidate.fit
-    model = lasting(trained.model)
+    model = trained.model.lasting
     pairs = []
     for other in held_out:
-        alone = refit(model, (other.recording,), noise=(other.noise,), start=trained.values)
+        start = {**trained.values, **other.start}
+        alone = refit(model + other.own, (other.recording,), noise=(other.noise,), start=start)
         pairs.append((trained, alone, f"on {other.recording.name}"))
-    if not pairs or _judged_by_residual(trained):
+    if not pairs or residual_judges_itself(trained):
         halves = [
-            refit(trained.model, trained.recordings, noise=noise, start=trained.values) for noise in _halved(trained)
+            refit(trained.model, trained.recordings, noise=noise, start=trained.values) for noise in halved(trained)
         ]
         pairs.append((halves[0], halves[1], "between two halves of the data"))
     return pairs
-
-
-def _halved(fitted: Fit) -> list[tuple[Noise, ...]]:
-    """The noise of odd and even harmonics (both keep what lies between), of every second pose, or of a run's halves."""
-    return [tuple(_half(noise, side) for noise in fitted.noise) for side in (0, 1)]
-
-
-def _half(noise: Noise, side: int) -> Noise:
-    whole = noise.whitener
-    index = np.arange(whole.rows)
-    if isinstance(whole, LineWhitener):
-        per_line = whole.steady_rows // len(whole.motion)
-        harmonic = np.repeat(whole.motion // whole.repeats, per_line)
-        kept = np.concatenate([harmonic % 2 == side, np.ones(whole.rows - whole.steady_rows, dtype=bool)])
-        kept[:per_line] = True
-    elif isinstance(whole, RegressionWhitener) and not len(whole.coefficients) and whole.block == 1:
-        kept = index // len(whole.root) % 2 == side
-    else:
-        kept = (index < whole.rows // 2) == (side == 0)
-    steady = int(kept[: whole.steady_rows].sum())
-    part = PartWhitener(whole, np.flatnonzero(kept), steady)
-    return replace(noise, whitener=part, doubt=noise.doubt[kept])
 
 
 def coefficient_change(effect: Effect, first: Fit, second: Fit) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from scipy.special import polygamma
 from scipy.stats import chi2, f
 
-from diagnosis.generic import held_out_lack_of_fit, push_evidence
+from diagnosis.generic import predictability, push_evidence
 from diagnosis.validation import transferred
 from estimation.fit import Fit, Problem, table
 from estimation.noise import Noise, NoiseSource, step_of
@@ -144,7 +144,7 @@ def judged(fit: Fit, number: int) -> tuple[float | None, float]:
     """
     noise = fit.noise[number]
     if noise.source is NoiseSource.RESIDUAL:
-        return None, min(1.0, 2 * min(held_out_lack_of_fit(fit, number), push_evidence(fit, number)))
+        return None, min(1.0, 2 * min(predictability(fit, number).p_value, push_evidence(fit, number)))
     rows, leverage = _judged_rows(fit, number)
     steady = noise.whitener.steady_rows
     total = (rows[:steady] ** 2).sum() / max(1.0, steady - leverage[:steady].sum())
@@ -156,6 +156,11 @@ def judged(fit: Fit, number: int) -> tuple[float | None, float]:
             shares = (rows * band)[:, None] ** 2 / max(power, 1e-300)
             p_values.append(tail(power, freedom, float(noise.doubt_of(shares)[0])))
     return float(total), float(min(1.0, len(p_values) * min(p_values, default=1.0)))
+
+
+def residual_judges_itself(fit: Fit) -> bool:
+    """Whether any recording's noise had to come from the residual."""
+    return any(n.source is NoiseSource.RESIDUAL for n in fit.noise)
 
 
 def _judged_rows(fit: Fit, number: int) -> tuple[Array, Array]:
@@ -172,7 +177,7 @@ def orthonormal(derivative: Array) -> Array:
     """Orthonormal basis (rows, r) of the columns of a derivative, whatever their units."""
     scale = np.linalg.norm(derivative, axis=0)
     left, singular, _ = np.linalg.svd(derivative[:, scale > 0] / scale[scale > 0], full_matrices=False)
-    return np.asarray(left[:, singular > 1e-9 * singular[0]])
+    return np.asarray(left[:, singular > 1e-9 * singular.max(initial=0.0)])
 
 
 def frequency_bands(noise: Noise) -> list[NDArray[np.bool_]]:

@@ -7,18 +7,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
-from diagnosis.acceptance import HELD_OUT_SIGNIFICANCE, HeldOut, accepted
+from diagnosis.acceptance import HELD_OUT_SIGNIFICANCE, accepted
+from diagnosis.comparison import residual_judges_itself
 from diagnosis.confusion import rivals
 from diagnosis.finding import Finding, findings_of
+from diagnosis.held_out import HeldOut
 from diagnosis.limits import contribution_limit, tolerance_of, within
+from diagnosis.own_effect import OwnEffect, own_effects, with_own
 from diagnosis.remainder import Remainder, remainder
-from diagnosis.result import estimates_data, finding_data, finite, remainder_data, step_data
-from diagnosis.screening import SIGNIFICANCE, residual_judges_itself, screen
+from diagnosis.result import estimates_data, finding_data, finite, own_data, remainder_data, step_data
+from diagnosis.screening import SIGNIFICANCE, screen
 from diagnosis.selection import Candidate, Progress, Selection, refitted, select, silent
 from diagnosis.step import Step, explainable, staircase
-from diagnosis.validation import transferred, zero_shift
+from diagnosis.validation import zero_shift
 from diagnosis.verdict import RecordVerdict
 from estimation.convention import decided
 from estimation.fit import Fit, check_channels, first_noise, refit, require_weight, table
@@ -35,6 +36,8 @@ class Diagnosis:
 
     steps      the staircase, from the rigid tip to the last effect added
     findings   every effect of the catalogue, the added first
+    zero_shift of the first held-out recording, None without
+    own        what held-out recordings have by themselves: a drift, a push
     remainder  what is left and where, None when the record is explained
     """
 
@@ -43,6 +46,7 @@ class Diagnosis:
     steps: tuple[Step, ...]
     findings: tuple[Finding, ...]
     zero_shift: Mapping[str, float] | None
+    own: tuple[OwnEffect, ...]
     tolerance: Mapping[str, float]
     remainder: Remainder | None
 
@@ -71,7 +75,8 @@ class Diagnosis:
         head = f"verdict: {self.verdict.value}" + (f" ({', '.join(self.added)})" if self.added else "")
         left = f"\nleft: {self.remainder.where}" if self.remainder else ""
         body = table(("effect", "verdict", "p", "error removed", "reason"), self.rows())
-        return f"{head}\n{self.steps[-1].training[0]}\n{body}{left}"
+        own = "".join(f"\n{o}" for o in self.own)
+        return f"{head}\n{self.steps[-1].training[0]}\n{body}{own}{left}"
 
     def to_data(self) -> dict[str, Any]:
         """The `result.json` of this diagnosis: numbers are finite or None."""
@@ -89,6 +94,7 @@ class Diagnosis:
             "effects": [finding_data(f) for f in self.findings],
             "parameters": estimates_data(self.fit.parameters),
             "zero_shift": None if self.zero_shift is None else dict(self.zero_shift),
+            "validation_own": [own_data(o) for o in self.own] if self.steps[0].validation else None,
             "unexplained": None if self.remainder is None else remainder_data(self.remainder),
         }
         plain: dict[str, Any] = finite(data)
@@ -126,13 +132,15 @@ def diagnose(
     selection = select(base, candidates, progress)
     progress("check on other data")
     tolerance, stated = tolerance_of(base)
-    believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out)
+    believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out, candidates)
     final, reasons = believed.candidate, dict(believed.reasons)
-    steps = staircase(selection.base, final, held_out)
+    known = believed.held_out
+    steps = staircase(selection.base, final, known)
     verdict = _verdict(selection, final, steps, tolerance)
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), "takes less than half of an error that is not explained by it")
-        final, steps = selection.base, steps[:1]
+        final, known = selection.base, tuple(with_own(h, selection.base.fit, candidates) for h in held_out)
+        steps = staircase(final, final, known)
     require_weight(final.fit)
     progress("judge every effect")
     added = [e.id for e in final.fit.model.effects]
@@ -140,9 +148,10 @@ def diagnose(
     findings = findings_of(selection, final, steps, lookalikes, reasons, candidates, tolerance)
     left = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
-        left = remainder(steps[-1].training[_worst_recording(steps[-1])], tolerance)
-    shift = zero_shift(final.fit, transferred(final.fit, others[0], held_out[0].noise)) if others else None
-    return Diagnosis(final.fit.model, verdict, steps, findings, shift, tolerance, left)
+        left = _left(steps[-1], tolerance)
+    shift = zero_shift(final.fit, known[0].carried(final.fit)) if known else None
+    own = tuple(effect for h in known for effect in own_effects(h, final.fit))
+    return Diagnosis(final.fit.model, verdict, steps, findings, shift, own, tolerance, left)
 
 
 def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bool) -> Candidate:
@@ -173,12 +182,17 @@ def _verdict(
     compared = (*steps[-1].training, *steps[-1].validation)
     if adequate or all(c.explainable_rms is not None and within(c.explainable_rms, tolerance) for c in compared):
         return RecordVerdict.EXPLAINED
-    halved = explainable(steps[-1]) <= explainable(steps[0]) / 2
-    return RecordVerdict.PARTLY_EXPLAINED if halved else RecordVerdict.UNEXPLAINED
+    left = explainable(steps)
+    return RecordVerdict.PARTLY_EXPLAINED if left[-1] <= left[0] / 2 else RecordVerdict.UNEXPLAINED
 
 
-def _worst_recording(step: Step) -> int:
-    return int(np.argmin([c.lack_of_fit for c in step.training]))
+def _left(step: Step, tolerance: Mapping[str, float]) -> Remainder:
+    """What is left of the recording explained worst: a fitted one, unless only held-out ones show that it fails."""
+    fitted = min(step.training, key=lambda c: c.lack_of_fit)
+    held_out = min(step.validation, key=lambda c: c.lack_of_fit, default=fitted)
+    if fitted.lack_of_fit >= SIGNIFICANCE and held_out.lack_of_fit < HELD_OUT_SIGNIFICANCE:
+        return remainder(held_out, tolerance, fitted=False)
+    return remainder(fitted, tolerance)
 
 
 def _short(value: float | None) -> str:

@@ -42,9 +42,11 @@ def findings_of(
     tolerance: Mapping[str, float],
 ) -> tuple[Finding, ...]:
     """What is said of every candidate effect, those added first."""
+    left = explainable(steps)
+    removed = np.clip((left[:-1] - left[1:]) / max(left[0], 1e-300), 0.0, 1.0)
     added = [
-        _supported(step, before, screening, lookalikes[step.effect], steps, len(candidates))
-        for before, step, screening in zip(steps, steps[1:], _path(final, steps), strict=False)
+        _supported(screening, float(share), lookalikes[step.effect], steps[-1].fit, len(candidates))
+        for step, share, screening in zip(steps[1:], removed, _path(final, steps), strict=True)
         if step.effect is not None
     ]
     confusable = {
@@ -81,22 +83,18 @@ def _path(final: Candidate, steps: Sequence[Step]) -> list[Screening]:
     return found
 
 
-def _supported(
-    step: Step, before: Step, screening: Screening, lookalikes: list[Rival], steps: Sequence[Step], trials: int
-) -> Finding:
+def _supported(screening: Screening, removed: float, lookalikes: list[Rival], final: Fit, trials: int) -> Finding:
     effect = screening.effect
-    names = [p.name for p in effect.qualified(step.fit.model.space)]
-    removed = (explainable(before) - explainable(step)) / max(explainable(steps[0]), 1e-300)
-    final = steps[-1].fit.parameters
+    names = [p.name for p in effect.qualified(final.model.space)]
     return Finding(
         effect=effect,
         verdict=EffectVerdict.SUPPORTED,
         p_value=min(1.0, trials * screening.p_value),
-        error_removed=float(np.clip(removed, 0.0, 1.0)),
+        error_removed=removed,
         detectable=_own_names(effect, screening.detectable),
         confusable_with=tuple(r.effect.id for r in lookalikes if r.separation < CONFUSABLE),
         reason="",
-        parameters={n.split(".", 1)[1]: final[n] for n in names},
+        parameters={n.split(".", 1)[1]: final.parameters[n] for n in names},
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -67,8 +68,20 @@ def standardised(terms: dict[str, Array]) -> Array:
     return np.asarray(matrix / matrix.std(axis=0))
 
 
-def held_out_lack_of_fit(fit: Fit, number: int) -> float:
-    """P-value of "generic terms predict nothing": the residual of each block predicted from all other blocks.
+@dataclass(frozen=True)
+class Predictability:
+    """What generic terms predict of the residual of parts that they were not fitted to.
+
+    gain     whitened chi-square that the prediction explains there; no noise in its mean, so that it may be negative
+    p_value  chance of such a gain if the sign of each part's residual were open
+    """
+
+    gain: float
+    p_value: float
+
+
+def predictability(fit: Fit, number: int) -> Predictability:
+    """How well the residual of each block of a run is predicted from all other blocks.
 
     The whitened residual of each channel is regressed (ridge) on a constant and the whitened terms, and the gain of
     a held-out block is its residual times its prediction. The sum of the gains is a quadratic form in the blocks'
@@ -79,8 +92,9 @@ def held_out_lack_of_fit(fit: Fit, number: int) -> float:
     recording, noise = fit.recordings[number], fit.noise[number]
     load = recording.wrench - fit.residuals[number]
     p = len(recording.channels)
-    terms = standardised(generic_terms(recording, load))
-    columns = np.column_stack([np.ones(recording.samples), terms])
+    terms = generic_terms(recording, load)
+    constant = np.ones((recording.samples, 1))
+    columns = np.column_stack([constant, standardised(terms)]) if terms else constant
     residual = noise.whitener.series(fit.residuals[number]).reshape(-1, p)
     blocks = np.array_split(np.arange(len(residual)), min(BLOCKS, len(residual)))
     pairs = np.zeros((len(blocks), len(blocks)))
@@ -92,7 +106,7 @@ def held_out_lack_of_fit(fit: Fit, number: int) -> float:
     signs = np.array(list(product((1.0, -1.0), repeat=len(blocks) - 1)))
     signs = np.column_stack([np.ones(len(signs)), signs])
     gains = np.einsum("sb,bc,sc->s", signs, pairs, signs)
-    return float(np.mean(gains >= gains[0] * (1 - 1e-12)))
+    return Predictability(float(gains[0]), float(np.mean(gains >= gains[0] * (1 - 1e-12))))
 
 
 def _gain_of_pairs(white: Array, residual: Array, blocks: list[NDArray[np.intp]]) -> Array:

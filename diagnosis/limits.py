@@ -7,7 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.screening import Background, Projected, Screening, amplitude_columns
+from diagnosis.background import Background
+from diagnosis.columns import amplitude_columns
+from diagnosis.projection import Projected
+from diagnosis.screening import Screening
 from estimation.fit import Fit
 from estimation.layout import Layout, layout
 from estimation.response import respond

@@ -32,14 +32,18 @@ class Remainder:
     explainable_rms: Mapping[str, float | None]
 
 
-def remainder(comparison: Comparison, tolerance: Mapping[str, float]) -> Remainder:
-    """Describe what is left: the map that shows it best, and a sparse fit over generic terms."""
+def remainder(comparison: Comparison, tolerance: Mapping[str, float], *, fitted: bool = True) -> Remainder:
+    """Describe what is left: the map that shows it best, and a sparse fit over generic terms.
+
+    A recording that was not fitted is named.
+    """
     size = comparison.explainable_rms or {}
     maps = residual_maps(comparison, tolerance)
     loudest = loudest_channel(comparison)
     best = next((m for m in maps if loudest is None or m.channel == loudest), None)
     channel = best.channel if best is not None else loudest or comparison.recording.channels[0]
     where = f"{channel}, in too few samples to say where" if best is None else _sentence(best)
+    where = where if fitted else f"on {comparison.recording.name}, {where}"
     number = comparison.recording.channels.index(channel)
     terms, share = sparse_description(comparison, number)
     return Remainder(where, terms, share, {c: size.get(c) for c in comparison.recording.channels})

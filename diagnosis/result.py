@@ -7,6 +7,7 @@ from math import isfinite
 from typing import Any
 
 from diagnosis.finding import Finding
+from diagnosis.own_effect import OwnEffect
 from diagnosis.remainder import Remainder
 from diagnosis.step import Step
 from estimation.fit import Estimate
@@ -41,6 +42,16 @@ def finding_data(finding: Finding) -> dict[str, Any]:
         "confusable_with": list(finding.confusable_with),
         "reason": finding.reason,
         "parameters": estimates_data(finding.parameters),
+    }
+
+
+def own_data(own: OwnEffect) -> dict[str, Any]:
+    """What a held-out recording has by itself."""
+    return {
+        "recording": own.recording.name,
+        "id": own.effect.id,
+        "swing": dict(own.swing),
+        "parameters": estimates_data(own.parameters),
     }
 
 

@@ -8,11 +8,13 @@ from functools import cached_property
 
 from scipy.stats import chi2
 
-from diagnosis.comparison import comparison_of
-from diagnosis.screening import SIGNIFICANCE, Background, Screening, residual_judges_itself, screen
+from diagnosis.background import Background
+from diagnosis.comparison import comparison_of, residual_judges_itself
+from diagnosis.screening import SIGNIFICANCE, Screening, screen, sharpened
 from estimation.fit import Fit, refit, refreshed
 from modeling.effect import Effect
 from modeling.effects import CATALOGUE
+from modeling.model import WrenchModel
 
 WIDTH = 2
 """Sets of effects kept side by side at each size."""
@@ -29,10 +31,9 @@ def silent(_message: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A model with some effects, refitted exactly; `path` holds the screening with which each effect was added."""
+    """A model with some effects, refitted exactly."""
 
     fit: Fit
-    path: tuple[Screening, ...] = ()
 
     @property
     def ids(self) -> frozenset[str]:
@@ -62,14 +63,18 @@ class Candidate:
 
     @property
     def criterion(self) -> float:
-        """Whitened chi-square plus what each effect's parameters have to bring to be significant.
+        """Whitened chi-square plus what each effect's parameters have to bring to be significant."""
+        return self.background.cost + price(self.fit.model)
 
-        An effect of k parameters costs the quantile of chi-square with k degrees of freedom at 1 % over the number
-        of effects in the catalogue: the price at which screening accepts one.
-        """
-        level = SIGNIFICANCE / len(CATALOGUE)
-        sizes = [len(e.parameters(self.fit.model.space)) for e in self.fit.model.effects]
-        return self.background.cost + sum(float(chi2.isf(level, k)) for k in sizes)
+
+def price(model: WrenchModel) -> float:
+    """What a model's effects have to lower the whitened chi-square by.
+
+    An effect of k parameters costs the quantile of chi-square with k degrees of freedom at 1 % over the number
+    of effects in the catalogue: the price at which screening accepts one.
+    """
+    level = SIGNIFICANCE / len(CATALOGUE)
+    return sum(float(chi2.isf(level, len(e.parameters(model.space)))) for e in model.effects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +132,8 @@ def _swapped(
 
 def _simplest(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
     """The set with the fewest parameters that is adequate, and no worse than the best by what the others are worth."""
+    if residual_judges_itself(best.fit):
+        return _best_in_one_noise(best, tried)
     rivals = [best]
     for other in tried:
         saved = len(best.fit.theta) - len(other.fit.theta)
@@ -134,6 +141,16 @@ def _simplest(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
         if saved > 0 and worse < chi2.isf(SIGNIFICANCE / len(CATALOGUE), saved) and other.adequate:
             rivals.append(other)
     return min(rivals, key=lambda c: (len(c.fit.theta), c.criterion))
+
+
+def _best_in_one_noise(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
+    """The best set by the criterion when all are refitted in the noise of one.
+
+    Sets that each have their own residual for noise are all of size one in that unit, and none looks better.
+    """
+    others = [c for c in tried if c.ids != best.ids and c.adequate]
+    alike = [refitted(best, c.fit.model.effects, c.fit.values) for c in others]
+    return min([best, *alike], key=lambda c: c.criterion)
 
 
 def _grown(
@@ -160,20 +177,19 @@ def _grown(
 def extended(candidate: Candidate, screening: Screening) -> Candidate:
     """The candidate with one more effect, refitted exactly from where the screening points."""
     before = candidate.fit
-    start = {**before.values, **screening.start}
+    start = {**before.values, **sharpened(before, screening)}
     after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
     if residual_judges_itself(before):
         after = refit(after.model, after.recordings, noise=refreshed(after), start=after.values)
-    return Candidate(after, (*candidate.path, screening))
+    return Candidate(after)
 
 
 def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str, float] | None = None) -> Candidate:
     """The candidate's recordings and noise with another set of effects, refitted exactly."""
     before = candidate.fit
     model = before.model.base + effects
-    kept = {e.id for e in effects}
-    found = refit(model, before.recordings, noise=before.noise, start={**before.values, **(start or {})})
-    return Candidate(found, tuple(s for s in candidate.path if s.effect.id in kept))
+    start = {**before.values, **(start or {})}
+    return Candidate(refit(model, before.recordings, noise=before.noise, start=start))
 
 
 def _pruned(candidate: Candidate, progress: Progress) -> Candidate:

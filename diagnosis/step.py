@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from diagnosis.acceptance import HeldOut
+import numpy as np
+from numpy.typing import NDArray
+
 from diagnosis.comparison import Comparison, comparison_of
+from diagnosis.generic import predictability
+from diagnosis.held_out import HeldOut
 from diagnosis.selection import Candidate, refitted
-from diagnosis.validation import transferred
 from estimation.fit import Fit
+from estimation.noise import NoiseSource
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +40,41 @@ def staircase(base: Candidate, final: Candidate, held_out: Sequence[HeldOut]) ->
 
 def _step(effect: str | None, fitted: Fit, held_out: Sequence[HeldOut]) -> Step:
     training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
-    validation = tuple(comparison_of(transferred(fitted, o.recording, o.noise), 0) for o in held_out)
+    validation = tuple(comparison_of(o.carried(fitted), 0) for o in held_out)
     return Step(effect, fitted, training, validation)
 
 
-def explainable(step: Step) -> float:
-    """Power of the training error that can be explained, in units of the noise floor's, over all recordings."""
-    total = 0.0
-    for comparison in step.training:
-        size = comparison.explainable_rms or comparison.rms
-        total += sum((size[c] / max(comparison.noise_floor[c], 1e-300)) ** 2 for c in size)
-    return total
+def explainable(steps: Sequence[Step]) -> Array:
+    """Power of the training error that can be explained after each step, in units of the noise's, over all recordings.
+
+    With repeats it is the power that repeats. In a single run noise and error are one residual; but what a step leaves
+    more than the last is error, and of what the last leaves it is the part that exceeds a stated noise, or else that
+    generic terms of the inputs predict of blocks held out.
+    """
+    powers = [
+        _single(steps, number) if last.explainable_rms is None else _repeating(steps, number)
+        for number, last in enumerate(steps[-1].training)
+    ]
+    return np.asarray(np.sum(powers, axis=0))
+
+
+def _repeating(steps: Sequence[Step], number: int) -> Array:
+    """Power over the noise's that each step leaves to be explained in a recording with repeats."""
+    sizes = [s.training[number].explainable_rms or {} for s in steps]
+    return _over_floor(steps[-1].training[number], [{c: v**2 for c, v in size.items()} for size in sizes])
+
+
+def _single(steps: Sequence[Step], number: int) -> Array:
+    """Power over the noise's that each step leaves to be explained in a recording without repeats."""
+    last, fit = steps[-1].training[number], steps[-1].fit
+    power = [{c: v**2 for c, v in s.training[number].rms.items()} for s in steps]
+    if last.noise.source is NoiseSource.RIG:
+        return _over_floor(last, [{c: v - last.noise_floor[c] ** 2 for c, v in p.items()} for p in power])
+    gained = _over_floor(last, [{c: v - power[-1][c] for c, v in p.items()} for p in power])
+    left = predictability(fit, number).gain * len(fit.model.channels) / fit.noise[number].whitener.rows
+    return gained + max(left, 0.0)
+
+
+def _over_floor(last: Comparison, powers: Sequence[Mapping[str, float]]) -> Array:
+    """The powers' positive parts over those of the last step's noise, summed over the channels."""
+    return np.array([sum(max(v, 0.0) / max(last.noise_floor[c], 1e-300) ** 2 for c, v in p.items()) for p in powers])

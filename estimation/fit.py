@@ -3,44 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.constrained import ConstrainedMinimum, Constraints
+from estimation.constrained import minimise as constrained
 from estimation.convention import decided
 from estimation.layout import Layout, layout
+from estimation.linear.descent import Minimum, minimise
+from estimation.linear.estimate import Estimate, Estimates, table
+from estimation.linear.least_squares import Solution
+from estimation.linear.square_root import SquareRoot
 from estimation.noise import Noise, NoiseSource, step_of
 from estimation.noise_source import noise_of
 from estimation.push import find_pushes
 from estimation.recording import Recording
 from estimation.response import Response, respond
+from estimation.stream.chunk import Chunk
+from estimation.stream.noise_model import NoiseModel
+from estimation.stream.statistics import Part
+from estimation.stream.streaming import StreamedFit, streamed
 from modeling.errors import InputError
 from modeling.model import WrenchModel
+from modeling.parameter import Parameter
 from modeling.rig import Convention
+
+if TYPE_CHECKING:
+    from estimation.interval import Intervals
+
+__all__ = [
+    "Estimate",
+    "Fit",
+    "Problem",
+    "check_channels",
+    "first_noise",
+    "fit",
+    "refit",
+    "refreshed",
+    "require_weight",
+    "start_of",
+    "table",
+]
 
 Array = NDArray[np.float64]
 
-STEP_TOLERANCE = 1e-6
-"""Drop of chi-square below which a refit has converged: a thousandth of a standard deviation away from its minimum."""
-MOST_STEPS = 40
-UNSHOWN = 1e-9
-"""Singular value, of columns of unit length, below which a direction of the unknowns is only rounding."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One estimated parameter: value and standard deviation in `unit`."""
-
-    name: str
-    value: float
-    std: float
-    unit: str
-
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Estimates):
     """A model with its parameters estimated from recordings.
 
     theta       (k,) unknowns in the order of `layout.parameters`
@@ -58,20 +72,23 @@ class Fit:
     covariance: Array
     shown: NDArray[np.bool_]
     converged: bool = True
-
-    @cached_property
-    def parameters(self) -> Mapping[str, Estimate]:
-        """Every unknown by name, with std and unit; the std is infinite where the recordings do not show it."""
-        std = np.where(self.shown, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.inf)
-        return {
-            p.name: Estimate(p.name, float(value), float(s), p.unit)
-            for p, value, s in zip(self.layout.parameters, self.theta, std, strict=True)
-        }
+    constrained: ConstrainedMinimum | None = None
 
     @property
-    def values(self) -> dict[str, float]:
-        """The value of every unknown by name."""
-        return {name: estimate.value for name, estimate in self.parameters.items()}
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The model's parameters, then the biases of the further recordings."""
+        return self.layout.parameters
+
+    @cached_property
+    def information(self) -> SquareRoot:
+        """All that the whitened rows at theta say of it, in one triangle."""
+        return Problem(self.layout, self.recordings, self.noise).information(self.theta).moved(-self.theta)
+
+    def intervals(self, level: float = 0.95) -> Intervals:
+        """Intervals of every unknown, with the degrees of freedom of the noise that was estimated."""
+        from estimation.interval import intervals  # which is made of fits
+
+        return intervals(self, level=level)
 
     def response(self, number: int = 0) -> Response:
         """Prediction of one of the recordings."""
@@ -82,26 +99,6 @@ class Fit:
     def residuals(self) -> tuple[Array, ...]:
         """Measured minus predicted of each recording, (n, p) in the channels' units."""
         return tuple(r.wrench - self.response(i).value for i, r in enumerate(self.recordings))
-
-    def rows(self) -> list[tuple[str, ...]]:
-        """Name, value, std and unit of every unknown, as text."""
-        return [
-            (e.name, f"{e.value:.6g}", f"{e.std:.2g}", e.unit)
-            if np.isfinite(e.std)
-            else (e.name, "-", "not shown", e.unit)
-            for e in self.parameters.values()
-        ]
-
-    def __str__(self) -> str:
-        found = table(("parameter", "value", "std", "unit"), self.rows())
-        return found if self.converged else f"{found}\nnot converged after {MOST_STEPS} steps: the values may move on"
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Text columns under a header."""
-    lines = [tuple(header), *map(tuple, rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    return "\n".join("  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,75 +126,22 @@ class Problem:
             derivatives.append(derivative)
         return np.concatenate(residuals), np.concatenate(derivatives)
 
-    def minimise(self, start: Array) -> Minimum:
-        """The least-squares minimum within the physical bounds.
-
-        Gauss-Newton steps with Levenberg's damping on columns of unit length; a step that would leave the bounds is
-        cut at them. Derivatives are exact (CasADi), so a linear model takes one step.
-        """
-        low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
-        theta, damping = np.clip(start, low, high), 0.0
+    def information(self, theta: Array) -> SquareRoot:
+        """What the whitened rows say of a step from theta."""
         residual, derivative = self.evaluate(theta)
-        cost = float(residual @ residual)
-        for _ in range(MOST_STEPS):
-            step = damped_step(residual, derivative, theta, (low, high), damping)
-            trial = np.clip(theta + step, low, high)
-            moved, tangent = self.evaluate(trial)
-            gain = cost - float(moved @ moved)
-            if gain > 0:
-                theta, residual, derivative, cost = trial, moved, tangent, cost - gain
-                damping = damping / 10 if damping > 1e-9 else 0.0
-            else:
-                damping = max(10 * damping, 1e-6)
-            if abs(gain) < STEP_TOLERANCE or damping > 1e6:
-                return Minimum(theta, *covariance_of(derivative), cost, True)
-        return Minimum(theta, *covariance_of(derivative), cost, False)
+        reached = derivative.any(axis=1)  # lines that no motion lives on are not worth a factorisation
+        rows = derivative[reached]
+        moving = np.flatnonzero(np.einsum("ij,ij->j", rows, rows))  # nor are parameters that move nothing
+        whole = len(moving) == rows.shape[1]
+        found = SquareRoot.of(rows if whole else rows[:, moving], residual[reached])
+        rest = float((residual[~reached] ** 2).sum())
+        found = replace(found, power=found.power + rest, rows=len(residual))
+        return found if whole else found.spread(moving, rows.shape[1])
 
-
-def damped_step(residual: Array, derivative: Array, theta: Array, bounds: tuple[Array, Array], damping: float) -> Array:
-    """A Levenberg step on columns of unit length, with unknowns that press against a bound held."""
-    scale = np.linalg.norm(derivative, axis=0)
-    scale[scale == 0] = 1.0
-    gradient = derivative.T @ residual
-    free = ~(((theta <= bounds[0]) & (gradient < 0)) | ((theta >= bounds[1]) & (gradient > 0)))
-    columns = derivative[:, free] / scale[free]
-    reached = columns.any(axis=1)
-    root = np.asarray(np.linalg.qr(np.column_stack([columns[reached], residual[reached]]), mode="r"))
-    size = columns.shape[1]
-    system = np.concatenate([root[:size, :size], np.sqrt(damping) * np.eye(size)])
-    target = np.concatenate([root[:size, size], np.zeros(size)])
-    step = np.zeros_like(theta)
-    step[free] = np.linalg.lstsq(system, target, rcond=1e-12)[0] / scale[free]
-    return step
-
-
-@dataclass(frozen=True, eq=False)
-class Minimum:
-    """Unknowns (k,) at a minimum, their covariance (k, k), which of them the data show (k,), and the chi-square.
-
-    `converged` is False when the steps ran out before the chi-square stood still.
-    """
-
-    theta: Array
-    covariance: Array
-    shown: NDArray[np.bool_]
-    cost: float
-    converged: bool
-
-
-def covariance_of(derivative: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Inverse of the Fisher information of whitened rows, and which unknowns it holds for.
-
-    Directions that the data do not show get no variance; an unknown with a part in them is not shown.
-    """
-    scale = np.linalg.norm(derivative, axis=0)
-    scale[scale == 0] = 1.0
-    root = np.linalg.qr(derivative[derivative.any(axis=1)] / scale, mode="r")
-    _, singular, right = np.linalg.svd(root, full_matrices=False)
-    kept = singular > UNSHOWN * max(float(singular.max(initial=0.0)), 1e-300)
-    inverse = right[kept].T / singular[kept]
-    shown = (right[kept] ** 2).sum(axis=0) > 1 - 1e-6
-    return np.asarray(inverse @ inverse.T / np.outer(scale, scale)), shown
+    def minimise(self, start: Array) -> Minimum:
+        """The least-squares minimum within the physical bounds; derivatives are exact (CasADi)."""
+        low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
+        return minimise(self.information, start, (low, high))
 
 
 def start_of(unknowns: Layout, start: Mapping[str, float]) -> Array:
@@ -205,26 +149,76 @@ def start_of(unknowns: Layout, start: Mapping[str, float]) -> Array:
     return np.array([start.get(p.name, p.nominal) for p in unknowns.parameters])
 
 
+@overload
 def fit(
     model: WrenchModel,
     recordings: Recording | Iterable[Recording],
     *,
     noise: Sequence[Noise] | None = None,
     start: Mapping[str, float] | None = None,
-) -> Fit:
+    constraints: Constraints | None = None,
+) -> Fit: ...
+
+
+@overload
+def fit(
+    model: WrenchModel,
+    recordings: Part | Iterable[Part],
+    *,
+    noise: NoiseModel,
+    start: Mapping[str, float] | None = None,
+    executor: Executor | None = None,
+) -> StreamedFit: ...
+
+
+def fit(
+    model: WrenchModel,
+    recordings: Part | Iterable[Part],
+    *,
+    noise: Sequence[Noise] | NoiseModel | None = None,
+    start: Mapping[str, float] | None = None,
+    executor: Executor | None = None,
+    constraints: Constraints | None = None,
+) -> Fit | StreamedFit:
     """Estimate a model's parameters from one recording or several of the same rig and tool.
 
     Every parameter is shared but the biases, which each recording has for itself (`bias_fx@name`). The noise is
     estimated from the recordings unless given; where it comes from the residual, fit and noise are iterated. A
     convention AUTO is decided from the recordings.
-    Raises InputError when a recording lacks a signal that the model needs, the convention cannot be decided, or the
-    mass comes out negative under the convention stated.
+
+    With a `NoiseModel`, recordings or chunks are gone through one by one and not kept, however many they are, and
+    `executor` (`concurrent.futures.Executor` or its like) works on them elsewhere: see `estimation.stream.streaming`.
+    `constraints` hold the estimate within bounds, or to tools that exist: see `estimation.constrained`.
+    Raises InputError when a recording lacks a signal that the model needs, the convention cannot be decided, the
+    mass comes out negative under the convention stated, or chunks or an executor come without a `NoiseModel`.
     """
-    several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
+    parts = (recordings,) if isinstance(recordings, Recording | Chunk) else recordings
+    if isinstance(noise, NoiseModel):
+        if constraints is not None:
+            what = "parts that are not kept cannot be fitted under constraints"
+            raise InputError(what=what, where="constraints", remedy="fit recordings without a NoiseModel")
+        passed = streamed(model, parts, noise, start=start, executor=executor)
+        _require_weight(passed.parameters["m"], model.convention, passed.where)
+        return passed
+    several = _whole(parts, executor)
     check_channels(model, several)
-    estimated = refit(decided(model, several), several, noise=noise, start=start)
+    estimated = refit(decided(model, several), several, noise=noise, start=start, constraints=constraints)
     require_weight(estimated)
     return estimated
+
+
+def _whole(parts: Iterable[Part], executor: Executor | None) -> tuple[Recording, ...]:
+    """The parts when they are recordings, to be fitted all at once; InputError otherwise."""
+    remedy = "give noise=NoiseModel.white(std), or NoiseModel.of the noise of a fit to one recording"
+    if executor is not None:
+        what = "an executor works on parts by themselves, and the noise is not known beforehand"
+        raise InputError(what=what, where="executor", remedy=remedy)
+    several = []
+    for part in parts:
+        if isinstance(part, Chunk):
+            raise InputError(what="noise cannot be estimated from chunks", where=part.run, remedy=remedy)
+        several.append(part)
+    return tuple(several)
 
 
 def check_channels(model: WrenchModel, several: tuple[Recording, ...]) -> tuple[Recording, ...]:
@@ -247,16 +241,20 @@ def refit(
     *,
     noise: Sequence[Noise] | None = None,
     start: Mapping[str, float] | None = None,
+    constraints: Constraints | None = None,
 ) -> Fit:
     """`fit` of a model whose convention is decided, its mass whatever the data say: a step of a search."""
     unknowns = layout(model, several)
     theta = start_of(unknowns, start or {})
+    if constraints is not None:
+        constraints.region(unknowns)  # what is wrong with them is said before any work
     known = tuple(noise) if noise is not None else first_noise(model, several)
     for _ in range(1 if noise is not None else 4):
         problem = Problem(unknowns, several, known)
-        found = problem.minimise(theta)
+        held = None if constraints is None else constrained(problem, theta, constraints)
+        found = problem.minimise(theta) if held is None else held
         theta = found.theta
-        estimated = Fit(model, several, known, unknowns, theta, found.covariance, found.shown, found.converged)
+        estimated = Fit(model, several, known, unknowns, theta, found.covariance, found.shown, found.converged, held)
         if noise is not None or all(n.source is not NoiseSource.RESIDUAL for n in known):
             break
         known = refreshed(estimated)
@@ -268,14 +266,17 @@ def require_weight(fitted: Fit) -> None:
 
     Raises InputError: the readings have the other sign than was stated.
     """
-    mass = fitted.parameters["m"]
+    names = ", ".join(r.name for r in fitted.recordings)
+    _require_weight(fitted.parameters["m"], fitted.model.convention, names)
+
+
+def _require_weight(mass: Estimate, stated: Convention, where: str) -> None:
     if mass.value >= -3 * mass.std:
         return
-    stated = fitted.model.convention
     other = Convention.ON_SENSOR if stated is Convention.ON_TOOL else Convention.ON_TOOL
     raise InputError(
         what=f"the mass comes out as {mass.value:.3g} ± {mass.std:.2g} kg with readings {stated.value}",
-        where=", ".join(r.name for r in fitted.recordings),
+        where=where,
         remedy=f'state convention = "{other.value}" under [sensor] in the rig, or check the axes of the readings',
     )
 
@@ -308,8 +309,6 @@ def _unweighted(base: WrenchModel, recording: Recording, events: tuple[tuple[flo
     spread = recording.wrench.std(axis=0)
     spread[spread == 0] = 1.0
     rows = (response.derivative / spread[:, None])[kept].reshape(-1, size)
-    scale = np.linalg.norm(rows, axis=0)
-    scale[scale == 0] = 1.0
     target = ((recording.wrench - response.value) / spread)[kept].ravel()
-    solution = np.linalg.lstsq(rows / scale, target, rcond=1e-6)[0] / scale
+    solution = Solution.of(SquareRoot.of(rows, target), rounding=1e-6).theta
     return np.asarray(recording.wrench - response.value - response.derivative @ solution)

@@ -34,7 +34,7 @@ def from_residual(recording: Recording, residual: Array, fitted: int, events: tu
     if recording.at_rest:
         coefficients, covariance = np.zeros((0, p)), np.diag(floor**2)
     else:
-        coefficients, covariance = _best_autoregression(residual, quiet)
+        coefficients, covariance = best_autoregression(residual, quiet)
     loud = np.concatenate(
         [residual[start:end] - residual[start:end].mean(axis=0) for start, end in parts] or [residual]
     )
@@ -74,7 +74,7 @@ def _slow_spread(loud: Array, floor: Array) -> Array:
     return np.asarray(spread * np.sqrt((1 + correlation) / (1 - correlation)))
 
 
-def _best_autoregression(residual: Array, quiet: NDArray[np.bool_]) -> tuple[Array, Array]:
+def best_autoregression(residual: Array, quiet: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Coefficients (order, p) and innovations' covariance (p, p), the order chosen by Akaike's criterion."""
     n, p = residual.shape
     best: tuple[float, Array, Array] | None = None

@@ -64,10 +64,14 @@ class Chain:
         to_sensor = motion.rotation.T
         lift = to_sensor * (motion.acceleration - self.gravity)
         force, torque = newton_euler(self.body, lift, motion.omega, motion.alpha)
-        wrench = sp.Matrix.vstack(self.mounting * (force - self.force), self.mounting * (torque - self.torque))
-        measured = sp.Matrix([wrench[row] for row in self.space.rows])
-        reading = self.gain * sp.diag(*self.sign) * measured
+        reading = self.reading(force - self.force, torque - self.torque)
         return reading.xreplace(dict(self.pose)) if self.pose else reading
+
+    def reading(self, force: sp.Matrix, torque: sp.Matrix) -> sp.Matrix:
+        """What the channels make of a wrench of the sensor on the tool (sensor frame): gain · sign · mounting · it."""
+        wrench = sp.Matrix.vstack(self.mounting * force, self.mounting * torque)
+        measured = sp.Matrix([wrench[row] for row in self.space.rows])
+        return self.gain * sp.diag(*self.sign) * measured
 
 
 def rigid_chain(space: Space, *, gravity: float, sign: tuple[int, ...], zero: sp.Matrix, mounting: sp.Matrix) -> Chain:

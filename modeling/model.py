@@ -81,6 +81,11 @@ class WrenchModel:
         return replace(self, effects=())
 
     @property
+    def lasting(self) -> WrenchModel:
+        """The model less the effects that belong to one recording (a push, a wandering zero)."""
+        return replace(self, effects=tuple(e for e in self.effects if not e.per_recording))
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Names of the wrench's channels."""
         return self.space.channels

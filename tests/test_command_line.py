@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -217,7 +218,7 @@ def test_fit_prints_parameters_and_writes_the_model(bench: Bench, run: Runner, t
     add = ["--add", "viscous_drag", "--add", "com_offset", "--drop", "com_offset"]
     outcome = run("fit", bench.training, "--rig", bench.rig, *add, "--out", path)
     assert (outcome.code, outcome.err) == (0, "")
-    assert "viscous_drag.c = 0.1" in outcome.out
+    assert re.search(r"viscous_drag\.c +0\.1\d+ ± 0\.\d+ N s/m +0\.\d+ to 0\.\d+", outcome.out)
     assert [e.id for e in ModelFile.read(path).model.effects] == ["viscous_drag"]
     assert list(path.parent.iterdir()) == [path]
 
@@ -225,8 +226,12 @@ def test_fit_prints_parameters_and_writes_the_model(bench: Bench, run: Runner, t
 def test_fit_json_is_the_model_and_how_well_it_fits(bench: Bench, run: Runner) -> None:
     outcome = run("fit", bench.training, bench.validation, "--rig", bench.rig, "--json")
     data = json.loads(outcome.out)
-    assert [r["name"] for r in data.pop("recordings")] == ["train.csv", "validate.csv"]
-    assert ModelFile.from_data(data).parameters["m"].unit == "kg"
+    assert [r["name"] for r in data["recordings"]] == ["train.csv", "validate.csv"]
+    assert [t["recording"] for t in data["repeats"]] == ["train.csv", "validate.csv"]
+    low, high = data["intervals"]["m"]
+    assert low < data["parameters"]["m"]["value"] < high
+    beside = {"recordings", "repeats", "intervals", "condition", "unseen"}
+    assert ModelFile.from_data({k: v for k, v in data.items() if k not in beside}).parameters["m"].unit == "kg"
 
 
 def test_recordings_of_one_file_name_do_not_clash(bench: Bench, run: Runner, tmp_path: Path) -> None:
@@ -280,7 +285,7 @@ def test_demo_tells_what_was_hidden_and_what_was_named(
     assert "Hidden: viscous_drag. Named: viscous_drag. That is right." in outcome.out
     assert str(tmp_path / "demo" / "report.html") in outcome.out
     names = {"rig.toml", "train.csv", "validate.csv", "report.html", "result.json", "model.json"}
-    assert {p.name for p in (tmp_path / "demo").iterdir()} == names
+    assert {p.name for p in (tmp_path / "demo").iterdir()} == names | {"contact.csv", "contact.png"}
     assert json.loads((tmp_path / "demo" / "result.json").read_text())["verdict"] == "explained"
 
 

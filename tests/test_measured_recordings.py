@@ -15,6 +15,7 @@ import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict import RecordVerdict
+from estimation.contact.contact import Contact, compensate
 from estimation.convention import decide_convention
 from estimation.fit import fit
 from estimation.reading import read
@@ -76,3 +77,39 @@ def test_what_the_others_hold_has_no_name_in_the_catalogue(name: str) -> None:
     assert found.verdict is RecordVerdict.UNEXPLAINED
     assert found.remainder is not None
     assert found.remainder.where
+
+
+# -------------------------------------------------------------------- the contact, with parameters from the poses
+
+
+@lru_cache
+def compensated(name: str) -> Contact:
+    return compensate(fit(spatial(), recording("calibration_poses")), recording(name))
+
+
+def test_the_hand_is_found_and_the_rest_is_free() -> None:
+    """One interval, and outside it hardly more than what the sensor does by itself: forces as loud as in the untouched
+    run, torques (the hand comes slowly, from 0.6 s on) at most 1.8 times."""
+    contact = compensated("contact")
+    (interval,) = contact.intervals
+    assert contact.time_of(interval.first) == pytest.approx(0.7, abs=0.2)  # the hand comes slowly
+    assert contact.time_of(interval.last) == pytest.approx(4.2, abs=0.1)
+    assert contact.magnitude[interval.first : interval.last].max() > 20
+    free = contact.wrench[contact.detection.free]
+    alone = compensated("baseline").wrench
+    assert (free.std(axis=0) < np.repeat([1.2, 1.8], 3) * alone.std(axis=0)).all()
+
+
+def test_the_untouched_run_is_quiet_and_its_zero_has_moved() -> None:
+    """Of fz by 0.4 N against the poses: a zero shift, and no contact of 0.4 N."""
+    contact = compensated("baseline")
+    assert not contact.intervals
+    assert contact.zero_shift[2] == pytest.approx(0.4, abs=0.1)
+    assert np.abs(contact.wrench.mean(axis=0)).max() < 1e-9
+
+
+def test_the_taps_are_found() -> None:
+    """Four blows of a hammer, each shorter than a fifth of a second; the tool swings a little after them."""
+    contact = compensated("vibrations")
+    assert 3 <= len(contact.intervals) <= 6
+    assert all(contact.time_of(i.last) - contact.time_of(i.first) < 0.2 for i in contact.intervals)

@@ -61,6 +61,7 @@ def model_file(space: Space, *, effects: tuple[Effect, ...] | None = None, unsee
         covariance=covariance,
         noise_floor=dict.fromkeys(model.channels, 0.1),
         noise_source=NoiseSource.REPEATS,
+        remainder=dict.fromkeys(model.channels, 0.01),
     )
 
 
@@ -75,6 +76,7 @@ def test_what_is_written_comes_back(space: Space, unseen: int | None, tmp_path: 
     assert found.parameters == written.parameters
     np.testing.assert_array_equal(found.covariance, written.covariance)
     assert (found.noise_floor, found.noise_source) == (written.noise_floor, written.noise_source)
+    assert found.remainder == written.remainder
     assert found.to_text() == written.to_text()
 
 
@@ -139,6 +141,7 @@ DEFECTS = {
     "size": (("covariance", "matrix"), [[1.0]], "covariance: a matrix of"),
     "symmetry": (("covariance", "matrix", 0, 1), 1e9, "not symmetric"),
     "noise": (("noise_floor",), {"fx": 0.1, "fy": 0.1}, "noise_floor: tau is missing"),
+    "remainder": (("remainder", "fx"), -1.0, "remainder.fx"),
     "rig": (("rig", "robot"), {"arms": 2}, "rig: robot.arms"),
 }
 

@@ -31,7 +31,20 @@ def missing_effect(names: dict[str, Any]) -> None:
     assert names["unknown"].remainder.where.startswith("tau falls near position y")
 
 
-CLAIMS = {"from_recording_to_missing_effect": missing_effect}
+def contact_force(names: dict[str, Any]) -> None:
+    """The rigid tool is off by newtons and sees no push, the tethered one is right; the printed direction is wrong."""
+    rigid, found, true = names["rigid"], names["found"], names["true"]
+    assert (rigid.repeating_error(true) > 5 * rigid.floor).all()
+    assert (found.repeating_error(true) < found.floor / 10 + 2 * found.repeating_limit).all()
+    assert not rigid.intervals
+    assert len(found.intervals) == 4
+    assert abs(found.zero_shift[0] - 0.8) < 0.05
+    assert abs(names["size"].mean() - 5) < 0.05
+    assert abs(names["direction"].mean() - 36.87) < 0.5
+    assert abs(names["printed"] - 36.87) > 2
+
+
+CLAIMS = {"contact_force": contact_force, "from_recording_to_missing_effect": missing_effect}
 
 
 def test_every_notebook_has_its_claims() -> None:

@@ -14,12 +14,13 @@ from diagnosis.verdict import RecordVerdict
 from modeling.rig import Rig
 from truewrench.command_line import main
 from truewrench.commands import demo, diagnose
-from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, simulate, write_recording
+from truewrench.simulated_rig import HIDDEN_EFFECTS, ContactEvent, PlanarRig, simulate, write_recording
 
 pytest.importorskip("mujoco")
 
 README = Path(__file__).parents[1] / "README.md"
 TEXT = README.read_text(encoding="utf-8")
+PUSH = ContactEvent(start=6.0, end=8.0)
 
 
 def blocks(language: str) -> list[str]:
@@ -38,13 +39,15 @@ def rig_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         motion = rig.random_motion(seed=seed, harmonics=3)
         frame = simulate(rig, motion, hidden=[drag], repeats=repeats, samples_per_period=150, seed=seed)
         write_recording(frame, tmp_path / name)
+    frame = simulate(rig, motion, hidden=[drag, PUSH], repeats=3, samples_per_period=150, seed=3)
+    write_recording(frame, tmp_path / "pushed.csv")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def test_the_commands_run(rig_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = [line for block in blocks("sh") for line in block.splitlines()]
-    assert {shlex.split(line)[1] for line in lines} == {"diagnose", "effects", "fit"}
+    assert {shlex.split(line)[1] for line in lines} == {"compensate", "diagnose", "effects", "fit"}
     for line in lines:
         program, *arguments = shlex.split(line)
         assert program == "truewrench"
@@ -52,6 +55,8 @@ def test_the_commands_run(rig_folder: Path, capsys: pytest.CaptureFixture[str]) 
         printed = capsys.readouterr().out
         if "--out report" in line:
             assert f"[{RecordVerdict.EXPLAINED.value}]" in printed.splitlines()[0]
+        if "compensate" in line:
+            assert printed.startswith("1 contact")
         if "--json" in line:
             assert "detectable" in json.loads(printed)["effects"][0]
     for name in diagnose.FILES:
@@ -65,6 +70,7 @@ def test_the_code_runs(rig_folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     script.write_text("\n".join(blocks("python")), encoding="utf-8")
     names = runpy.run_path(str(script))
     assert names["found"].added == ("viscous_drag",)
+    assert len(names["contact"].intervals) == 1
     assert "lack of fit" in capsys.readouterr().out
 
 

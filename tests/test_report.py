@@ -31,8 +31,10 @@ from truewrench.plots.number import figures, percentage, probability, unit_text,
 from truewrench.plots.passing_plot import passing, spread_of_means
 from truewrench.plots.side import Side
 from truewrench.plots.spectrum_plot import lines_of
-from truewrench.report import effect_row, report_page, write_report
+from truewrench.report import report_page, write_report
+from truewrench.report.effect_row import effect_row
 from truewrench.simulated_rig import (
+    BiasDrift,
     CentreOfMassOffset,
     HiddenEffect,
     MagnusForce,
@@ -60,7 +62,7 @@ def recorded(*hidden: HiddenEffect, name: str = "run.csv", motion: int = 1, repe
 
 def drag() -> Diagnosis:
     hidden = ViscousDrag(c=2.0)
-    other = recorded(hidden, name="other.csv", motion=2)
+    other = recorded(hidden, BiasDrift(), name="other.csv", motion=2)
     return found(recorded(hidden, name=HOSTILE), viscous_drag(), com_offset(), validate=(other,))
 
 
@@ -168,6 +170,8 @@ def names_effect_size_and_advice(diagnosis: Diagnosis, html: str, parsed: Page) 
     assert "4 repeats" in parsed.text
     assert "F = m (a − g)" in parsed.text
     assert "other.csv, held out" in parsed.text
+    # In the verdict, and beside the recording's pictures.
+    assert parsed.text.count("other.csv drifts by itself: fx by") == 2
     folded = html.split("<details", 1)[1].split("</details>")[0]
     assert com_offset.title in folded
     assert viscous_drag.title not in folded
@@ -219,7 +223,7 @@ def test_many_parameters_unfold_the_surest_first() -> None:
 
 
 def test_written_file_is_renamed_into_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truewrench.report.report_page", lambda _diagnosis: "<p>é</p>")
+    monkeypatch.setattr("truewrench.report.page.report_page", lambda _diagnosis: "<p>é</p>")
     target = tmp_path / "new" / "report.html"
     assert write_report(ANY, target) == target
     assert target.read_text(encoding="utf-8") == "<p>é</p>"
@@ -232,7 +236,7 @@ def test_failed_report_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.Mo
 
     target = tmp_path / "report.html"
     target.write_text("old")
-    monkeypatch.setattr("truewrench.report.report_page", broken)
+    monkeypatch.setattr("truewrench.report.page.report_page", broken)
     with pytest.raises(RuntimeError):
         write_report(ANY, target)
     assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]

@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from estimation.contact.calibration import Calibration
 from estimation.fit import Estimate, Fit
 from estimation.noise import NoiseSource
+from estimation.stream.streaming import StreamedFit
 from modeling.effect import Effect
 from modeling.effects import named
 from modeling.errors import InputError
@@ -42,6 +44,7 @@ class ModelFile:
     covariance    (k, k) in the same order and the products of their units; a parameter that was not determined has
                   an infinite variance and no covariance
     noise_floor   std of one sample per channel of the first recording, and where it is known from
+    remainder     RMS per channel of what the model is known to miss where it was fitted
     """
 
     model: WrenchModel
@@ -50,23 +53,33 @@ class ModelFile:
     covariance: Array
     noise_floor: Mapping[str, float]
     noise_source: NoiseSource
+    remainder: Mapping[str, float]
 
     @classmethod
-    def of(cls, fitted: Fit) -> Self:
+    def of(cls, fitted: Fit | StreamedFit) -> Self:
         """The model of a fit, with the biases of its first recording."""
-        noise, names = fitted.noise[0], [p.name for p in fitted.model.parameters]
-        known = fitted.parameters
-        unseen = [not isfinite(known[name].std) for name in names]
-        covariance = fitted.covariance[: len(names), : len(names)].copy()
-        covariance[unseen], covariance[:, unseen] = 0.0, 0.0
-        covariance[unseen, unseen] = np.inf
+        noise = fitted.noise if isinstance(fitted, StreamedFit) else fitted.noise[0]
+        names = [p.name for p in fitted.model.parameters]
+        known, calibration = fitted.parameters, Calibration.of(fitted)
         return cls(
             model=fitted.model,
-            rig=fitted.recordings[0].rig,
+            rig=fitted.rig if isinstance(fitted, StreamedFit) else fitted.recordings[0].rig,
             parameters={name: known[name] for name in names},
-            covariance=covariance,
-            noise_floor={c: float(f) for c, f in zip(fitted.model.channels, noise.floor, strict=True)},
+            covariance=calibration.covariance,
+            noise_floor=_by_channel(fitted.model, noise.floor),
             noise_source=noise.source,
+            remainder=_by_channel(fitted.model, calibration.remainder),
+        )
+
+    @property
+    def calibration(self) -> Calibration:
+        """What it takes to subtract the model from other recordings."""
+        return Calibration(
+            model=self.model,
+            theta=np.array([e.value for e in self.parameters.values()]),
+            covariance=self.covariance,
+            floor=np.array([self.noise_floor[c] for c in self.model.channels]),
+            remainder=np.array([self.remainder[c] for c in self.model.channels]),
         )
 
     @classmethod
@@ -110,6 +123,7 @@ class ModelFile:
             covariance=covariance,
             noise_floor=table.noise_floor,
             noise_source=NoiseSource(table.noise_source),
+            remainder=table.remainder,
         )
 
     def to_data(self) -> dict[str, Any]:
@@ -133,12 +147,17 @@ class ModelFile:
             },
             "noise_floor": dict(self.noise_floor),
             "noise_source": self.noise_source.value,
+            "remainder": dict(self.remainder),
             "rig": None if self.rig is None else self.rig.to_data(),
         }
 
     def to_text(self) -> str:
         """The JSON text of the file."""
         return json.dumps(self.to_data(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _by_channel(model: WrenchModel, values: Array) -> dict[str, float]:
+    return {c: float(v) for c, v in zip(model.channels, values, strict=True)}
 
 
 def _finite(value: float) -> float | None:
@@ -204,6 +223,7 @@ class _Model(_Table):
     covariance: _Covariance
     noise_floor: dict[str, Annotated[float, Field(ge=0)]]
     noise_source: Literal["repeats", "rig", "residual"]
+    remainder: dict[str, Annotated[float, Field(ge=0)]]
     rig: dict[str, Any] | None
 
 
@@ -230,6 +250,7 @@ def _model(table: _Model, where: str) -> WrenchModel:
     space = BASES[table.base]
     _require_names(table.channels, space.channels, "channels", where)
     _require_names(table.noise_floor, space.channels, "noise_floor", where)
+    _require_names(table.remainder, space.channels, "remainder", where)
     bare = WrenchModel(
         space=space,
         gravity=table.gravity,

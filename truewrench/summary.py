@@ -82,7 +82,9 @@ def measured(estimate: Estimate) -> str:
     """An estimate as `value ± std unit`, to two digits of its standard deviation."""
     value, std, unit = estimate.value, estimate.std, estimate.unit
     unit = "" if unit == "1" else f" {unit}"
-    if not isfinite(std) or std <= 0:
+    if std == 0:
+        return f"{value:.6g}{unit}, held"
+    if not isfinite(std):
         return f"{value:.6g}{unit}, not determined by these recordings"
     digits = max(0, 1 - floor(log10(std)))
     if digits > 9:
@@ -135,6 +137,7 @@ def _basis(diagnosis: Diagnosis) -> str:
     if diagnosis.zero_shift:
         shifts = zip(diagnosis.zero_shift.items(), last.training[0].space.units, strict=True)
         lines.append("Zero shift of the validation: " + ", ".join(f"{c} {s:.3g} {u}" for (c, s), u in shifts) + ".")
+    lines += [f"{own}; that is left out of the judgement." for own in diagnosis.own]
     return "\n".join(lines)
 
 

@@ -10,9 +10,10 @@ import numpy as np
 import sympy as sp
 
 from modeling.chain import Chain, Stage
+from modeling.contact import applied, components
 from modeling.effect import Effect, Extent, Values
 from modeling.parameter import Parameter
-from modeling.space import Space, signals, vector
+from modeling.space import Space, signals
 
 
 @dataclass(frozen=True)
@@ -93,19 +94,15 @@ class ContactEvent(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """start and end in s, then the wrench in N and N m."""
-        names = ("fcx", "fcy", "tauc") if space is Space.PLANE else ("fcx", "fcy", "fcz", "tcx", "tcy", "tcz")
         times = tuple(Parameter(name=name, unit="s", nuisance=True) for name in ("start", "end"))
-        return times + tuple(Parameter(name=n, unit=u) for n, u in zip(names, space.units, strict=True))
+        return times + tuple(Parameter(name=n, unit=u) for n, u in zip(components(space), space.units, strict=True))
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Push the tool during the interval."""
         (time,) = signals("time")
         rising, falling = ((time - p["start"]) / self.edge, (p["end"] - time) / self.edge)
         during = sp.Min(1, sp.Max(0, sp.Min(rising, falling) + sp.Rational(1, 2)))
-        if chain.space is Space.PLANE:
-            force, torque = vector(p["fcx"], -p["fcy"], 0), vector(0, 0, p["tauc"])
-        else:
-            force, torque = (vector(*(p[f"{kind}c{a}"] for a in "xyz")) for kind in "ft")
+        force, torque = applied(chain.space, [p[name] for name in components(chain.space)])
         return replace(chain, force=chain.force + during * force, torque=chain.torque + during * torque)
 
     def nuisance_grid(self, extent: Extent) -> tuple[Values, ...]:

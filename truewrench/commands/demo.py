@@ -12,7 +12,8 @@ from truewrench.commands.options import Subcommands
 if TYPE_CHECKING:
     from diagnosis.comparison import Comparison
     from diagnosis.diagnosis import Diagnosis
-    from truewrench.simulated_rig import HiddenEffect, PlanarRig
+    from estimation.contact.contact import Contact
+    from truewrench.simulated_rig import Array, ContactEvent, HiddenEffect, PlanarRig
 
 NOTHING = "nothing"
 HARMONICS = 5
@@ -46,6 +47,10 @@ class Run:
 
 TRAINING = Run("train.csv", seed=1, repeats=8)
 VALIDATION = Run("validate.csv", seed=2, repeats=4)
+CONTACT = Run("contact.csv", seed=3, repeats=4)
+PUSH = (1.5, 2.5)
+"""From when to when (s) somebody pushes the tool in every repeat of the contact recording."""
+PICTURE = "contact.png"
 
 
 def add_to(commands: Subcommands[Any]) -> None:
@@ -69,14 +74,16 @@ def run(arguments: argparse.Namespace) -> None:
     effect = hidden_effect(arguments.effect)
     out = folder(arguments.out)
     print(f"A simulated planar arm hides from its model: {_described(record(effect, out))}")
-    names = ("rig.toml", TRAINING.name, VALIDATION.name)
+    names = ("rig.toml", TRAINING.name, VALIDATION.name, CONTACT.name)
     print("Recorded: " + ", ".join(str(out / name) for name in names), end="\n\n", flush=True)
     training, validation = str(out / TRAINING.name), str(out / VALIDATION.name)
     found = diagnosed(Case.read([training], validation=[validation], rig=str(out / "rig.toml")))
     write(found, found.to_data(), out)
     print(summary(found), end="\n\n")
     print(outcome(found, arguments.effect), end="\n\n")
+    print(contact_story(found, out), end="\n\n")
     print(f"Report: {out / FILES[0]}")
+    print(f"Contact, as the rigid tool and as the model found see it: {out / PICTURE}")
 
 
 def hidden_effect(effect_id: str) -> HiddenEffect | None:
@@ -106,7 +113,7 @@ def _described(effect: HiddenEffect | None) -> str:
 
 
 def record(effect: HiddenEffect | None, out: Path) -> HiddenEffect | None:
-    """Write the rig, a training recording and one of another motion; return the effect, which has its place in both."""
+    """Write the rig and the recordings: training, another motion, and one with a push; return the effect in place."""
     from truewrench.output import replacing
     from truewrench.simulated_rig import BiasDrift, Event, PlanarRig, placed, simulate, write_recording
 
@@ -114,14 +121,22 @@ def record(effect: HiddenEffect | None, out: Path) -> HiddenEffect | None:
     with replacing(out / "rig.toml") as path:
         path.write_text(rig_text(rig), encoding="utf-8")
     hidden = () if effect is None else (effect,)
-    motions = {r: rig.random_motion(seed=r.seed, harmonics=HARMONICS) for r in (TRAINING, VALIDATION)}
+    motions = {r: rig.random_motion(seed=r.seed, harmonics=HARMONICS) for r in (TRAINING, VALIDATION, CONTACT)}
     in_place = placed(rig, motions[TRAINING], hidden, repeats=TRAINING.repeats)
     for r, motion in motions.items():
         # A push, a new payload and a wandering zero belong to their own recording; the rest stays on the rig.
         present = [e for e in in_place if r is TRAINING or not isinstance(e, Event | BiasDrift)]
+        present += pushes(motion.period) if r is CONTACT else []
         frame = simulate(rig, motion, hidden=present, repeats=r.repeats, samples_per_period=SAMPLES, seed=r.seed)
         write_recording(frame, out / r.name)
     return in_place[0] if in_place else None
+
+
+def pushes(period: float) -> list[ContactEvent]:
+    """The push in every repeat of the contact recording."""
+    from truewrench.simulated_rig import ContactEvent
+
+    return [ContactEvent(start=r * period + PUSH[0], end=r * period + PUSH[1]) for r in range(CONTACT.repeats)]
 
 
 def rig_text(rig: PlanarRig) -> str:
@@ -180,3 +195,61 @@ def error_table(before: Comparison, after: Comparison) -> str:
         rows.append((channel, unit, *(f"{size:.3g}" for size in (floor, first, last, allowed)), reached))
     head = ("channel", "unit", "noise floor", "rigid tool", "with what was named", "a tenth of the floor + 2 s.e.", "")
     return table(head, rows)
+
+
+# --------------------------------------------------------------------------------------- the contact
+
+
+def contact_story(found: Diagnosis, out: Path) -> str:
+    """What both models make of a known push, as a table and a picture."""
+    from estimation.contact.contact import compensate
+    from estimation.reading import read
+    from truewrench.output import replacing
+    from truewrench.plots.contact_plot import ContactSide, contact_figure
+    from truewrench.plots.style import FAILING, HOLDING
+    from truewrench.summary import RIGID
+
+    fits = {RIGID: found.steps[0].fit}
+    if found.added:
+        fits["with " + " and ".join(found.added)] = found.steps[-1].fit
+    recording = read(out / CONTACT.name, rig=found.steps[0].fit.recordings[0].rig)
+    contacts = {label: compensate(fitted, recording) for label, fitted in fits.items()}
+    last = list(contacts)[-1]
+    sides = [ContactSide(label, HOLDING if label == last else FAILING, c) for label, c in contacts.items()]
+    true = true_contact(contacts[last])
+    figure = contact_figure(sides, true)
+    figure.patch.set_alpha(1.0)
+    with replacing(out / PICTURE) as path:
+        figure.savefig(path, format="png", dpi=144)
+    lines = [
+        f"Somebody pushes the tool in {CONTACT.name}. The part of the contact's error that repeats with the motion:"
+    ]
+    return "\n".join([*lines, contact_errors(contacts, true)])
+
+
+def true_contact(contact: Contact) -> Array:
+    """The push of every repeat (n, 3) along x', y' and clockwise, at the contact's samples."""
+    import numpy as np
+
+    recording = contact.recording
+    assert recording.time is not None
+    period = recording.samples_per_repeat * (recording.dt or 0.0)
+    on_tool = np.sum([push.wrench(recording.time) for push in pushes(period)], axis=0)
+    return np.asarray(on_tool[:, [0, 1, 5]] * [1, -1, 1])  # the tool's axes are x', -y'
+
+
+def contact_errors(contacts: dict[str, Contact], true: Array) -> str:
+    """Per component the noise, each model's repeating error (`<` what noise hides), and the contacts that it found."""
+    import numpy as np
+
+    from estimation.fit import table
+
+    first = next(iter(contacts.values()))
+    errors = [np.maximum(contact.repeating_error(true), contact.repeating_limit) for contact in contacts.values()]
+    rows = []
+    for i, (name, unit) in enumerate(zip(first.names, first.space.units, strict=True)):
+        noise = first.floor[i]
+        shown = ("< " * bool(e[i] == first.repeating_limit[i]) + f"{e[i]:.2g}" for e in errors)
+        rows.append((name, unit, f"{noise:.3g}", f"{noise / 10:.2g}", *shown))
+    found = ("contacts found", "", f"of {CONTACT.repeats}", "", *(str(len(c.intervals)) for c in contacts.values()))
+    return table(("component", "unit", "noise", "a tenth of it", *contacts), [*rows, found])

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 from truewrench.commands.options import Subcommands, add_recordings, add_repeatable
 
 if TYPE_CHECKING:
-    from diagnosis.comparison import Comparison
+    from estimation.constrained import Constraints
+    from estimation.recording import Recording
     from modeling.model import WrenchModel
+    from truewrench.fit_summary import FitSummary
 
 
 def add_to(commands: Subcommands[Any]) -> None:
@@ -21,6 +23,11 @@ def add_to(commands: Subcommands[Any]) -> None:
     add_recordings(command)
     add_repeatable(command, "--add", metavar="ID", text="effect to add")
     add_repeatable(command, "--drop", metavar="ID", text="effect to leave out again")
+    command.add_argument("--robust", action="store_true", help="let outliers count less (Huber's loss)")
+    command.add_argument("--bounds", type=Path, metavar="FILE", help="TOML with intervals, m = [0.1, 3.0]")
+    command.add_argument("--physical", action="store_true", help="only tools that some distribution of mass can be")
+    command.add_argument("--prior", type=Path, metavar="FILE", help="TOML with a reference tool, and its weight")
+    command.add_argument("--runs", action="store_true", help="print mean error and variance of every repeat")
     command.add_argument("--out", type=Path, metavar="MODEL.json", help="file for the model")
     command.add_argument("--json", action="store_true", help="print the model and its errors as JSON alone")
     command.set_defaults(run=run)
@@ -28,32 +35,61 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Fit, write the model, print."""
-    from diagnosis.comparison import comparison_of
-    from estimation.fit import fit
-    from truewrench.case import Case, sign_data, sign_sentence
+    from truewrench.case import Case
     from truewrench.model_file import ModelFile
     from truewrench.output import progress_line, replacing
-    from truewrench.summary import table_of
 
+    constraints = constraints_of(arguments)
     case = Case.read(arguments.recordings, rig=arguments.rig)
     model = changed(case.model, arguments.add, arguments.drop)
     with progress_line() as progress:
         progress("fit")
-        fitted = fit(model, case.training)
-        comparisons = [comparison_of(fitted, i) for i in range(len(case.training))]
-    saved = ModelFile.of(fitted)
+        found = estimated(model, case.training, constraints, robust=arguments.robust)
+    saved = ModelFile.of(found.fit)
     if arguments.out is not None:
         with replacing(arguments.out) as path:
             path.write_text(saved.to_text(), encoding="utf-8")
     if arguments.json:
-        data = saved.to_data() | {"recordings": [comparison_data(c) for c in comparisons]}
-        data |= {} if case.sign is None else {"sign": sign_data(case.sign)}
-        print(json.dumps(data, indent=2, allow_nan=False))
+        print(json.dumps(saved.to_data() | found.to_data(case.sign), indent=2, allow_nan=False))
         return
-    parts = [] if case.sign is None else [sign_sentence(case.sign)]
-    parts += [table_of(fitted.parameters), *(f"{c.recording.name}:\n{c}" for c in comparisons)]
-    parts += [] if arguments.out is None else [f"Written: {arguments.out}"]
-    print("\n\n".join(parts))
+    print(found.text(case.sign, runs=arguments.runs))
+    if arguments.out is not None:
+        print(f"\nWritten: {arguments.out}")
+
+
+def estimated(
+    model: WrenchModel, recordings: tuple[Recording, ...], constraints: Constraints | None, *, robust: bool
+) -> FitSummary:
+    """The fit by least squares, or by Huber's loss.
+
+    Raises InputError when both a loss and constraints are asked for.
+    """
+    from estimation.fit import fit
+    from estimation.robust.robust_fit import robust_fit
+    from modeling.errors import InputError
+    from truewrench.fit_summary import FitSummary
+
+    if not robust:
+        fitted = fit(model, recordings, constraints=constraints)
+        return FitSummary(fitted, fitted.intervals())
+    if constraints is not None:
+        what = "a robust loss and constraints cannot be had together"
+        raise InputError(what=what, where="--robust", remedy="leave out --robust, or --bounds, --physical and --prior")
+    found = robust_fit(model, recordings)
+    return FitSummary(found.fit, found.intervals(), found)
+
+
+def constraints_of(arguments: argparse.Namespace) -> Constraints | None:
+    """What the options say of the parameters, None when they say nothing."""
+    from estimation.constrained import Bounds, Constraints, Prior
+
+    if arguments.bounds is None and arguments.prior is None and not arguments.physical:
+        return None
+    return Constraints(
+        bounds=None if arguments.bounds is None else Bounds.read(arguments.bounds),
+        physical=arguments.physical,
+        prior=None if arguments.prior is None else Prior.read(arguments.prior),
+    )
 
 
 def changed(model: WrenchModel, add: list[str], drop: list[str]) -> WrenchModel:
@@ -73,17 +109,3 @@ def changed(model: WrenchModel, add: list[str], drop: list[str]) -> WrenchModel:
             raise InputError(what=f"'{effect_id}' is not in the model", where="--drop", remedy=remedy)
         model = model.without(effect_id)
     return model
-
-
-def comparison_data(comparison: Comparison) -> dict[str, Any]:
-    """How well a recording is explained, as in `result.json`: numbers finite or None."""
-    explainable = comparison.explainable_rms
-    return {
-        "name": comparison.recording.name,
-        "noise_floor": dict(comparison.noise_floor),
-        "noise_source": comparison.noise.source.value,
-        "misfit": comparison.misfit,
-        "lack_of_fit_p": comparison.lack_of_fit,
-        "rms": dict(comparison.rms),
-        "explainable_rms": None if explainable is None else dict(explainable),
-    }

@@ -124,6 +124,10 @@ class ContactEvent(ToolLoad, Event):
         """Where the envelope is not zero."""
         return self._envelope(time) > 0
 
+    def wrench(self, time: Array) -> Array:
+        """The push (N, 6) in the tool's axes: force and torque about the sensor origin."""
+        return np.asarray(self._envelope(time)[:, None] * np.array([*self.force, *self.torque]))
+
     def _envelope(self, time: Array) -> Array:
         if self.start is None or self.end is None:
             raise _open(self)

@@ -1,0 +1,1 @@
+"""What the environment does to the tool: its wrench, when, how sure, and sample by sample."""

@@ -1,0 +1,152 @@
+"""ContactPoint: where on a known surface the environment touches the tool, from the contact wrench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.contact.surface import Surface
+from estimation.linear.estimate import table
+from modeling.errors import InputError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CLEAR = 2.0
+"""Standard deviations that a force is at least, for its line of action to mean anything: as for `direction`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoint:
+    """Where a force with no torque of its own would touch the surface, sample by sample. Sensor frame, SI.
+
+    point       (n, 3) m; nan where the force is not `clear`, its line misses the surface, or it pulls
+    covariance  (n, 3, 3) m², to first order; it has no part along the surface's normal
+    torsion     (n,) N m about the line of action, which no point contact without torsion gives
+    torsion_std (n,) its standard deviation
+    clearance   (n,) m by which the line of action misses the surface, at most zero where it meets it
+    clear       (n,) whether the force is at least twice its standard deviation; all else is nan where it is not
+    """
+
+    point: Array
+    covariance: Array
+    torsion: Array
+    torsion_std: Array
+    clearance: Array
+    clear: Mask
+
+    @property
+    def found(self) -> Mask:
+        """Which samples (n,) have a point."""
+        return np.asarray(np.isfinite(self.point).all(axis=1))
+
+    @property
+    def missed(self) -> Mask:
+        """Samples (n,) of a clear force whose line of action passes the surface: not a single contact there."""
+        return np.asarray(self.clear & (self.clearance > 0))
+
+    @property
+    def pulled(self) -> Mask:
+        """Samples (n,) of a clear force that meets the surface, but points out of the tool."""
+        return np.asarray(self.clear & ~self.missed & ~self.found)
+
+    @property
+    def misfit(self) -> Array:
+        """Chi-square (n,) of the torsion, one degree of freedom."""
+        return np.asarray((self.torsion / self.torsion_std) ** 2)
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (n, 3), m."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """How many samples there are of each kind, as text; of those with a point the middle one and its std."""
+        kinds = {"point found": self.found, "line misses": self.missed, "force pulls": self.pulled, "weak": ~self.clear}
+        rows: list[tuple[str, ...]] = [(name, str(int(which.sum()))) for name, which in kinds.items()]
+        if not self.found.any():
+            return rows
+        middle, spread = (np.median(values[self.found], axis=0) for values in (self.point, self.std))
+        medians = zip("xyz", middle, spread, strict=True)
+        return [*rows, *((f"{axis}, median", f"{value:.4g} ± {std:.2g} m") for axis, value, std in medians)]
+
+    def __str__(self) -> str:
+        return table(("contact point", "samples"), self.rows())
+
+
+def contact_point(wrench: Array, covariance: Array, surface: Surface) -> ContactPoint:
+    """Where on `surface` contact wrenches (n, 6) act: fcx .. tcz, N and N m, of the environment on the tool.
+
+    Torques are about the sensor origin; all in the sensor frame. A force f at r has the torque t = r x f, so that it
+    acts on the line r = f x t / |f|² + s f / |f| (the wrench's axis), and with t . f = 0. Of the points where the line
+    crosses the surface it is the one where the force pushes into the tool, f . n < 0 with n outward: the first that
+    the force meets. `covariance` (6, 6) or (n, 6, 6) is that of the wrenches. It goes over to the point by the implicit
+    function theorem (`_covariance`), and to the torsion t . u, u = f / |f|, by
+        d(t . u) = u . dt + (t - (t . u) u) . df / |f|.
+    Raises InputError when the wrenches are not those of six axes.
+    """
+    wrench = np.asarray(wrench, dtype=float)
+    if wrench.ndim != 2 or wrench.shape[1] != 6:
+        remedy = "give contact wrenches of six axes"
+        raise InputError(what=f"contact wrenches of shape {wrench.shape}", where="contact point", remedy=remedy)
+    covariance = np.broadcast_to(covariance, (len(wrench), 6, 6))
+    force, torque = wrench[:, :3], wrench[:, 3:]
+    size = np.linalg.norm(force, axis=1)
+    unit = force / np.maximum(size, np.finfo(float).tiny)[:, None]
+    clear = size >= np.maximum(CLEAR * _std(covariance[:, :3, :3], unit), np.finfo(float).tiny)
+
+    torsion = np.sum(torque * unit, axis=1)
+    scale = np.where(clear, size, 1.0)[:, None]
+    slope = np.concatenate([(torque - torsion[:, None] * unit) / scale, unit], axis=1)
+    foot = np.cross(force, torque) / scale**2
+    point = np.where(clear[:, None], _pushing(foot, unit, surface), np.nan)
+    return ContactPoint(
+        point=point,
+        covariance=_covariance(point, wrench, covariance, surface),
+        torsion=np.where(clear, torsion, np.nan),
+        torsion_std=np.where(clear, _std(covariance, slope), np.nan),
+        clearance=np.where(clear, surface.clearance(foot, unit), np.nan),
+        clear=clear,
+    )
+
+
+def _pushing(foot: Array, unit: Array, surface: Surface) -> Array:
+    """The first crossing (n, 3) at which the force pushes into the tool; nan without one."""
+    places = surface.crossings(foot, unit)
+    points = foot[:, None, :] + places[..., None] * unit[:, None, :]
+    into = np.sum(surface.outward(points) * unit[:, None, :], axis=2) < 0
+    place = np.min(np.where(into, places, np.inf), axis=1)
+    place[~np.isfinite(place)] = np.nan
+    return np.asarray(foot + place[:, None] * unit)
+
+
+def _covariance(point: Array, wrench: Array, covariance: Array, surface: Surface) -> Array:
+    """Covariance (n, 3, 3) of points (n, 3) of the surface.
+
+    Point r and pitch h solve r x f + h f - t = 0 (the wrench's axis) and g(r) = 0 (the surface, with gradient n):
+    four equations. Along their solution, with [v] the matrix of v x,
+        [[-[f], f], [n', 0]] (dr, dh) = -[[[r] + h 1, -1], [0, 0]] (df, dt),
+    whose left side is regular unless the force is tangential, f . n = 0.
+    """
+    found = np.isfinite(point).all(axis=1)
+    result = np.full((len(point), 3, 3), np.nan)
+    r, f, t = point[found], wrench[found, :3], wrench[found, 3:]
+    pitch = np.sum(f * t, axis=1) / np.sum(f * f, axis=1)
+    left, right = np.zeros((len(r), 4, 4)), np.zeros((len(r), 4, 6))
+    left[:, :3, :3], left[:, :3, 3], left[:, 3, :3] = -_cross(f), f, surface.outward(r)
+    right[:, :3, :3] = -_cross(r) - pitch[:, None, None] * np.eye(3)
+    right[:, :3, 3:] = np.eye(3)
+    slope = np.linalg.solve(left, right)[:, :3]
+    result[found] = slope @ covariance[found] @ slope.transpose(0, 2, 1)
+    return result
+
+
+def _cross(vectors: Array) -> Array:
+    """Matrices (n, 3, 3) of v x."""
+    return np.asarray(np.cross(vectors[:, None, :], np.eye(3)).transpose(0, 2, 1))
+
+
+def _std(covariance: Array, direction: Array) -> Array:
+    return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, covariance, direction)))

@@ -1,0 +1,121 @@
+"""LocalPolynomial: value, rate and acceleration in the middle of a moving window (Savitzky and Golay, 1964)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import count
+from typing import Self
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from modeling.errors import InputError
+
+Array = NDArray[np.float64]
+
+ORDERS = 3
+"""Value, rate and acceleration."""
+DEGREE = 4
+"""A quartic's acceleration is still a parabola: it follows the peaks of a motion, where a parabola's is constant."""
+POINTS = 8
+"""Frequencies to each lobe of a response, so that none of its first fall is stepped over."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalPolynomial:
+    """The polynomial of `degree` that fits 2 `half` + 1 samples, dt (s) apart, best by least squares.
+
+    Its value and derivatives in the middle are `kernels` times the samples. They are symmetric, so that the phase is
+    linear and what comes out belongs to the time `delay` = half dt ago, whatever its frequency. Polynomials up to
+    `degree` are reproduced exactly; by symmetry one power more does no harm to value and acceleration where that is
+    odd, nor to the rate where it is even.
+    Raises InputError when the window has too few samples for its polynomial, or that has no acceleration.
+    """
+
+    half: int
+    dt: float
+    degree: int = DEGREE
+
+    def __post_init__(self) -> None:
+        least = self.degree // 2
+        _require(self.degree >= 2, f"degree {self.degree} has no acceleration", "give a degree of at least 2")
+        _require(self.dt > 0, f"a step of {self.dt:g} s", "give a positive step")
+        samples = f"{2 * self.half + 1} samples do not determine a polynomial of degree {self.degree}"
+        _require(2 * self.half + 1 > self.degree, samples, f"wait {(least + self.degree % 2) * self.dt:g} s at least")
+
+    @classmethod
+    def of_delay(cls, delay: float, *, dt: float, degree: int = DEGREE) -> Self:
+        """The longest window that is not later than `delay` (s)."""
+        return cls(half=int(np.floor(delay / dt * (1 + 1e-9))), dt=dt, degree=degree)  # 1e-9: rounding of the ratio
+
+    @classmethod
+    def of_bandwidth(cls, frequency: float, *, dt: float, degree: int = DEGREE) -> Self:
+        """The longest window that passes `frequency` (Hz) with at least 1/sqrt(2) of its amplitude.
+
+        Raises InputError for a frequency beyond half the sample rate, or not positive.
+        """
+        possible = 0 < frequency <= 0.5 / dt
+        _require(possible, f"a bandwidth of {frequency:g} Hz", f"give one up to half the sample rate, {0.5 / dt:g} Hz")
+        shortest = (degree + 1) // 2
+        too_long = next(n for n in count() if cls(half=shortest + 2**n, dt=dt, degree=degree).bandwidth < frequency)
+        low, high = shortest, shortest + 2**too_long
+        while high - low > 1:
+            middle = (low + high) // 2
+            fits = cls(half=middle, dt=dt, degree=degree).bandwidth >= frequency
+            low, high = (middle, high) if fits else (low, middle)
+        return cls(half=low, dt=dt, degree=degree)
+
+    @property
+    def samples(self) -> int:
+        """Samples in the window."""
+        return 2 * self.half + 1
+
+    @property
+    def delay(self) -> float:
+        """By how much (s) the results are late, at every frequency."""
+        return self.half * self.dt
+
+    @cached_property
+    def kernels(self) -> Array:
+        """Rows (3, samples), oldest sample first, that give value, rate and acceleration (per s, s²).
+
+        In Legendre polynomials of the place u in the window, -1 to 1, the fit is well conditioned however long it is.
+        """
+        place = np.arange(-self.half, self.half + 1) / self.half
+        fit = np.linalg.pinv(legendre.legvander(place, self.degree))
+        basis = np.eye(self.degree + 1)
+        middle = np.stack([legendre.legval(0.0, legendre.legder(basis, order)) for order in range(ORDERS)])
+        return np.asarray(middle @ fit / np.array([self.delay**order for order in range(ORDERS)])[:, None])
+
+    @cached_property
+    def norms(self) -> Array:
+        """Std of value, rate and acceleration (3,) per std of white noise of the samples."""
+        return np.asarray(np.linalg.norm(self.kernels, axis=1))
+
+    def gain(self, frequency: ArrayLike, order: int = 0) -> Array:
+        """What is left of the amplitude of the derivative of this order, at frequencies (k,) in Hz; real, 1 at zero.
+
+        For a sine of angular frequency w: sum_i kernel_i exp(j w i dt) / (j w)^order, i = -half .. half.
+        """
+        w = 2 * np.pi * np.atleast_1d(np.asarray(frequency, dtype=float))
+        ticks = np.arange(-self.half, self.half + 1) * self.dt
+        wave = np.sin if order % 2 else np.cos
+        sums = wave(np.outer(w, ticks)) @ self.kernels[order] * (-1) ** (order // 2)
+        return np.asarray(np.divide(sums, w**order, out=np.ones(len(w)), where=w > 0))
+
+    @cached_property
+    def bandwidth(self) -> float:
+        """The first frequency (Hz) of which 1/sqrt(2) of the amplitude is left; half the sample rate when none is."""
+        line = np.linspace(0.0, 0.5 / self.dt, POINTS * self.samples)
+        below = np.flatnonzero(self.gain(line) < np.sqrt(0.5))
+        if not below.size:
+            return float(line[-1])
+        return float(brentq(lambda f: self.gain(f)[0] - np.sqrt(0.5), line[below[0] - 1], line[below[0]]))
+
+
+def _require(holds: bool, what: str, remedy: str) -> None:
+    if not holds:
+        raise InputError(what=what, where="window", remedy=remedy)

@@ -1,0 +1,138 @@
+"""RowMotion: a model's signals in terms of the columns of one row and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from estimation.motion_form import motion_form
+from estimation.recording import QUATERNION, MotionForm, motion_columns, numbered
+from estimation.table import Table
+from modeling.arm import PlanarArm
+from modeling.errors import InputError
+from modeling.model import WrenchModel
+from modeling.quaternion import turning
+from modeling.rig import Rig
+
+Array = NDArray[np.float64]
+Signals = dict[str, sp.Expr]
+
+TURN = 2 * np.pi
+
+
+class Tap(NamedTuple):
+    """A column's derivative of some order."""
+
+    column: str
+    order: int
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        """What stands for it in a signal's expression."""
+        return sp.Symbol(self.column + "'" * self.order, real=True)
+
+
+@dataclass(frozen=True, eq=False)
+class RowMotion:
+    """The signals of a recording (`Recording.signals`), each an expression of `taps` of the columns of a row.
+
+    Rates and accelerations are those recorded, else derived from the nearest that is; without any of the sensor
+    origin's it counts as slow. Columns that are no part of the motion are signals by their own name.
+    """
+
+    columns: tuple[str, ...]
+    form: MotionForm
+    signals: Signals
+
+    @classmethod
+    def of(cls, columns: Sequence[str], channels: tuple[str, ...], rig: Rig | None) -> RowMotion:
+        """From the names of a row's columns, as in FORMATS.
+
+        Raises InputError when they are no complete motion, or when joint angles come without kinematics.
+        """
+        one = Table(columns={name: np.zeros(1) for name in columns}, where="contact filter", first_row=1)
+        form = motion_form(one, channels, rig)
+        lengths = (rig.link_lengths if rig is not None else None) or ()
+        motion = motion_columns(form, len(lengths) if form is MotionForm.JOINTS else 0)
+        signals = {name: Tap(name, 0).symbol for name in columns if name not in motion}
+        if form is MotionForm.JOINTS:
+            signals |= _joint_signals(columns, lengths)
+        elif form is MotionForm.PLANAR_POSE:
+            signals |= _derived(columns, ("phi",), ("dphi",), ("ddphi",)) | _translation(columns, "p", "v", "a", "xy")
+        else:
+            signals |= _rotation(columns) | _translation(columns, "p", "vp", "ap", "xyz")
+        return cls(tuple(columns), form, signals)
+
+    def put_into(self, expression: sp.Matrix, model: WrenchModel) -> sp.Matrix:
+        """An expression of the model in terms of taps and parameters.
+
+        Raises InputError when it takes signals that a row does not give.
+        """
+        missing = [name for name in model.inputs_of(expression) if name not in self.signals]
+        if missing:
+            guilty = [e.id for e in model.effects if set(missing) & set((model.base + e).inputs)]
+            by = f" (for {', '.join(guilty)})" if guilty else ""
+            raise InputError(
+                what=f"the model needs {', '.join(missing)}{by}, which rows of {', '.join(self.columns)} do not give",
+                where="contact filter",
+                remedy="give these columns too, or leave the effect out",
+            )
+        return expression.xreplace({sp.Symbol(name, real=True): value for name, value in self.signals.items()})
+
+    def taps(self, expression: sp.Matrix) -> tuple[Tap, ...]:
+        """The taps that an expression in terms of them takes."""
+        every = (Tap(column, order) for column in self.columns for order in range(3))
+        return tuple(tap for tap in every if tap.symbol in expression.free_symbols)
+
+    def continued(self, row: Array, before: Array) -> Array:
+        """A row without the jumps of an angle by whole turns, or of a quaternion to its negative, from the row before.
+
+        The quaternion is also normalised. `before` is a row that was continued.
+        """
+        row = row.copy()
+        if self.form is MotionForm.PLANAR_POSE:
+            i = self.columns.index("phi")
+            row[i] -= TURN * np.round((row[i] - before[i]) / TURN)
+        elif self.form is MotionForm.POSE:
+            four = [self.columns.index(name) for name in QUATERNION]
+            size = np.linalg.norm(row[four])
+            row[four] /= -size if row[four] @ before[four] < 0 else size
+        return row
+
+
+def _derived(columns: Sequence[str], *groups: Sequence[str]) -> dict[str, sp.Expr]:
+    """Signals of the value, rate and acceleration named in the groups: recorded, or derived from the last recorded."""
+    found: dict[str, sp.Expr] = {}
+    source: tuple[int, Sequence[str]] | None = None
+    for order, names in enumerate(groups):
+        if all(name in columns for name in names):
+            source = order, names
+        if source is not None:
+            found |= {n: Tap(c, order - source[0]).symbol for n, c in zip(names, source[1], strict=True)}
+    return found
+
+
+def _joint_signals(columns: Sequence[str], lengths: Sequence[float]) -> Signals:
+    """Joint angles to poses of the sensor by the planar kinematics of 22.2."""
+    names = zip(*(numbered(prefix, len(lengths)) for prefix in ("q", "dq", "ddq")), strict=True)
+    joints = {name: tap for q, dq, ddq in names for name, tap in _derived(columns, (q,), (dq,), (ddq,)).items()}
+    symbols = {sp.Symbol(name, real=True): tap for name, tap in joints.items()}
+    return joints | {name: e.xreplace(symbols) for name, e in PlanarArm(tuple(lengths)).kinematics.items()}
+
+
+def _translation(columns: Sequence[str], position: str, velocity: str, acceleration: str, axes: str) -> Signals:
+    """Motion of the sensor origin; slow when nothing of it is there."""
+    groups = [[prefix + axis for axis in axes] for prefix in (position, velocity, acceleration)]
+    return dict.fromkeys(groups[2], sp.S.Zero) | _derived(columns, *groups)
+
+
+def _rotation(columns: Sequence[str]) -> Signals:
+    """Orientation, angular velocity and acceleration; the last two as recorded, or the last one from the first."""
+    rates, accelerations = ([prefix + axis for axis in "xyz"] for prefix in ("w", "al"))
+    components = [[Tap(name, order).symbol for name in QUATERNION] for order in range(3)]
+    return dict(turning(components)) | _derived(columns, rates, accelerations)

@@ -1,0 +1,1 @@
+"""Fits of models whose signals of motion are themselves measured with noise."""

@@ -1,0 +1,1 @@
+"""What the repeats of a motion say: averages, remainders, and the scatter of estimates."""

@@ -1,0 +1,1 @@
+"""Poses at rest: what they show, and which are missing."""

@@ -1,0 +1,74 @@
+"""CentreOfMass: where the tool's weight acts, from its mass and first moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from estimation.fit import Fit
+from estimation.linear.estimate import table
+from modeling.emission import numpy_function
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CentreOfMass:
+    """The tool's centre of mass in the sensor frame, from the sensor origin.
+
+    axes        of the components: x, y, z; in the plane `tip` along the tip, and x' where the model has a part there
+    value       (d,) m
+    covariance  (d, d) m², by the delta method: J C J' with J the derivative of first moment / mass
+    shown       (d,) whether the recordings tell it
+    """
+
+    axes: tuple[str, ...]
+    value: Array
+    covariance: Array
+    shown: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, fitted: Fit) -> CentreOfMass:
+        """Of the model's body, whatever effects have made of it, at the fit's values."""
+        body, space = fitted.model.chain.body, fitted.model.space
+        unit = {"x'": sp.Matrix([1, 0, 0]), "tip": space.tip_axis} if space is Space.PLANE else _unit_vectors()
+        centre = {name: axis.dot(body.first_moment) / body.mass for name, axis in unit.items()}
+        centre = {name: expression for name, expression in centre.items() if expression != 0}
+        symbols = [p.symbol for p in fitted.model.parameters]
+        column = sp.Matrix(list(centre.values()))
+        slopes = column.jacobian(symbols)
+        size = len(symbols)  # the model's own unknowns come first
+        values = numpy_function(symbols, [*column, *slopes])(*fitted.theta[:size])
+        jacobian = np.array(values[len(centre) :], dtype=float).reshape(len(centre), size)
+        used = np.array([[bool(entry != 0) for entry in slopes.row(i)] for i in range(len(centre))])
+        return cls(
+            tuple(centre),
+            np.array(values[: len(centre)], dtype=float),
+            jacobian @ fitted.covariance[:size, :size] @ jacobian.T,
+            np.array([fitted.shown[:size][row].all() for row in used]),
+        )
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation (d,) m; infinite where the recordings do not show it."""
+        return np.asarray(np.where(self.shown, np.sqrt(np.diag(self.covariance)), np.inf))
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Axis, value and std in mm, as text."""
+        return [
+            (f"centre of mass, {axis}", f"{1e3 * value:.2f}", f"{1e3 * std:.2g}", "mm")
+            if np.isfinite(std)
+            else (f"centre of mass, {axis}", "-", "not shown", "mm")
+            for axis, value, std in zip(self.axes, self.value, self.std, strict=True)
+        ]
+
+    def __str__(self) -> str:
+        return table(("quantity", "value", "std", "unit"), self.rows())
+
+
+def _unit_vectors() -> dict[str, sp.Matrix]:
+    return {name: sp.eye(3).col(i) for i, name in enumerate("xyz")}

@@ -1,0 +1,1 @@
+"""Fits that a few wild readings do not move."""

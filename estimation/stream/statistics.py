@@ -1,0 +1,105 @@
+"""Statistics of a part: what a recording or a chunk says of the parameters, in one triangle, under known noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.linear.square_root import SquareRoot
+from estimation.recording import Recording
+from estimation.response import respond
+from estimation.stream.chunk import Chunk, chunks
+from estimation.stream.noise_model import NoiseModel
+from estimation.stream.regressor_map import linear
+from modeling.errors import InputError
+from modeling.model import WrenchModel
+from modeling.prediction import compiled
+
+Array = NDArray[np.float64]
+Part = Recording | Chunk
+
+PIECE = 8192
+"""Samples that are worked on at once: their rows stay in a processor's cache, and memory does not grow with parts."""
+
+
+def information_of(part: Part, model: WrenchModel, noise: NoiseModel, theta: Array | None) -> SquareRoot:
+    """What a part says of the model's parameters; of a step from theta, unless None for a model that is linear.
+
+    Raises InputError when it lacks a signal, has other channels, memory that a chunk does not carry, too little
+    history for the noise, or a value that is not finite.
+    """
+    require_channels(part, model, noise)
+    total = SquareRoot.nothing(len(model.parameters))
+    for rows, history in _series(part, model, noise, theta):
+        white = noise.whitened(rows, history)
+        if white.shape[-1]:
+            total = total + SquareRoot.of(white[:-1].reshape(len(white) - 1, -1).T, white[-1].ravel())
+    if not np.isfinite(total.cost + total.root.sum()):
+        what = "a signal or a reading is not finite"
+        raise InputError(what=what, where=name_of(part), remedy="leave such rows out, or begin a new run after them")
+    return total
+
+
+def name_of(part: Part) -> str:
+    """The recording's name or the chunk's run."""
+    return part.name if isinstance(part, Recording) else part.run
+
+
+def require_channels(part: Part, model: WrenchModel, noise: NoiseModel) -> None:
+    """Raise InputError when part, model and noise do not speak of the same channels, or a chunk's history is short."""
+    count = len(model.channels)
+    if part.wrench.shape[1] != count or (isinstance(part, Recording) and part.channels != model.channels):
+        what = f"it has {part.wrench.shape[1]} channels, the model {', '.join(model.channels)}"
+        remedy = "use planar() for fx, fy, tau and spatial() for six axes"
+        raise InputError(what=what, where=name_of(part), remedy=remedy)
+    if len(noise.covariance) != count:
+        what = f"the noise has {len(noise.covariance)} channels and the model {count}"
+        raise InputError(what=what, where="noise", remedy=f"give it for {', '.join(model.channels)}")
+    if isinstance(part, Chunk) and (0 < part.history < noise.memory or part.history % noise.block):
+        what = f"its {part.history} rows of history are not the {noise.memory} that the noise remembers"
+        raise InputError(what=what, where=part.run, remedy=f"cut chunks with an overlap of {noise.memory}")
+
+
+def _series(part: Part, model: WrenchModel, noise: NoiseModel, theta: Array | None) -> Iterator[tuple[Array, int]]:
+    """Derivative in each parameter and, last, measured minus predicted, (k + 1, p, n), stretch by stretch."""
+    if compiled(model).remembers:
+        yield from _remembered(part, model, theta)
+        return
+    size = PIECE // noise.block * noise.block + noise.block  # not below the memory either
+    size = max(size, noise.memory)
+    cut = part.pieces(size, noise.memory) if isinstance(part, Chunk) else chunks(part, size, noise.memory)
+    for piece in cut:
+        yield _rows(piece, model, theta), piece.history
+
+
+def _rows(piece: Chunk, model: WrenchModel, theta: Array | None) -> Array:
+    samples, map_ = len(piece.wrench), linear(model) if theta is None else None
+    for name in model.inputs:
+        if name not in piece.signals:
+            remedy = "record it, or leave the effect out"
+            raise InputError(what=f"the model needs the signal '{name}'", where=piece.run, remedy=remedy)
+    if map_ is not None:
+        rows = map_(piece.signals, samples)
+        rows[-1] = piece.wrench.T - rows[-1]
+        return rows
+    at, prediction = np.zeros(len(model.parameters)) if theta is None else theta, compiled(model)
+    parts = [e.tangent(piece.signals, at, samples) for e in (prediction.load, prediction.zero)]
+    return _stacked(piece.wrench, parts[0][0] + parts[1][0], parts[0][1] + parts[1][1])
+
+
+def _remembered(part: Part, model: WrenchModel, theta: Array | None) -> Iterator[tuple[Array, int]]:
+    """Of a recording whose model remembers: its whole series at once, and separate runs apart."""
+    if isinstance(part, Chunk):
+        what = "the model remembers what came before a chunk, and a chunk does not carry it"
+        raise InputError(what=what, where=part.run, remedy="give whole recordings, or leave lag and delay out")
+    response = respond(model, part, np.zeros(len(model.parameters)) if theta is None else theta)
+    rows = _stacked(part.wrench, response.value, response.derivative)
+    for run in np.split(rows, 1 if part.continuous else part.repeats, axis=-1):
+        yield run, 0
+
+
+def _stacked(wrench: Array, value: Array, derivative: Array) -> Array:
+    """(k + 1, p, n) of (n, p) and (n, p, k)."""
+    return np.concatenate([derivative.transpose(2, 1, 0), (wrench - value).T[None]])

@@ -1,0 +1,132 @@
+"""`truewrench compensate`: its file, its text, its JSON, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from truewrench.command_line import main
+from truewrench.simulated_rig import ContactEvent, PlanarRig, SpatialRig, simulate, write_recording
+
+pytest.importorskip("mujoco")
+
+TIP = 0.25
+RIG_TEXT = f"""
+[robot]
+link_lengths = [1.0, 0.97, 0.4]
+tip_length = {TIP}
+"""
+PUSH = np.array([3.0, 4.0])
+"""Along x' and y', at the end of the tip: 5 N, 0.6435 rad clockwise from y'."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    model: str
+    pushed: str
+    quiet: str
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """A rig, a model fitted to it, a recording of another motion with a push and one without; the zero has moved."""
+    folder = tmp_path_factory.mktemp("contact")
+    (folder / "rig.toml").write_text(RIG_TEXT)
+    arm = PlanarRig()
+    push = ContactEvent(force=(PUSH[0], -PUSH[1], 0.0), torque=(0.0, 0.0, TIP * PUSH[0]), start=2.0, end=4.0)
+    for name, hidden, repeats, seed in (("train", [], 4, 1), ("pushed", [push], 2, 2), ("quiet", [], 2, 3)):
+        motion = arm.random_motion(seed=seed)
+        frame = simulate(arm, motion, hidden=hidden, repeats=repeats, samples_per_period=250, seed=seed)
+        frame["fx"] += 0.0 if name == "train" else 0.8
+        write_recording(frame, folder / f"{name}.csv")
+    model = str(folder / "model.json")
+    assert main(["fit", str(folder / "train.csv"), "--rig", str(folder / "rig.toml"), "--out", model]) == 0
+    return Bench(model, str(folder / "pushed.csv"), str(folder / "quiet.csv"))
+
+
+def test_the_file_has_the_columns_of_the_contract(bench: Bench, tmp_path: Path) -> None:
+    out = tmp_path / "contact.csv"
+    assert main(["compensate", bench.model, bench.pushed, "--out", str(out)]) == 0
+    table = pd.read_csv(out)
+    assert list(table) == ["time", "fcx", "fcy", "tauc", "magnitude", "direction", "magnitude_std", "direction_std"]
+    assert len(table) == len(pd.read_csv(bench.pushed))
+    during = table[(table.time > 2.1) & (table.time < 3.9)]
+    assert during.magnitude.mean() == pytest.approx(5.0, abs=0.1)  # 90 samples with 0.13 N of noise: seven errors
+    assert during.direction.mean() == pytest.approx(np.arctan2(*PUSH), abs=0.02)
+    assert (during.magnitude_std > 0).all()
+    weak = table.magnitude < 2 * table.magnitude_std
+    assert weak.any()
+    assert (table.direction.isna() == weak).all()
+    assert (table.direction_std.isna() == weak).all()
+
+
+def test_json_and_text_say_the_same(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(["compensate", bench.model, bench.pushed, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    (contact,) = data["contacts"]
+    assert contact["start"] == pytest.approx(2.0, abs=0.05)
+    assert contact["end"] == pytest.approx(4.0, abs=0.05)
+    assert data["zero_shift"]["fx"] == pytest.approx(0.8, abs=0.1)
+    assert main(["compensate", bench.model, bench.pushed]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("1 contact ")
+    assert f"{contact['start']:.3f}" in text
+    assert f"fx {data['zero_shift']['fx']:.3g}" in text
+
+
+def test_nothing_touches_the_tool(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(["compensate", bench.model, bench.quiet]) == 0
+    assert capsys.readouterr().out.startswith("No contact")
+    assert main(["compensate", bench.model, bench.quiet, "--keep-zero"]) == 0
+    assert "contact" in capsys.readouterr().out.splitlines()[0]
+
+
+def test_six_axes_have_their_own_columns(tmp_path: Path) -> None:
+    arm = SpatialRig()
+    frame = simulate(arm, arm.random_motion(seed=1), repeats=3, samples_per_period=200, seed=1)
+    recording = write_recording(frame, tmp_path / "run.csv")
+    model, out = str(tmp_path / "model.json"), tmp_path / "contact.csv"
+    (tmp_path / "rig.toml").write_text('[sensor]\nconvention = "on_tool"\n')
+    assert main(["fit", str(recording), "--rig", str(tmp_path / "rig.toml"), "--out", model]) == 0
+    assert main(["compensate", model, str(recording), "--out", str(out)]) == 0
+    names = ["time", "fcx", "fcy", "fcz", "tcx", "tcy", "tcz", "magnitude", "magnitude_std"]
+    table = pd.read_csv(out)
+    assert list(table) == names
+    assert table.notna().all(axis=None)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--tip-length", "-1"], "tip-length"),
+        (["--tip-length", "nan"], "tip-length"),
+        (["--false-alarms", "2"], "false-alarms"),
+        (["--false-alarms", "often"], "false-alarms"),
+    ],
+)
+def test_bad_options_are_one_line(
+    options: list[str], named: str, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["compensate", bench.model, bench.pushed, *options]) == 2
+    error = capsys.readouterr().err
+    assert named in error
+    assert len(error.splitlines()) == 1
+
+
+def test_a_bad_recording_leaves_the_old_file(bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, broken = tmp_path / "contact.csv", tmp_path / "broken.csv"
+    out.write_text("old")
+    broken.write_text("time,q1,q2,q3,fx,fy,tau\n0,0,0,0,1,2,x\n")
+    capsys.readouterr()
+    assert main(["compensate", bench.model, str(broken), "--out", str(out)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert out.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []

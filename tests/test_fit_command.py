@@ -1,0 +1,140 @@
+"""`truewrench fit` with constraints, a robust loss, repeats and poses: its words, its JSON, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from truewrench.command_line import main
+from truewrench.model_file import ModelFile
+from truewrench.simulated_rig import PlanarRig, rest_poses, simulate, write_recording
+
+pytest.importorskip("mujoco")
+
+ARM = PlanarRig()
+RIG_TEXT = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
+
+
+@dataclass(frozen=True)
+class Bench:
+    folder: Path
+    rig: str
+    run: str
+    capsys: pytest.CaptureFixture[str]
+
+    def fit(self, *options: str, recording: str | None = None) -> tuple[int, str]:
+        """Exit code, and what was printed where that belongs."""
+        self.capsys.readouterr()
+        code = main(["fit", recording or self.run, "--rig", self.rig, *options])
+        printed = self.capsys.readouterr()
+        return code, printed.out if code == 0 else printed.err
+
+    def toml(self, text: str) -> str:
+        path = self.folder / "given.toml"
+        path.write_text(text)
+        return str(path)
+
+
+@pytest.fixture(scope="module")
+def frame() -> pd.DataFrame:
+    return simulate(ARM, ARM.random_motion(seed=1), repeats=4, samples_per_period=200, seed=1)
+
+
+@pytest.fixture
+def bench(frame: pd.DataFrame, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Bench:
+    (tmp_path / "rig.toml").write_text(RIG_TEXT)
+    return Bench(tmp_path, str(tmp_path / "rig.toml"), str(write_recording(frame, tmp_path / "run.csv")), capsys)
+
+
+def test_a_bound_that_the_data_contradict_is_a_finding(bench: Bench) -> None:
+    out = str(bench.folder / "model.json")
+    code, text = bench.fit("--bounds", bench.toml("m = [1.0, 2.0]"), "--out", out)
+    assert code == 0
+    assert "m is held at 1 kg by m >= 1 kg: the data want 0." in text
+    assert ModelFile.read(out).parameters["m"].value == 1.0
+    data = json.loads(bench.fit("--bounds", bench.toml("m = [1.0, 2.0]"), "--json")[1])
+    (active,) = data["constraints"]["active"]
+    assert active["pressure"] == "contradicted"
+    assert data["constraints"]["chi_square"] > data["constraints"]["chi_square_free"]
+
+
+def test_a_bound_that_does_not_press_changes_nothing(bench: Bench) -> None:
+    free = json.loads(bench.fit("--json")[1])
+    held = json.loads(bench.fit("--bounds", bench.toml("m = [0.1, 3.0]"), "--physical", "--json")[1])
+    assert held["constraints"]["active"] == []
+    assert held["parameters"] == free["parameters"]
+
+
+def test_readings_of_the_other_sign_are_a_finding_when_the_tool_has_to_be_one(
+    bench: Bench, frame: pd.DataFrame
+) -> None:
+    """Without the constraint it is an error message."""
+    flipped = frame.assign(fx=-frame.fx, fy=-frame.fy, tau=-frame.tau)
+    recording = str(write_recording(flipped, bench.folder / "flipped.csv"))
+    code, error = bench.fit(recording=recording)
+    assert code == 2
+    assert "the mass comes out as -0.9" in error
+    code, text = bench.fit("--physical", recording=recording)
+    assert code == 0
+    assert "the readings have the other sign than was stated, or physics is missing" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("m = [0, 0.05]\nmlg = [1, 2]\nI = [0, 0.1]", "contradict physical consistency"),
+        ("mas = [0, 1]", "mas"),
+        ("m = [2, 1]", "m"),
+        ("m = 'heavy'", "m"),
+        ("m = [nan, 1]", "m"),
+        ("m = [0, 1", "TOML"),
+    ],
+)
+def test_bad_bounds_are_one_line(text: str, named: str, bench: Bench) -> None:
+    code, error = bench.fit("--bounds", bench.toml(text), "--physical")
+    assert code == 2
+    assert named in error
+    assert len(error.splitlines()) == 1
+
+
+def test_a_prior_pulls_towards_its_tool(bench: Bench) -> None:
+    prior = "weight = 1e14\nm = 2.0\nmlg = 0.1\nI = 0.02\n"
+    data = json.loads(bench.fit("--prior", bench.toml(prior), "--json")[1])
+    assert data["parameters"]["m"]["value"] == pytest.approx(2.0, rel=1e-3)
+    assert data["constraints"]["prior_cost"] is not None
+
+
+def test_a_robust_fit_is_not_moved_by_outliers(bench: Bench, frame: pd.DataFrame) -> None:
+    """One reading in a hundred off by 30 noises: the mass stays within its interval, and they are counted."""
+    spikes = np.random.default_rng(1).random(len(frame)) < 0.01
+    spiked = frame.assign(fx=frame.fx + 30 * ARM.noise[0] * spikes)
+    recording = str(write_recording(spiked, bench.folder / "spiked.csv"))
+    code, text = bench.fit("--robust", recording=recording)
+    assert code == 0
+    assert "Outliers, by" in text
+    low, high = json.loads(bench.fit("--robust", "--json", recording=recording)[1])["intervals"]["m"]
+    assert low < ARM.mass < high
+    assert bench.fit("--robust", "--physical")[0] == 2
+
+
+def test_repeats_give_table_22_1(bench: Bench) -> None:
+    brief, whole = bench.fit()[1], bench.fit("--runs")[1]
+    assert "noise gain" in brief
+    assert "run 4" not in brief
+    assert "run 4" in whole
+    assert "average of 4" in whole
+
+
+def test_poses_say_what_is_missing(bench: Bench) -> None:
+    """One pose in the plane does not part mass from zero: it says so, and which pose to add."""
+    columns = rest_poses(ARM, np.array([[0.3, 0.2, 0.1], [0.3, 0.2, 0.1], [0.3, 0.2, 0.1]]), seed=1)
+    code, text = bench.fit(recording=str(write_recording(columns, bench.folder / "poses.csv")))
+    assert code == 0
+    assert "No pose at rest shows I" in text
+    assert "cannot be told apart" in text
+    assert "q1 = " in text

@@ -1,0 +1,161 @@
+"""`truewrench compensate`: what touched the tool, once a fitted model is subtracted."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from truewrench.commands.options import Subcommands
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from estimation.contact.contact import Contact
+
+
+def add_to(commands: Subcommands[Any]) -> None:
+    """Add the command and its options."""
+    text = "Subtract a fitted model from a recording: the wrench of the environment on the tool, with its uncertainty."
+    command = commands.add_parser("compensate", help="contact wrench of a recording", description=text)
+    command.add_argument("model", metavar="MODEL.json", help="model file of `fit --out` or `diagnose --out`")
+    command.add_argument("recording", metavar="REC", help="recording (CSV or Parquet) of the same rig and tool")
+    text = "take the zero of the model's own recording; without it the zero is where nothing touches the tool"
+    command.add_argument("--keep-zero", action="store_true", help=text)
+    text = "where a planar contact acts, from the sensor along the tip in m (default: the rig's tip_length)"
+    command.add_argument("--tip-length", type=positive, metavar="M", help=text)
+    text = "chance of any false contact in a recording without one (default: %(default)s)"
+    command.add_argument("--false-alarms", type=chance, metavar="P", default=0.01, help=text)
+    command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")
+    command.add_argument("--json", action="store_true", help="print the contacts and the zero as JSON alone")
+    command.set_defaults(run=run)
+
+
+def positive(text: str) -> float:
+    """A number above zero; argparse turns a ValueError into one line."""
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise ValueError(text)
+    return value
+
+
+def chance(text: str) -> float:
+    """A number between zero and one."""
+    value = positive(text)
+    if value >= 1:
+        raise ValueError(text)
+    return value
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Compensate, write, print."""
+    from estimation.contact.contact import compensate
+    from estimation.reading import read
+    from truewrench.model_file import ModelFile
+    from truewrench.output import progress_line, replacing
+
+    saved = ModelFile.read(arguments.model)
+    recording = read(arguments.recording, rig=saved.rig)
+    with progress_line() as progress:
+        progress("compensate")
+        found = compensate(
+            saved.calibration,
+            recording,
+            keep_zero=arguments.keep_zero,
+            tip_length=arguments.tip_length,
+            false_alarms=arguments.false_alarms,
+        )
+    if arguments.out is not None:
+        with replacing(arguments.out) as path:
+            contact_table(found).to_csv(path, index=False, float_format="%.9g")
+    if arguments.json:
+        print(json.dumps(contact_data(found), indent=2, allow_nan=False))
+        return
+    print(contact_text(found))
+    if arguments.out is not None:
+        print(f"\nWritten: {arguments.out}")
+
+
+def contact_table(contact: Contact) -> pd.DataFrame:
+    """The columns of CONTACT.csv, one row a sample; a direction only where the magnitude is twice its std."""
+    import numpy as np
+    import pandas as pd
+
+    from modeling.space import Space
+
+    recording = contact.recording
+    time = np.arange(recording.samples, dtype=float) if recording.time is None else recording.time
+    columns = {"time": time} | dict(zip(contact.names, contact.wrench.T, strict=True))
+    columns["magnitude"] = contact.magnitude
+    if contact.space is Space.PLANE:
+        force = contact.point_force
+        columns["direction"] = np.where(force.clear, force.direction, np.nan)
+        columns["magnitude_std"] = contact.magnitude_std
+        columns["direction_std"] = np.where(force.clear, force.direction_std, np.nan)
+    else:
+        columns["magnitude_std"] = contact.magnitude_std
+    return pd.DataFrame(columns)
+
+
+def contact_data(contact: Contact) -> dict[str, Any]:
+    """Zero, noise and contacts as plain numbers, N, N m and s."""
+    import numpy as np
+
+    channels, found = contact.calibration.model.channels, contact.detection
+    return {
+        "recording": contact.recording.name,
+        "samples": contact.recording.samples,
+        "components": list(contact.names),
+        "zero_shift": _by_name(channels, contact.zero_shift),
+        "zero_shift_std": _by_name(channels, np.sqrt(np.diag(found.zero_covariance))),
+        "noise": _by_name(contact.names, np.sqrt(np.diag(contact.noise))),
+        "free": float(found.free.mean()),
+        "false_alarms": found.false_alarms,
+        "late": contact.late,
+        "unknown": dict(contact.unknown),
+        "contacts": [
+            {
+                "start": contact.time_of(i.first),
+                "end": contact.time_of(i.last),
+                "wrench": _by_name(contact.names, contact.wrench[i.first : i.last].mean(axis=0)),
+                "largest_force": float(contact.magnitude[i.first : i.last].max()),
+                "p_value": i.p_value,
+            }
+            for i in contact.intervals
+        ],
+    }
+
+
+def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
+
+
+def contact_text(contact: Contact) -> str:
+    """What touched the tool, the zero and the noise, in words and a table."""
+    import numpy as np
+
+    found, space = contact.detection, contact.space
+    count = len(contact.intervals)
+    unit = "pose" if contact.recording.at_rest else "s"
+    head = f"No contact: nothing exceeds what noise and the model's known errors leave (chance {found.false_alarms:g})."
+    if count:
+        units = ", ".join(dict.fromkeys(space.units))
+        head = f"{count} contact{'s' * (count > 1)} (chance of any false one {found.false_alarms:g})"
+        head += f", from and to in {unit}, mean wrench in {units}:\n{contact}"
+    shifts = zip(contact.calibration.model.channels, contact.zero_shift, space.units, strict=True)
+    std = np.sqrt(np.diag(found.zero_covariance))
+    moved = ", ".join(f"{c} {v:.3g} ± {s:.2g} {u}" for (c, v, u), s in zip(shifts, std, strict=True))
+    size = zip(contact.names, np.sqrt(np.diag(contact.noise)), space.units, strict=True)
+    lines = [
+        head,
+        f"Zero against the model's recording: {moved}." if std.any() else "Zero: that of the model's recording.",
+        "Noise of one sample: " + ", ".join(f"{n} {v:.2g} {u}" for n, v, u in size) + ".",
+    ]
+    if std.any() and not count:
+        lines.append("A push that is there all the time would pass for a zero: --keep-zero takes the model's.")
+    if contact.late:
+        lines.append(f"The sensor shows a contact {contact.late * 1e3:.3g} ms late; that is left as it is.")
+    if contact.unknown:
+        lines.append(f"Not known to the model, and taken as it stands there: {', '.join(contact.unknown)}.")
+    return "\n\n".join([lines[0], "\n".join(lines[1:])])
