@@ -148,3 +148,11 @@ def test_blocks_cover_every_sample() -> None:
     residual = np.random.default_rng(1).standard_normal((4364, 6))
     blocks = Blocks.of(residual, 1 / 698)
     assert len(blocks.samples(np.ones(len(blocks.means), dtype=bool))) == 4364
+
+
+def test_a_push_on_top_of_a_known_offset_does_not_become_noise() -> None:
+    """With the zero given, all of an offset record is contact, and the noise is still that of its calm part."""
+    residual = pushed("white", 8, size=30.0, first=800, last=1100) + np.array([5.0, -3.0, 0.0])
+    found = found_in(residual, zero=NOTHING)
+    assert sum(i.last - i.first for i in found.intervals) > 1900
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(np.ones(3), rel=0.1)  # 1700 samples: 1.7 %

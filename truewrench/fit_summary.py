@@ -94,7 +94,7 @@ def repeat_text(found: RepeatTable, *, runs: bool) -> str:
     title = f"{found.recording}, over its repeats (Table 22.1):"
     if runs:
         return f"{title}\n{found}"
-    return "\n".join([title, table(HEADER, found.rows()), *found.remarks()])
+    return "\n".join([title, table(HEADER, [row.row() for row in found.readings]), *found.remarks()])
 
 
 def constraints_data(found: ConstrainedMinimum) -> dict[str, Any]:

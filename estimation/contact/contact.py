@@ -67,6 +67,11 @@ class Contact:
         inverse = np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0])
         return np.asarray(np.sqrt(inverse**2 @ self.calibration.floor**2))
 
+    @property
+    def loudness(self) -> Array:
+        """Std (p,) of the calm part of this recording over that of the sensor's noise where the model was fitted."""
+        return np.asarray(np.sqrt(np.diag(self.noise)) / np.maximum(self.floor, 1e-300))
+
     def repeating_error(self, true: Array) -> Array:
         """RMS (p,) of the error against the contact that was there (n, p), less what differs from repeat to repeat.
 

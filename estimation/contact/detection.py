@@ -19,6 +19,8 @@ Mask = NDArray[np.bool_]
 
 BLOCK = 0.005
 """Seconds that are averaged before anything is looked for: a touch by hand or a tap lasts several such blocks."""
+MOST = 20_000
+"""Blocks that a record is cut into at the most, so that a log of hours takes seconds: all windows are searched."""
 FEWEST = 200
 """Blocks that a record is cut into at the least, however short it is, as far as it has samples."""
 RATIO = 1.25
@@ -79,8 +81,8 @@ class Blocks:
     @classmethod
     def of(cls, residual: Array, dt: float | None) -> Blocks:
         """Blocks of `BLOCK` seconds, of one sample for poses at rest (dt None)."""
-        longest = max(1, len(residual) // FEWEST)
-        return cls(residual, 1 if dt is None else max(1, min(longest, round(BLOCK / dt))))
+        shortest, longest = -(-len(residual) // MOST), max(1, len(residual) // FEWEST)
+        return cls(residual, 1 if dt is None else max(shortest, min(longest, round(BLOCK / dt))))
 
     @property
     def means(self) -> Array:
@@ -113,15 +115,19 @@ def detect(
     """
     blocks = Blocks.of(residual, dt)
     means = blocks.means
-    search = Search(means, Windows.over(len(means)), remainder**2, zero, false_alarms)
+    search = Search(means, Windows.over(len(means)), remainder**2, false_alarms)
     settled = [search.settled(start) for start in search.starts(floor**2 / blocks.size)]
     _, noise, quiet, found = max(settled, key=lambda s: (bool(s.found), s.quiet.sum()))
-    free = blocks.samples(binary_erosion(quiet, iterations=GUARD, border_value=1))
+    calm = blocks.samples(binary_erosion(quiet, iterations=GUARD, border_value=1))
+    if zero is not None:  # what is calm need not be free
+        found = search.about(zero, quiet)
+        quiet = _outside(found, np.zeros(len(means), dtype=bool))
+    free = calm if zero is None else blocks.samples(quiet)
     return Detection(
-        zero=residual[free].mean(axis=0) if zero is None else zero,
+        zero=residual[calm].mean(axis=0) if zero is None else zero,
         zero_covariance=noise.covariance(int(quiet.sum())) if zero is None else np.zeros((len(floor),) * 2),
         free=free,
-        covariance=np.cov(residual[free].T) if free.sum() > 10 * len(floor) else np.diag(floor**2),
+        covariance=np.cov(residual[calm].T) if calm.sum() > 10 * len(floor) else np.diag(floor**2),
         intervals=tuple(_in_samples(i, blocks, len(means)) for i in found),
         false_alarms=false_alarms,
     )
@@ -151,7 +157,6 @@ class Search:
     means: Array
     windows: Windows
     constant: Array
-    zero: Array | None
     false_alarms: float
 
     def starts(self, floor: Array) -> tuple[Mask, Mask]:
@@ -160,37 +165,50 @@ class Search:
         The noise of differences does not notice a push however strong, unless it is there for most of the record; the
         cluster does not mind that, but a weak push that grows out of it.
         """
-        return self.undisturbed(), cluster(self.means, floor, self.constant, self.zero)
+        return self.undisturbed(), cluster(self.means, floor, self.constant)
 
     def undisturbed(self) -> Mask:
         """Blocks outside the intervals about the value that most agree on, by the noise of the quieter differences."""
         noise = MeanNoise.of_differences(self.means, self.constant)
         quiet = np.ones(len(self.means), dtype=bool)
-        zero = agreed(self.means, noise) if self.zero is None else self.zero
+        zero = agreed(self.means, noise)
         for _ in range(ROUNDS):
             found = self.windows.exceeding(self.means - zero, noise, quiet, self.false_alarms)
             left = _outside(found, quiet)
             if (left == quiet).all():
                 break
             quiet = left
-            zero = self.means[quiet].mean(axis=0) if self.zero is None else self.zero
+            zero = self.means[quiet].mean(axis=0)
         return quiet
 
     def of(self, quiet: Mask) -> State:
         """Zero, noise and intervals that follow from the quiet blocks."""
-        mean = self.means[quiet].mean(axis=0)
-        zero = mean if self.zero is None else self.zero
-        coefficients, innovations = best_autoregression(self.means - mean, quiet)
+        zero = self.means[quiet].mean(axis=0)
+        remembered, likely, largest = self.noises(quiet)
+        return State(zero, likely, quiet, self.intervals(zero, quiet, remembered, largest))
+
+    def about(self, zero: Array, quiet: Mask) -> tuple[Interval, ...]:
+        """Intervals about a zero that is known, by the noise of quiet blocks about their own mean."""
+        remembered, _, largest = self.noises(quiet)
+        return self.intervals(zero, quiet, remembered, largest)
+
+    def noises(self, quiet: Mask) -> tuple[MeanNoise, MeanNoise, MeanNoise]:
+        """Noise of the quiet blocks: of an autoregression, with what differences say, and with their upper limit."""
+        coefficients, innovations = best_autoregression(self.means - self.means[quiet].mean(axis=0), quiet)
         remembered = MeanNoise.of_autoregression(coefficients, innovations, len(quiet), self.constant)
         likely, largest = (
             remembered.at_least(MeanNoise.of_differences(self.means, self.constant, quiet, doubt=doubt))
             for doubt in (0.5, DOUBT)
         )
+        return remembered, likely, largest
+
+    def intervals(self, zero: Array, quiet: Mask, remembered: MeanNoise, largest: MeanNoise) -> tuple[Interval, ...]:
+        """Intervals that exceed the largest noise, with the edges that they have in the remembered one."""
         sure, sharp = (
             self.windows.exceeding(self.means - zero, noise, quiet, self.false_alarms)
             for noise in (largest, remembered)
         )
-        return State(zero, likely, quiet, _sharpened(sure, sharp))
+        return _sharpened(sure, sharp)
 
     def settled(self, quiet: Mask) -> State:
         """The state in which the blocks outside its intervals are those that it comes from."""
@@ -231,8 +249,8 @@ def agreed(means: Array, noise: MeanNoise) -> Array:
     return np.asarray(stretches[near[near.sum(axis=1).argmax()]].mean(axis=0))
 
 
-def cluster(means: Array, floor: Array, constant: Array, zero: Array | None) -> Mask:
-    """The blocks (b,) that agree on one value, which is the `zero` if that is given.
+def cluster(means: Array, floor: Array, constant: Array) -> Mask:
+    """The blocks (b,) that agree on one value.
 
     The value starts as the block that has most others within reach of its noise, the larger of `floor` (p,) and of the
     blocks' own fast variance (half of the square of successive differences), and of the model's `constant` error; value
@@ -245,12 +263,12 @@ def cluster(means: Array, floor: Array, constant: Array, zero: Array | None) -> 
     reach = chi2.isf(APART, means.shape[1])
     tried = means[:: max(1, len(means) // (2 * STRETCHES))]
     distance = (((means[None] - tried[:, None]) / scale) ** 2).sum(axis=2)
-    centre = tried[int((distance < reach).sum(axis=1).argmax())] if zero is None else zero
+    centre = tried[int((distance < reach).sum(axis=1).argmax())]
     members: Mask = (((means - centre) / scale) ** 2).sum(axis=1) < reach
     for _ in range(MOST_GROWTH):
         if members.sum() <= 2 * means.shape[1]:
             break
-        centre = means[members].mean(axis=0) if zero is None else zero
+        centre = means[members].mean(axis=0)
         away = means - centre
         spread = away[members].T @ away[members] / members.sum() + np.diag(1e-6 * scale**2)
         grown: Mask = (away * np.linalg.solve(spread, away.T).T).sum(axis=1) < reach

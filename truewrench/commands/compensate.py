@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from estimation.contact.contact import Contact
 
 
+LOUD = 3.0
+"""Times the noise of the model's own recording from which on the text says so: no sensor varies that much by itself."""
+
+
 def add_to(commands: Subcommands[Any]) -> None:
     """Add the command and its options."""
     text = "Subtract a fitted model from a recording: the wrench of the environment on the tool, with its uncertainty."
@@ -152,8 +156,14 @@ def contact_text(contact: Contact) -> str:
         f"Zero against the model's recording: {moved}." if std.any() else "Zero: that of the model's recording.",
         "Noise of one sample: " + ", ".join(f"{n} {v:.2g} {u}" for n, v, u in size) + ".",
     ]
-    if std.any() and not count:
-        lines.append("A push that is there all the time would pass for a zero: --keep-zero takes the model's.")
+    if std.any():
+        lines.append("A push that is there most of the time would pass for a zero: --keep-zero takes the model's.")
+    loud = contact.loudness
+    if loud.max() > LOUD:
+        lines.append(
+            f"{contact.names[int(loud.argmax())]} is {loud.max():.0f} times as noisy as where the model was fitted: the"
+            " model misses something here, or it was fitted to averages; smaller contacts are hidden by that."
+        )
     if contact.late:
         lines.append(f"The sensor shows a contact {contact.late * 1e3:.3g} ms late; that is left as it is.")
     if contact.unknown:
