@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from diagnosis.comparison import comparison_of, orthonormal, residual_judges_itself
+from diagnosis.comparison import comparison_of, residual_judges_itself
 from diagnosis.held_out import HeldOut
 from diagnosis.own_effect import with_own
 from diagnosis.part import halved
 from diagnosis.screening import SIGNIFICANCE
 from diagnosis.selection import Candidate, refitted
 from estimation.fit import Fit, Problem, refit
+from estimation.interval import orthonormal
 from estimation.noise import Noise
 from estimation.response import respond
 from modeling.effect import Effect

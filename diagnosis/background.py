@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.comparison import orthonormal
 from estimation.fit import Fit, Problem
+from estimation.interval import orthonormal
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.special import polygamma
 from scipy.stats import chi2, f
 
 from diagnosis.generic import predictability, push_evidence
 from diagnosis.validation import transferred
 from estimation.fit import Fit, Problem, table
+from estimation.interval import inverse_trigamma, orthonormal
 from estimation.noise import Noise, NoiseSource, step_of
 from estimation.recording import Recording
 from estimation.whitening import LineWhitener
@@ -173,13 +172,6 @@ def _judged_rows(fit: Fit, number: int) -> tuple[Array, Array]:
     return residual[part], (span[part] ** 2).sum(axis=1)
 
 
-def orthonormal(derivative: Array) -> Array:
-    """Orthonormal basis (rows, r) of the columns of a derivative, whatever their units."""
-    scale = np.linalg.norm(derivative, axis=0)
-    left, singular, _ = np.linalg.svd(derivative[:, scale > 0] / scale[scale > 0], full_matrices=False)
-    return np.asarray(left[:, singular > 1e-9 * singular.max(initial=0.0)])
-
-
 def frequency_bands(noise: Noise) -> list[NDArray[np.bool_]]:
     """Masks of the rows to be judged together: the motion's lines by octaves, and what is slower than the motion.
 
@@ -205,8 +197,3 @@ def tail(statistic: float, freedom: float, doubt: float) -> float:
     if doubt <= 0:
         return float(chi2.sf(statistic, freedom))
     return float(f.sf(statistic / freedom, freedom, 2 * inverse_trigamma(doubt)))
-
-
-def inverse_trigamma(value: float) -> float:
-    """The x > 0 at which trigamma(x) has this value."""
-    return float(brentq(lambda x: polygamma(1, x) - value, min(1.0, 0.5 / np.sqrt(value)) / 2, 1 + 2 / value))
