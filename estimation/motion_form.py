@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from estimation.recording import QUATERNION, MotionForm, numbered
 from estimation.table import Table
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
+from modeling.space import Space
 
 JOINT_ANGLE = re.compile(r"q[1-9]\d*")
+KINEMATICS = {Space.PLANE: "link_lengths", Space.SPACE: "urdf"}
 RECORD = "record it, or rename the column that holds it"
 
 
@@ -34,19 +36,17 @@ def wrench_channels(table: Table) -> tuple[str, ...]:
 
 def motion_form(table: Table, channels: tuple[str, ...], rig: Rig | None) -> MotionForm:
     """The first complete form of motion, in the order of FORMATS, that this wrench can go with."""
-    planar = channels == PLANAR_CHANNELS
-    forms = (MotionForm.JOINTS, MotionForm.PLANAR_POSE) if planar else (MotionForm.POSE,)
-    obstacles = {form: _missing(form, table, rig) for form in forms}
+    space = Space.PLANE if channels == PLANAR_CHANNELS else Space.SPACE
+    forms = (MotionForm.JOINTS, MotionForm.PLANAR_POSE if space is Space.PLANE else MotionForm.POSE)
+    obstacles = {form: _missing(form, table, rig, space) for form in forms}
     for form, obstacle in obstacles.items():
         if obstacle is None:
             return form
     for form, obstacle in obstacles.items():
         if obstacle is not None and _begun(form, table):
             raise table.error(*obstacle)
-    if planar:
-        raise table.error("the motion is missing: neither q1..qn nor phi", RECORD)
-    remedy = "record the orientation of the sensor (joint angles are read for planar arms only)"
-    raise table.error(f"the motion is missing {_listed(QUATERNION)}", remedy)
+    other = "phi" if space is Space.PLANE else _listed(QUATERNION)
+    raise table.error(f"the motion is missing: neither q1..qn nor {other}", RECORD)
 
 
 def _begun(form: MotionForm, table: Table) -> bool:
@@ -62,10 +62,10 @@ def _joint_angles(table: Table) -> list[str]:
     return sorted(angles, key=lambda name: int(name[1:]))
 
 
-def _missing(form: MotionForm, table: Table, rig: Rig | None) -> tuple[str, str] | None:
+def _missing(form: MotionForm, table: Table, rig: Rig | None, space: Space) -> tuple[str, str] | None:
     """What keeps a form of motion from being complete, and the remedy; None when it is complete."""
     if form is MotionForm.JOINTS:
-        return _missing_joints(table, rig)
+        return _missing_joints(table, rig, space)
     needed = ["phi"] if form is MotionForm.PLANAR_POSE else list(QUATERNION)
     if form is MotionForm.PLANAR_POSE and ("ax" in table.columns) != ("ay" in table.columns):
         needed += ["ax", "ay"]
@@ -73,22 +73,21 @@ def _missing(form: MotionForm, table: Table, rig: Rig | None) -> tuple[str, str]
     return (f"the motion is missing {_listed(missing)}", RECORD) if missing else None
 
 
-def _missing_joints(table: Table, rig: Rig | None) -> tuple[str, str] | None:
-    angles = _joint_angles(table)
-    if rig is None or rig.link_lengths is None:
-        lacks = "no rig was given" if rig is None else "the rig has no link_lengths"
-        return (
-            f"columns {_listed(angles)} are joint angles, and {lacks}",
-            "give a rig with robot.link_lengths",
-        )
-    expected = numbered("q", len(rig.link_lengths))
+def _missing_joints(table: Table, rig: Rig | None, space: Space) -> tuple[str, str] | None:
+    angles, kinematics = _joint_angles(table), KINEMATICS[space]
+    arm = None if rig is None else rig.arm
+    if arm is None or arm.space is not space:
+        lacks = "no rig was given" if rig is None else f"the rig has no {kinematics}"
+        return f"columns {_listed(angles)} are joint angles, and {lacks}", f"give a rig with robot.{kinematics}"
+    expected = numbered("q", arm.joints)
     missing = [name for name in expected if name not in angles]
     if missing:
-        return f"the motion is missing {_listed(missing)}", "record every joint of robot.link_lengths"
+        return f"the motion is missing {_listed(missing)}", f"record every joint of robot.{kinematics}"
     extra = [name for name in angles if name not in expected]
     if extra:
-        what = f"columns {_listed(extra)} are joint angles beyond the rig's {len(expected)} link_lengths"
-        return what, "give a rig with a length for each joint, or rename the column"
+        noun = kinematics if space is Space.PLANE else "joints"
+        what = f"columns {_listed(extra)} are joint angles beyond the rig's {len(expected)} {noun}"
+        return what, f"give a rig whose {kinematics} has them, or rename the column"
     return None
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimation.clock import Clock
 from estimation.motion_form import motion_form, wrench_channels
-from estimation.recording import QUATERNION, MotionForm, Recording, numbered
+from estimation.recording import QUATERNION, MotionForm, Recording
 from estimation.table import Table, file_table, frame_table
 from modeling.errors import InputError
 from modeling.rig import Rig
@@ -128,14 +128,18 @@ def _time(table: Table, repeats: int) -> tuple[Array | None, bool]:
 
 
 def _require_radians(table: Table, rig: Rig | None) -> None:
-    if rig is None or rig.limits is None:
+    limits = None if rig is None else rig.position_limits
+    if rig is None or rig.arm is None or limits is None:
         return
-    for name, (low, high) in zip(numbered("q", rig.limits.joints), rig.limits.position, strict=True):
-        outside = np.flatnonzero(np.abs(table.columns[name] - (low + high) / 2) > high - low)
+    for j, ((low, high), unit) in enumerate(zip(limits, rig.arm.units, strict=True)):
+        name = f"q{j + 1}"
+        column, half = table.columns[name], (high - low) / 2
+        outside = np.flatnonzero((column < low - half) | (column > high + half))
         if outside.size:
             i = int(outside[0])
-            what = f"column {name} at row {table.row(i)} is {table.columns[name][i]:g}, far outside the rig's"
-            raise table.error(f"{what} [{low:g}, {high:g}] rad (degrees?)", "give joint angles in rad")
+            what = f"column {name} at row {table.row(i)} is {column[i]:g}, far outside the rig's"
+            instead = "degrees" if unit == "rad" else "millimetres"
+            raise table.error(f"{what} [{low:g}, {high:g}] {unit} ({instead}?)", f"give it in {unit}")
 
 
 def _require_unit_norm(table: Table) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.differentiation import Derivatives, best_description, periodic_series, smooth
+from modeling.kinematics import Arm
 from modeling.rig import PLANAR_CHANNELS, Rig
 
 Array = NDArray[np.float64]
@@ -76,10 +77,14 @@ class Recording:
         return 2 if self.channels == PLANAR_CHANNELS else 3
 
     @property
+    def arm(self) -> Arm | None:
+        """What the joints do to the sensor; None when the motion was recorded as poses."""
+        return self.rig.arm if self.rig is not None and self.form is MotionForm.JOINTS else None
+
+    @property
     def joints(self) -> int:
         """Joint angles that the motion was taken from, 0 when it was recorded as poses."""
-        lengths = self.rig.link_lengths if self.rig is not None and self.form is MotionForm.JOINTS else None
-        return len(lengths or ())
+        return 0 if self.arm is None else self.arm.joints
 
     @property
     def auxiliary(self) -> tuple[str, ...]:
@@ -91,9 +96,9 @@ class Recording:
     def signals(self) -> Mapping[str, Array]:
         """Inputs of a model by name, each (n,), as far as this recording can give them; derived once.
 
-        Plane: phi, dphi, ddphi (rad, /s, /s²), px, py, vx, vy, ax, ay of the sensor origin in the world (m),
-        and q1.., dq1.., ddq1.. of a recording with joint angles. Six axes: qx, qy, qz, qw (sensor in the
-        world), wx.., alx.. in the sensor frame (rad/s, rad/s²), px.., vpx.., apx.. in the world (m).
+        Plane: phi, dphi, ddphi (rad, /s, /s²), px, py, vx, vy, ax, ay of the sensor origin in the world (m).
+        Six axes: qx, qy, qz, qw (sensor in the world), wx.., alx.. in the sensor frame (rad/s, rad/s²), px..,
+        vpx.., apx.. in the world (m). Both: q1.., dq1.., ddq1.. of a recording with joint angles.
         Always `order`, 0, 1, 2, .. as taken, and the auxiliary columns as recorded; `time` in s unless at
         rest. Accelerations are kinematic, without gravity. Motion is averaged over repeats. Without a
         position or an acceleration the sensor origin counts as slow, its acceleration zero; at rest all
@@ -191,17 +196,14 @@ def _named(names: Sequence[str], series: Array) -> dict[str, Array]:
 
 
 def _joint_motion(recording: Recording) -> dict[str, Array]:
-    """Joint angles to poses of the sensor by the planar kinematics of 22.2."""
-    from modeling.arm import PlanarArm
-
+    """Joint angles to poses of the sensor by the arm's kinematics (in the plane 22.2)."""
     names = [numbered(prefix, recording.joints) for prefix in ("q", "dq", "ddq")]
     # Each joint by itself: a log may hold the velocity of some joints only.
     rates = [_rates(recording, recording.stack([q]), [dq], [ddq]) for q, dq, ddq in zip(*names, strict=True)]
     q, dq, ddq = (
         np.concatenate([getattr(rate, part) for rate in rates], axis=1) for part in ("value", "first", "second")
     )
-    lengths = recording.rig.link_lengths if recording.rig is not None else None
-    pose = PlanarArm(lengths or ()).pose(q, dq, ddq)
+    pose = {} if recording.arm is None else recording.arm.pose(q, dq, ddq)
     joints = (_named(name, series) for name, series in zip(names, (q, dq, ddq), strict=True))
     return {key: value for part in joints for key, value in part.items()} | pose
 

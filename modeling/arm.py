@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from modeling.emission import numpy_function
+from modeling.emission import casadi_expressions, numpy_function
+from modeling.kinematics import Arm
+from modeling.space import Space
 
 POSE_SIGNALS = ("phi", "dphi", "ddphi", "px", "py", "vx", "vy", "ax", "ay")
 
@@ -21,13 +24,16 @@ def joint_symbols(joints: int, prefix: str) -> tuple[sp.Symbol, ...]:
 
 
 @dataclass(frozen=True)
-class PlanarArm:
+class PlanarArm(Arm):
     """Planar arm of n revolute joints, lengths in m from joint to joint, the last one to the sensor origin.
 
     Angles are clockwise positive, the first from world +y, the others relative; x points right, y up.
     """
 
     link_lengths: tuple[float, ...]
+
+    space: ClassVar[Space] = Space.PLANE
+    names: ClassVar[tuple[str, ...]] = POSE_SIGNALS
 
     @property
     def joints(self) -> int:
@@ -43,6 +49,14 @@ class PlanarArm:
         """
         lengths = tuple(sp.Float(length) for length in self.link_lengths)
         return forward_kinematics(lengths)
+
+    def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
+        """The pose signals as CasADi expressions of q, dq, ddq (n,)."""
+        symbols = (joint_symbols(self.joints, prefix) for prefix in ("q", "dq", "ddq"))
+        moving = zip(symbols, (q, dq, ddq), strict=True)
+        known = {symbol: values[j] for own, values in moving for j, symbol in enumerate(own)}
+        expressions = casadi_expressions(known, [self.kinematics[name] for name in self.names])
+        return dict(zip(self.names, expressions, strict=True))
 
     @cached_property
     def _pose_function(self):  # type: ignore[no-untyped-def]

@@ -4,12 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 import sympy as sp
 
 from modeling.space import Space, signals
 
 COMPONENTS = ("qx", "qy", "qz", "qw")
+
+
+def product(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
+    """Hamilton's product a ⊗ b of four components each, x y z w: numbers, SymPy or CasADi expressions."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    return (
+        aw * bx + bw * ax + ay * bz - az * by,
+        aw * by + bw * ay + az * bx - ax * bz,
+        aw * bz + bw * az + ax * by - ay * bx,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def conjugate(a: Sequence[Any]) -> tuple[Any, ...]:
+    """The reverse turn of a unit quaternion."""
+    x, y, z, w = a
+    return (-x, -y, -z, w)
+
+
+def rotated(a: Sequence[Any], v: Sequence[Any]) -> tuple[Any, ...]:
+    """The vector v (3) turned by the unit quaternion a: the vector part of a ⊗ (v, 0) ⊗ conj(a)."""
+    return product(product(a, (*v, 0.0)), conjugate(a))[:3]
 
 
 def turning(components: Sequence[Sequence[sp.Symbol]]) -> Mapping[str, sp.Expr]:

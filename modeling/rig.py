@@ -6,17 +6,23 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ValidationError
 
+from modeling.arm import PlanarArm
 from modeling.errors import InputError
+from modeling.kinematics import Arm
+from modeling.rig_file import SPATIAL_ARM, LimitsTable, RigTable, SensorTable, refusal
+from modeling.spatial_arm import SpatialArm
+from modeling.urdf import read_urdf
 
 STANDARD_GRAVITY = 9.806  # m/s², the value of the chapter and of FORMATS
-LARGEST = 1e12  # beyond any length, speed or force that a rig has
+HERE = Path()
 PLANAR_CHANNELS = ("fx", "fy", "tau")
 SPATIAL_CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -31,7 +37,7 @@ class Convention(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limits:
-    """Joint limits, each (n, 2): low and high. rad, rad/s, rad/s², rad/s³."""
+    """Joint limits, each (n, 2): low and high. rad, rad/s, rad/s², rad/s³; m instead where a joint slides."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -46,10 +52,11 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Workspace:
-    """Where the tip may be, low and high in m (world x right, y up); None is no bound."""
+    """Where the tip may be, low and high in m (planar: x right, y up; in space: z up); None is no bound."""
 
     x: tuple[float, float] | None = None
     y: tuple[float, float] | None = None
+    z: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,12 +76,16 @@ class SensorDescription:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
-    """A robot with a wrist sensor. Lengths in m, gravity in m/s²; a rig without a robot is valid."""
+    """A robot with a wrist sensor. Lengths in m, gravity in m/s²; a rig without a robot is valid.
+
+    `urdf` is the file as it was named, `spatial_arm` what stood in it up to `sensor_frame`.
+    """
 
     name: str = ""
     link_lengths: tuple[float, ...] | None = None
     urdf: str | None = None
     sensor_frame: str | None = None
+    spatial_arm: SpatialArm | None = None
     tip_length: float | None = None
     gravity: float = STANDARD_GRAVITY
     limits: Limits | None = None
@@ -83,7 +94,7 @@ class Rig:
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """The rig of a TOML file; InputError, in one line, when it is not what FORMATS says."""
+        """The rig of a TOML file; InputError, in one line, when it, or its URDF, is not what FORMATS says."""
         path = Path(path)
         try:
             data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
@@ -93,27 +104,48 @@ class Rig:
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             remedy = "correct the TOML there"
             raise InputError(what=f"not a TOML file: {error}", where=str(path), remedy=remedy) from None
-        return cls.from_data(data, where=str(path))
+        return cls.from_data(data, where=str(path), folder=path.parent)
 
     @classmethod
-    def from_data(cls, data: Mapping[str, object], *, where: str = "rig") -> Self:
-        """The rig of a plain dictionary laid out as the TOML file; `where` names it in an InputError."""
+    def from_data(cls, data: Mapping[str, object], *, where: str = "rig", folder: Path = HERE) -> Self:
+        """The rig of a plain dictionary laid out as the TOML file, or as `to_data` gives it.
+
+        `where` names it in an InputError; `folder` is what the path of a URDF is relative to.
+        """
         try:
-            table = _RigTable.model_validate(dict(data))
+            table = RigTable.model_validate(dict(data))
         except ValidationError as error:
-            raise _input_error(error, where) from None
+            raise refusal(error, where) from None
+        robot, arm = table.robot, table.robot.spatial_arm
+        if arm is None and robot.urdf is not None:
+            arm = read_urdf(folder / robot.urdf, robot.sensor_frame)
         return cls(
-            **table.robot.model_dump(exclude={"link_lengths"}),
-            link_lengths=None if table.robot.link_lengths is None else tuple(table.robot.link_lengths),
-            limits=_limits(table.limits),
+            **robot.model_dump(exclude={"link_lengths", "spatial_arm"}, exclude_none=True),
+            link_lengths=None if robot.link_lengths is None else tuple(robot.link_lengths),
+            spatial_arm=arm,
+            limits=None if table.limits is None else _limits(table.limits, arm, where),
             workspace=None if table.workspace is None else Workspace(**table.workspace.model_dump()),
             sensor=_sensor(table.sensor),
         )
+
+    @cached_property
+    def arm(self) -> Arm | None:
+        """What the joints do to the sensor; None when the rig does not say."""
+        return self.spatial_arm if self.link_lengths is None else PlanarArm(self.link_lengths)
+
+    @property
+    def position_limits(self) -> NDArray[np.float64] | None:
+        """Lowest and highest joint coordinates (n, 2): those stated, else the URDF's; None when nothing says."""
+        if self.limits is not None:
+            return self.limits.position
+        return None if self.spatial_arm is None else self.spatial_arm.position_limits
 
     def to_data(self) -> dict[str, Any]:
         """The rig as nested dictionaries, lists, numbers and strings, as `from_data` takes them."""
         robot = {"name": self.name, "gravity": self.gravity, "urdf": self.urdf, "tip_length": self.tip_length}
         robot |= {"sensor_frame": self.sensor_frame, "link_lengths": _listed(self.link_lengths)}
+        if self.spatial_arm is not None:
+            robot |= {"spatial_arm": SPATIAL_ARM.dump_python(self.spatial_arm, mode="json")}
         data: dict[str, Any] = {"robot": _stated(robot), "sensor": _sensor_data(self.sensor)}
         if self.limits is not None:
             data["limits"] = _stated({name: _listed(pairs) for name, pairs in vars(self.limits).items()})
@@ -137,153 +169,31 @@ def _sensor_data(sensor: SensorDescription) -> dict[str, Any]:
     return _stated({**data, "convention": convention, "mirror_y": sensor.mirror_y})
 
 
-# ------------------------------------------------------------------ what the tables of the file must be
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
-
-
-def _pair(value: object) -> object:
-    """A symmetric limit or [low, high] as (low, high)."""
-    if _number(value) and float(value) > 0:  # type: ignore[arg-type]
-        return (-float(value), float(value))  # type: ignore[arg-type]
-    return _interval(value)
-
-
-def _interval(value: object) -> object:
-    if isinstance(value, list | tuple) and len(value) == 2 and all(map(_number, value)) and value[0] < value[1]:
-        return (float(value[0]), float(value[1]))
-    raise ValueError("a positive number, or [low, high] with low below high, was expected")
-
-
-def _span(value: object) -> object:
-    if _number(value):
-        raise ValueError("[low, high] with low below high was expected")
-    return _interval(value)
-
-
-Positive = Annotated[float, Field(gt=0)]
-Pair = Annotated[tuple[float, float], BeforeValidator(_pair)]
-Span = Annotated[tuple[float, float], BeforeValidator(_span)]
-Channel = Literal["fx", "fy", "fz", "tx", "ty", "tz", "tau"]
-PerChannel = Annotated[dict[Channel, Positive], Field(min_length=1)]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class _RobotTable(_Table):
-    name: str = ""
-    link_lengths: Annotated[list[Positive], Field(min_length=1)] | None = None
-    urdf: str | None = None
-    sensor_frame: str | None = None
-    tip_length: Positive | None = None
-    gravity: Positive = STANDARD_GRAVITY
-
-    @model_validator(mode="after")
-    def _one_description(self) -> Self:
-        if self.link_lengths is not None and self.urdf is not None:
-            raise ValueError("link_lengths or urdf was expected, and both came")
-        return self
-
-
-class _LimitsTable(_Table):
-    position: Annotated[list[Pair], Field(min_length=1)]
-    velocity: Annotated[list[Pair], Field(min_length=1)]
-    acceleration: Annotated[list[Pair], Field(min_length=1)]
-    jerk: Annotated[list[Pair], Field(min_length=1)] | None = None
-
-    @model_validator(mode="after")
-    def _same_joints(self) -> Self:
-        counts = {name: len(pairs) for name, pairs in self.__dict__.items() if pairs is not None}
-        if len(set(counts.values())) > 1:
-            raise ValueError(f"as many numbers in each list as joints were expected, and {counts} came")
-        return self
-
-
-class _WorkspaceTable(_Table):
-    x: Span | None = None
-    y: Span | None = None
-
-
-class _SensorTable(_Table):
-    noise: PerChannel | None = None
-    range: PerChannel | None = None
-    tolerance: PerChannel | None = None
-    convention: Literal["on_tool", "on_sensor", "auto"] | None = None
-    mirror_y: bool = False
-
-    @model_validator(mode="after")
-    def _one_dimension(self) -> Self:
-        named = {channel for table in (self.noise, self.range, self.tolerance) for channel in table or ()}
-        if not (named <= set(PLANAR_CHANNELS) or named <= set(SPATIAL_CHANNELS)):
-            raise ValueError(f"channels of a planar or of a six-axis sensor were expected, not {sorted(named)}")
-        return self
-
-
-class _RigTable(_Table):
-    robot: _RobotTable = _RobotTable()
-    limits: _LimitsTable | None = None
-    workspace: _WorkspaceTable | None = None
-    sensor: _SensorTable = _SensorTable()
-
-    @model_validator(mode="after")
-    def _limits_fit_the_arm(self) -> Self:
-        lengths, limits = self.robot.link_lengths, self.limits
-        if lengths is not None and limits is not None and len(lengths) != len(limits.position):
-            counts = f"{len(lengths)} link_lengths and {len(limits.position)} limits came"
-            raise ValueError(f"limits of each joint of robot.link_lengths were expected, and {counts}")
-        return self
-
-
-def _limits(table: _LimitsTable | None) -> Limits | None:
-    if table is None:
-        return None
-    arrays = {name: np.array(pairs, dtype=float) for name, pairs in table if pairs is not None}
+def _limits(table: LimitsTable, arm: SpatialArm | None, where: str) -> Limits:
+    """The limits of the table; positions and velocities that it leaves out are the URDF's, which has no others."""
+    if arm is not None and any(count != arm.joints for count in table.counts.values()):
+        what = f"limits: {arm.joints} joints were expected, and {min(table.counts.values())} limits came"
+        raise InputError(what=what, where=where, remedy=f"limit {', '.join(j.name for j in arm.chain)}, in this order")
+    pairs = dict(table)
+    for name in ("position", "velocity", "acceleration"):
+        if pairs[name] is None:
+            pairs[name] = _limits_of_urdf(arm, name, where)
+    arrays = {name: np.array(pair, dtype=float) for name, pair in pairs.items() if pair is not None}
     for array in arrays.values():
         array.flags.writeable = False
     return Limits(**arrays)
 
 
-def _sensor(table: _SensorTable) -> SensorDescription:
+def _limits_of_urdf(arm: SpatialArm | None, name: str, where: str) -> list[tuple[float, float]]:
+    chain = () if arm is None else arm.chain
+    silent = [joint.name for joint in chain if getattr(joint, name, None) is None]
+    if silent or not chain:
+        lacking = f", as the URDF has none of '{silent[0]}'" if silent else ""
+        what = f"limits.{name}: was expected and is missing{lacking}"
+        raise InputError(what=what, where=where, remedy="add it to the rig file")
+    return [getattr(joint, name) for joint in chain]
+
+
+def _sensor(table: SensorTable) -> SensorDescription:
     convention = None if table.convention is None else Convention(table.convention)
     return SensorDescription(**table.model_dump(exclude={"convention"}), convention=convention)
-
-
-# ---------------------------------------------------------------------- what pydantic says, in one line
-
-
-def _input_error(error: ValidationError, where: str) -> InputError:
-    first = error.errors(include_url=False)[0]
-    key = _key(first["loc"])
-    remedy = "correct it in the rig file"
-    came = f", and {_shown(first['input'])} came"
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        what, remedy = "is not a key that a rig has", f"use one of {_known(first['loc'])}, or remove it"
-    elif first["type"] == "missing":
-        what, remedy = "was expected and is missing", "add it to the rig file"
-    else:
-        what = message if "came" in message or "not [" in message else message + came
-    return InputError(where=where, what=f"{key}: {what}" if key else what, remedy=remedy)
-
-
-def _key(location: tuple[int | str, ...]) -> str:
-    key = ""
-    for part in location:
-        key += f"[{part}]" if isinstance(part, int) else f".{part}"
-    return key.lstrip(".").removesuffix(".[key]")
-
-
-def _known(location: tuple[int | str, ...]) -> str:
-    tables: dict[str, type[_Table]] = {"robot": _RobotTable, "limits": _LimitsTable}
-    tables |= {"workspace": _WorkspaceTable, "sensor": _SensorTable}
-    table = tables.get(str(location[0]), _RigTable) if len(location) > 1 else _RigTable
-    return ", ".join(table.model_fields)
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

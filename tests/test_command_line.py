@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from design.fourier import FourierMotion
+from design.motion.series import Motion
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict import EffectVerdict, RecordVerdict
 from modeling.effects import CATALOGUE
@@ -44,7 +44,7 @@ acceleration = [12.0, 12.0, 12.0]
 HEAVY = ("numpy", "scipy", "pandas", "sympy", "casadi", "matplotlib", "pydantic", "jinja2", "mujoco")
 
 
-def motion(seed: int) -> FourierMotion:
+def motion(seed: int) -> Motion:
     """A short random motion of the planar arm."""
     return PlanarRig().random_motion(seed=seed, harmonics=3)
 

@@ -16,7 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from design.fourier import CHAPTER_OPTIMUM_DEGREES, chapter_series
+from design.motion.fourier import CHAPTER_OPTIMUM_DEGREES, PaperSeries
+from design.motion.series import Motion
 from modeling import effects
 from modeling.arm import PlanarArm
 from modeling.model import planar
@@ -215,8 +216,8 @@ def test_equal_weights_depend_on_the_unit_of_length_and_the_noises_do_not() -> N
 
 def test_peaks_of_x_opt_say_degrees() -> None:
     in_degrees, in_radians = (
-        np.degrees(chapter_series(x, period=5.0).peak()[0])
-        for x in (np.radians(CHAPTER_OPTIMUM_DEGREES), CHAPTER_OPTIMUM_DEGREES)
+        np.degrees(np.abs(Motion(PaperSeries(period=5.0), x).enclosure(0)).max(axis=0))
+        for x in (np.radians(CHAPTER_OPTIMUM_DEGREES), np.array(CHAPTER_OPTIMUM_DEGREES))
     )
     assert in_degrees.round().tolist() == [42, 44, 35]
     assert (in_radians > 2000).all()  # 35 rad and more
@@ -227,7 +228,7 @@ def test_peaks_of_x_opt_say_degrees() -> None:
 )
 def test_determinant_of_x_opt_stays_open(radians_per_unit: float, samples: int, decades: float) -> None:
     """det(Phi' Phi) > 1e41 is not reached in degrees, with the lengths assumed and T = 5 s."""
-    motion = chapter_series(np.array(CHAPTER_OPTIMUM_DEGREES) * radians_per_unit, period=5.0)
+    motion = Motion(PaperSeries(period=5.0), np.array(CHAPTER_OPTIMUM_DEGREES) * radians_per_unit)
     states = motion.evaluate(np.arange(samples) * 5.0 / samples)
     pose = PlanarArm((1.0, 0.97, 0.4)).pose(*states)
     found = motions(MODEL)

@@ -1,4 +1,4 @@
-"""The periodic motions: derivatives, peaks, limits, and the chapter's own optimum."""
+"""The Fourier motions: exact peaks, 22.10 as printed, the chapter's own optimum, random motions within limits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design.fourier import CHAPTER_OPTIMUM_DEGREES, FourierMotion, chapter_series, random_motion
+from design.motion.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries, fourier_motion
+from design.motion.random_motion import random_motion
+from design.motion.series import Motion
+from modeling.errors import InputError
 
 LIMITS: dict[str, Any] = {
     "position": [1.2, 0.8, 1.0],
@@ -16,50 +19,64 @@ LIMITS: dict[str, Any] = {
 }
 
 
-def a_motion(seed: int = 3) -> FourierMotion:
+def a_motion(seed: int = 3) -> Motion:
     return random_motion(joints=3, harmonics=6, period=4.0, seed=seed, **LIMITS)
 
 
-def test_derivatives_are_those_of_the_position() -> None:
-    motion, step = a_motion(), 1e-5
-    time = np.linspace(0.0, 4.0, 101)
-    q, dq, ddq = motion.evaluate(time)
-    ahead, behind = motion.evaluate(time + step), motion.evaluate(time - step)
-    assert q.shape == dq.shape == ddq.shape == (101, 3)
-    # central difference: h² w³/6 of truncation (w = 9.4 rad/s) and 2e-16/h of rounding, both below 1e-7
-    np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * step), dq, atol=1e-7)
-    np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * step), ddq, atol=1e-6)
-
-
-def test_motion_is_periodic() -> None:
-    motion, time = a_motion(), np.linspace(0.0, 4.0, 50)
-    for now, later in zip(motion.evaluate(time), motion.evaluate(time + motion.period), strict=True):
-        np.testing.assert_allclose(now, later, atol=1e-11)  # rounding of the angle, times h² w²
-
-
-def test_peak_of_a_single_wave() -> None:
-    wave = FourierMotion(offset=np.array([0.5]), sine=np.array([[0.0, 3.0]]), cosine=np.array([[0.0, 4.0]]), period=2.0)
+def test_enclosure_of_a_single_wave() -> None:
+    wave = fourier_motion(offset=[0.5], sine=[[0.0, 3.0]], cosine=[[0.0, 4.0]], period=2.0)
     rate = 2 * np.pi  # the second harmonic of 2 s
-    q, dq, ddq = (float(x[0]) for x in wave.peak())
-    # amplitude 5; the grid may miss the top by 1 - cos(pi/256) = 8e-5
-    assert (q, dq, ddq) == pytest.approx((5.5, 5 * rate, 5 * rate**2), rel=1e-4)
+    for order, (middle, half) in enumerate([(0.5, 5.0), (0.0, 5 * rate), (0.0, 5 * rate**2), (0.0, 5 * rate**3)]):
+        low, high = wave.enclosure(order)
+        # the bound may be wide by 1 / cos(pi/256) - 1 = 8e-5, and never short
+        assert middle - half * (1 + 8e-5) <= float(low[0]) <= middle - half
+        assert middle + half <= float(high[0]) <= middle + half * (1 + 8e-5)
 
 
-def test_scaled_per_joint() -> None:
-    motion, factor, time = a_motion(), np.array([0.5, 2.0, -1.0]), np.linspace(0.0, 1.0, 7)
-    for scaled, plain in zip(motion.scaled(factor).evaluate(time), motion.evaluate(time), strict=True):
-        np.testing.assert_allclose(scaled, plain * factor, rtol=1e-12)
+def test_enclosure_is_exact_for_a_peak_halfway_between_grid_points() -> None:
+    """Nothing less than the factor of Ehlich and Zeller would hold: their extremal polynomial."""
+    series = FreeSeries(joints=1, harmonics=(3,), period=1.0)
+    phase = np.pi / 256  # half a step of 2 pi / 256
+    motion = Motion(series, np.array([2.0, 5 * np.sin(phase), 5 * np.cos(phase)]))
+    low, high = motion.enclosure(0)
+    assert motion.derivative(series.grid(), 0).max() < 7 - 3e-4
+    assert (float(low[0]), float(high[0])) == pytest.approx((-3.0, 7.0), abs=1e-12)  # rounding
+
+
+def test_enclosure_has_the_exact_extremes_of_a_trigonometric_polynomial() -> None:
+    """dq = 0 as a polynomial in z = exp(i w t), its roots on the unit circle by the companion matrix."""
+    series = FreeSeries(joints=1, harmonics=(1, 2, 3, 4), period=2 * np.pi)
+    for seed in range(20):
+        z = np.random.default_rng(seed).standard_normal(series.size)
+        sine, cosine = z[1:5], z[5:]
+        slope = np.arange(1, 5) * (sine + 1j * cosine) / 2  # of exp(i h t); of exp(-i h t) the conjugate
+        roots = np.roots([*slope[::-1], 0.0, *slope.conj()])
+        at = np.angle(roots[np.abs(np.abs(roots) - 1) < 1e-6])
+        reached = series.evaluate(z, at, 0)
+        half = float(np.ptp(reached)) / 2
+        low, high = series.enclosure(z, 0)
+        assert -1e-9 * half <= reached.min() - low[0] <= 8e-5 * half
+        assert -1e-9 * half <= high[0] - reached.max() <= 8e-5 * half
+
+
+def test_paper_series_is_equation_22_10() -> None:
+    x, w = np.random.default_rng(1).standard_normal(15), 2 * np.pi / 5.0
+    time = np.linspace(0, 5, 40)
+    shared = sum(x[i - 1] * np.sin(i * w * time) + x[i + 2] * np.cos(i * w * time) for i in (1, 2, 3))
+    own = [sum(x[6 + 3 * j + i - 4] * np.sin(i * w * time) for i in (4, 5, 6)) for j in range(3)]
+    q = Motion(PaperSeries(period=5.0), x).evaluate(time)[0]
+    np.testing.assert_allclose(q, np.stack([shared + each for each in own], axis=1), atol=1e-13)
 
 
 def test_chapter_optimum_has_peaks_of_42_44_and_35_degrees() -> None:
-    motion = chapter_series(np.radians(CHAPTER_OPTIMUM_DEGREES), period=5.0)
-    assert np.degrees(motion.peak()[0]).round().tolist() == [42, 44, 35]
+    low, high = Motion(PaperSeries(period=5.0), np.radians(CHAPTER_OPTIMUM_DEGREES)).enclosure(0)
+    assert np.degrees(np.maximum(-low, high)).round().tolist() == [42, 44, 35]
 
 
-def test_shared_harmonics_are_the_same_for_all_joints() -> None:
-    shared = np.concatenate([np.arange(1.0, 7.0), np.zeros(9)])
-    q = chapter_series(shared, period=5.0).evaluate(np.linspace(0.0, 5.0, 20))[0]
-    np.testing.assert_allclose(q, q[:, :1].repeat(3, axis=1), atol=1e-13)
+def test_scaled() -> None:
+    motion, time = a_motion(), np.linspace(0.0, 1.0, 7)
+    for scaled, plain in zip(motion.scaled(-0.5).evaluate(time), motion.evaluate(time), strict=True):
+        np.testing.assert_allclose(scaled, -0.5 * plain, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -74,27 +91,39 @@ def test_random_motion_touches_its_nearest_limit_and_keeps_all(seed: int) -> Non
 
 def test_random_motion_between_asymmetric_limits() -> None:
     motion = random_motion(joints=1, position=[[0.2, 1.0]], velocity=100.0, acceleration=1000.0, seed=1)
-    q = motion.evaluate(motion.grid())[0]
+    q = motion.evaluate(np.linspace(0, motion.period, 5000))[0]
     assert q.min() >= 0.2
     assert q.max() <= 1.0
-    assert float(motion.offset[0]) == pytest.approx(0.6)
+    assert q[:-1].mean() == pytest.approx(0.6)
 
 
 def test_random_motion_is_reproducible() -> None:
-    assert np.array_equal(a_motion(7).sine, a_motion(7).sine)
-    assert not np.array_equal(a_motion(7).sine, a_motion(8).sine)
+    assert np.array_equal(a_motion(7).coefficients, a_motion(7).coefficients)
+    assert not np.array_equal(a_motion(7).coefficients, a_motion(8).coefficients)
+
+
+def test_random_motion_of_a_seed_stays_what_it_was() -> None:
+    """Recordings of the tests are made with these; the figures are those of commit 00c371c."""
+    motion = random_motion(joints=2, position=1.0, velocity=2.0, acceleration=9.0, harmonics=2, period=3.0, seed=1)
+    q, dq, ddq = motion.evaluate([0.0, 0.4])
+    known = [
+        [[0.6116810644995071, -0.12392219157342219], [0.6763462965383631, -0.39838612342084656]],
+        [[1.3249870324308552, -1.0246255065618155], [-1.1026945658966736, 0.1879427018845955]],
+        [[-4.275029786508327, -1.3794706484167811], [-5.714456627909556, 6.237355611512786]],
+    ]
+    np.testing.assert_allclose([q, dq, ddq], known, rtol=1e-12)
 
 
 @pytest.mark.parametrize("bad", [{"velocity": 0.0}, {"position": [1.0, 1.0]}, {"position": [[1.0, 2.0]]}])
 def test_bad_limits_are_refused(bad: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="limit"):
+    with pytest.raises(InputError, match="limit"):
         random_motion(joints=3, seed=0, **{**LIMITS, **bad})
 
 
 def test_bad_shapes_are_refused() -> None:
-    with pytest.raises(ValueError, match="15 coefficients"):
-        chapter_series([1.0, 2.0], period=5.0)
-    with pytest.raises(ValueError, match="shapes"):
-        FourierMotion(offset=np.zeros(2), sine=np.zeros((3, 1)), cosine=np.zeros((3, 1)), period=1.0)
-    with pytest.raises(ValueError, match="period"):
-        FourierMotion(offset=np.zeros(1), sine=np.zeros((1, 1)), cosine=np.zeros((1, 1)), period=0.0)
+    with pytest.raises(InputError, match="15 coefficients"):
+        Motion(PaperSeries(period=5.0), np.array([1.0, 2.0]))
+    with pytest.raises(InputError, match="shapes"):
+        fourier_motion(offset=np.zeros(2), sine=np.zeros((3, 1)), cosine=np.zeros((3, 1)), period=1.0)
+    with pytest.raises(InputError, match="period"):
+        fourier_motion(offset=np.zeros(1), sine=np.zeros((1, 1)), cosine=np.zeros((1, 1)), period=0.0)

@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from design.fourier import FourierMotion
+from design.motion.fourier import fourier_motion
+from design.motion.series import Motion
 from truewrench.simulated_rig import (
     HIDDEN_EFFECTS,
     NOISE_MODELS,
@@ -278,11 +279,11 @@ def test_crosstalk_adds_the_named_channel() -> None:
     np.testing.assert_allclose(change, np.outer(0.01 * load, [0.0, 0.0, 1.0]), atol=EXACT)
 
 
-def wave(harmonic: int, amplitude: float = 0.01, period: float = 2.0) -> FourierMotion:
+def wave(harmonic: int, amplitude: float = 0.01, period: float = 2.0) -> Motion:
     """A carriage that shakes along its x axis only."""
     sine = np.zeros((6, harmonic))
     sine[0, -1] = amplitude
-    return FourierMotion(offset=np.zeros(6), sine=sine, cosine=np.zeros_like(sine), period=period)
+    return fourier_motion(offset=np.zeros(6), sine=sine, cosine=np.zeros_like(sine), period=period)
 
 
 @pytest.mark.parametrize("time_constant", [0.003, 0.02, 0.5])
@@ -340,7 +341,7 @@ def test_events_left_open_lie_inside_the_record() -> None:
 
 
 def test_payload_weighs_from_its_time_on() -> None:
-    at_rest = FourierMotion(
+    at_rest = fourier_motion(
         offset=np.array([0.0, 0.0, np.pi / 2]), sine=np.zeros((3, 1)), cosine=np.zeros((3, 1)), period=1.0
     )
     event = PayloadChange(mass=0.1, d=0.2, time=1.5)

@@ -21,7 +21,6 @@ from modeling.contact import components
 from modeling.contact_gain import contact_gain_at, lateness
 from modeling.errors import InputError
 from modeling.memory import Memory
-from modeling.prediction import Emitted
 from modeling.rig import Rig
 
 Array = NDArray[np.float64]
@@ -78,13 +77,9 @@ class ContactFilter:
 
     def _compiled(self) -> tuple[tuple[Tap, ...], Any]:
         """The taps of a row's motion that the model takes, and the CasADi function of them to load and zero (2p)."""
-        import casadi as ca
-
         model = self.calibration.model
         expression = self.motion.put_into(sp.Matrix.vstack(model.load, model.zero), model)
-        taps = self.motion.taps(expression)
-        emitted = Emitted(expression, tuple(t.symbol.name for t in taps), tuple(p.symbol for p in model.parameters))
-        return taps, ca.Function("row", list(emitted.symbols), [emitted.graph])
+        return self.motion.function(expression, [p.symbol for p in model.parameters])
 
     # ---------------------------------------------------------------------------------------- running
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from estimation.motion_form import motion_form
 from estimation.recording import QUATERNION, MotionForm, motion_columns, numbered
 from estimation.table import Table
-from modeling.arm import PlanarArm
 from modeling.errors import InputError
+from modeling.kinematics import Arm
 from modeling.model import WrenchModel
+from modeling.prediction import Emitted
 from modeling.quaternion import turning
 from modeling.rig import Rig
 
@@ -42,12 +43,14 @@ class RowMotion:
     """The signals of a recording (`Recording.signals`), each an expression of `taps` of the columns of a row.
 
     Rates and accelerations are those recorded, else derived from the nearest that is; without any of the sensor
-    origin's it counts as slow. Columns that are no part of the motion are signals by their own name.
+    origin's it counts as slow. Columns that are no part of the motion are signals by their own name. `arm` has the
+    joints, where there are any; its signals stand for themselves until `function` derives them.
     """
 
     columns: tuple[str, ...]
     form: MotionForm
     signals: Signals
+    arm: Arm | None = None
 
     @classmethod
     def of(cls, columns: Sequence[str], channels: tuple[str, ...], rig: Rig | None) -> RowMotion:
@@ -57,16 +60,16 @@ class RowMotion:
         """
         one = Table(columns={name: np.zeros(1) for name in columns}, where="contact filter", first_row=1)
         form = motion_form(one, channels, rig)
-        lengths = (rig.link_lengths if rig is not None else None) or ()
-        motion = motion_columns(form, len(lengths) if form is MotionForm.JOINTS else 0)
+        arm = rig.arm if rig is not None and form is MotionForm.JOINTS else None
+        motion = motion_columns(form, 0 if arm is None else arm.joints)
         signals = {name: Tap(name, 0).symbol for name in columns if name not in motion}
-        if form is MotionForm.JOINTS:
-            signals |= _joint_signals(columns, lengths)
+        if arm is not None:
+            signals |= _joint_signals(columns, arm)
         elif form is MotionForm.PLANAR_POSE:
             signals |= _derived(columns, ("phi",), ("dphi",), ("ddphi",)) | _translation(columns, "p", "v", "a", "xy")
         else:
             signals |= _rotation(columns) | _translation(columns, "p", "vp", "ap", "xyz")
-        return cls(tuple(columns), form, signals)
+        return cls(tuple(columns), form, signals, arm)
 
     def put_into(self, expression: sp.Matrix, model: WrenchModel) -> sp.Matrix:
         """An expression of the model in terms of taps and parameters.
@@ -84,10 +87,31 @@ class RowMotion:
             )
         return expression.xreplace({sp.Symbol(name, real=True): value for name, value in self.signals.items()})
 
-    def taps(self, expression: sp.Matrix) -> tuple[Tap, ...]:
-        """The taps that an expression in terms of them takes."""
+    def function(self, expression: sp.Matrix, parameters: Sequence[sp.Symbol]) -> tuple[tuple[Tap, ...], Any]:
+        """The taps that an expression of the model takes, and the CasADi function of them and the parameters to it."""
+        import casadi as ca
+
+        inputs = tuple(sorted(symbol.name for symbol in expression.free_symbols - set(parameters)))
+        posed = self.arm is not None and not set(self.arm.names).isdisjoint(inputs)
+        needed = {*inputs, *(self._state if posed else ())}
         every = (Tap(column, order) for column in self.columns for order in range(3))
-        return tuple(tap for tap in every if tap.symbol in expression.free_symbols)
+        taps = tuple(tap for tap in every if tap.symbol.name in needed)
+        values = ca.SX.sym("taps", len(taps))
+        known = {tap.symbol.name: values[i] for i, tap in enumerate(taps)}
+        if self.arm is not None and posed:
+            state = ca.vertcat(*(known[name] for name in self._state))
+            motion = self.arm.function(*ca.vertsplit(state, self.arm.joints))
+            known |= dict(zip(self.arm.names, ca.vertsplit(motion), strict=True))
+        emitted = Emitted(expression, inputs, tuple(parameters))
+        function = ca.Function("row", list(emitted.symbols), [emitted.graph])
+        theta = emitted.symbols[1]
+        return taps, ca.Function("row", [values, theta], [function(ca.vertcat(*(known[n] for n in inputs)), theta)])
+
+    @property
+    def _state(self) -> list[str]:
+        """The taps of q1.., dq1.., ddq1.., in this order, by name."""
+        count = 0 if self.arm is None else self.arm.joints
+        return [self.signals[name].name for prefix in ("q", "dq", "ddq") for name in numbered(prefix, count)]
 
     def continued(self, row: Array, before: Array) -> Array:
         """A row without the jumps of an angle by whole turns, or of a quaternion to its negative, from the row before.
@@ -117,12 +141,11 @@ def _derived(columns: Sequence[str], *groups: Sequence[str]) -> dict[str, sp.Exp
     return found
 
 
-def _joint_signals(columns: Sequence[str], lengths: Sequence[float]) -> Signals:
-    """Joint angles to poses of the sensor by the planar kinematics of 22.2."""
-    names = zip(*(numbered(prefix, len(lengths)) for prefix in ("q", "dq", "ddq")), strict=True)
+def _joint_signals(columns: Sequence[str], arm: Arm) -> Signals:
+    """The joints' taps, and the signals that the arm's kinematics will make of them."""
+    names = zip(*(numbered(prefix, arm.joints) for prefix in ("q", "dq", "ddq")), strict=True)
     joints = {name: tap for q, dq, ddq in names for name, tap in _derived(columns, (q,), (dq,), (ddq,)).items()}
-    symbols = {sp.Symbol(name, real=True): tap for name, tap in joints.items()}
-    return joints | {name: e.xreplace(symbols) for name, e in PlanarArm(tuple(lengths)).kinematics.items()}
+    return {name: sp.Symbol(name, real=True) for name in arm.names} | joints
 
 
 def _translation(columns: Sequence[str], position: str, velocity: str, acceleration: str, axes: str) -> Signals:

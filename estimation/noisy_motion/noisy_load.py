@@ -16,6 +16,8 @@ from modeling.errors import InputError
 from modeling.model import WrenchModel
 from modeling.prediction import Emitted, compiled
 
+JOINT_SIGNAL = r"d{0,2}q\d+"
+
 
 @dataclass(frozen=True, kw_only=True)
 class UnbiasedModel(WrenchModel):
@@ -50,9 +52,15 @@ class NoisyLoad:
 
         Raises InputError when the recording has no signal of such a name, or the model takes none of them.
         """
-        lengths = (recording.rig.link_lengths or ()) if recording.rig is not None and recording.joints else ()
+        lengths = recording.arm.link_lengths if isinstance(recording.arm, PlanarArm) else ()
         known = {*recording.signals, *(TURNS if "qw" in recording.signals else ())}
         for name in noise.names:
+            if re.fullmatch(JOINT_SIGNAL, name) and not lengths and name in known:
+                raise InputError(
+                    what=f"the noise of '{name}' is followed through a planar arm only",
+                    where=recording.name,
+                    remedy=f"state the noise of the sensor's motion ({', '.join(TURNS)}, wx ..) instead",
+                )
             if name not in known:
                 raise InputError(
                     what=f"there is no signal '{name}' whose noise could matter",
@@ -80,7 +88,7 @@ class NoisyLoad:
         own = {sp.Symbol(name, real=True): sp.Symbol(name, real=True) + e for name, e in error.items()}
         if set(TURNS) & set(self.names):
             own |= _turned(*(error.get(name, sp.S.Zero) for name in TURNS))
-        if not any(re.fullmatch(r"d{0,2}q\d+", name) for name in self.names):
+        if not any(re.fullmatch(JOINT_SIGNAL, name) for name in self.names):
             return own
         kinematics = PlanarArm(self.lengths).kinematics
         shift = {sp.Symbol(n, real=True): error.get(n, sp.S.Zero) for n in POSE_SIGNALS}

@@ -119,7 +119,10 @@ def motion_rows(recording: Recording) -> tuple[ErrorRow, ...]:
         return ()
     named = [name for name in motion_columns(recording.form, recording.joints) if name in recording.columns]
     errors = {name: by_runs(recording, _motion_error(recording, name)) for name in named}
-    return tuple(ErrorRow.of(name, unit_of(name), own) for name, own in errors.items())
+    slides = () if recording.arm is None else np.flatnonzero(np.array(recording.arm.units) == "m") + 1
+    sliding = {f"{prefix}{joint}" for prefix in ("q", "dq", "ddq") for joint in slides}
+    units = {name: unit_of(name).replace("rad", "m") if name in sliding else unit_of(name) for name in errors}
+    return tuple(ErrorRow.of(name, units[name], own) for name, own in errors.items())
 
 
 def unit_of(column: str) -> str:

@@ -15,12 +15,15 @@ from estimation.recording import QUATERNION, MotionForm, Recording, numbered
 from estimation.response import signals_of
 from modeling.arm import PlanarArm
 from modeling.errors import InputError
-from modeling.rig import Rig
+from modeling.kinematics import Arm
+from modeling.rig import Rig, Workspace
 
 Array = NDArray[np.float64]
 
 STEP = 5
 """Degrees between planar poses: a criterion that turns with sin and cos is within cos 2.5° of its best."""
+PARTS = {"rad": (180 / np.pi, "°"), "m": (1000.0, " mm")}
+"""What a person sets a joint in: how many make its unit, and their sign."""
 POSTURES = 512
 """Of a jointed arm, evenly over the box of its limits (Sobol, a power of two): angles of the tip 1° apart."""
 
@@ -66,33 +69,38 @@ def _tip_angles(recording: Recording) -> Made:
 
 
 def _postures(recording: Recording) -> Made:
-    rig = recording.rig if recording.rig is not None else Rig()
-    limits = np.tile([-np.pi, np.pi], (recording.joints, 1)) if rig.limits is None else rig.limits.position
-    low, high = np.ceil(np.rad2deg(limits[:, 0])), np.floor(np.rad2deg(limits[:, 1]))
-    unit = qmc.Sobol(recording.joints, scramble=False).random(POSTURES)
-    q = np.deg2rad(np.unique(np.round(low + unit * (high - low)), axis=0))
-    pose = PlanarArm(rig.link_lengths or ()).pose(q, np.zeros_like(q), np.zeros_like(q))
-    inside = _inside(rig, pose)
+    rig, arm = recording.rig or Rig(), recording.arm or PlanarArm(())
+    limits = np.tile([-np.pi, np.pi], (arm.joints, 1))
+    if rig.position_limits is not None:
+        limits = np.where(np.isfinite(rig.position_limits), rig.position_limits, limits)
+    parts = np.array([PARTS[unit][0] for unit in arm.units])
+    low, high = np.ceil(parts * limits[:, 0]), np.floor(parts * limits[:, 1])
+    cube = qmc.Sobol(arm.joints, scramble=False).random(POSTURES)
+    q = np.unique(np.round(low + cube * (high - low)), axis=0) / parts
+    pose = arm.pose(q, np.zeros_like(q), np.zeros_like(q))
+    inside = _inside(rig, arm, q)
     if not inside.any():
         raise InputError(
             what="the tip is outside the workspace wherever the joints are within their limits",
             where=rig.name or recording.name,
             remedy="correct [workspace] or [limits] in the rig",
         )
-    names = numbered("q", recording.joints)
+    names = numbered("q", arm.joints)
     columns = dict(zip(names, q[inside].T, strict=True))
+    signs = [PARTS[unit][1] for unit in arm.units]
     words = tuple(
-        ", ".join(f"{n} = {angle:.0f}°" for n, angle in zip(names, row, strict=True)) for row in np.rad2deg(q[inside])
+        ", ".join(f"{n} = {count:.0f}{sign}" for n, count, sign in zip(names, row, signs, strict=True))
+        for row in q[inside] * parts
     )
     return columns, columns | {name: values[inside] for name, values in pose.items()}, words
 
 
-def _inside(rig: Rig, pose: Mapping[str, Array]) -> NDArray[np.bool_]:
+def _inside(rig: Rig, arm: Arm, q: Array) -> NDArray[np.bool_]:
     """Whether the tip is inside the workspace."""
-    length, kept = rig.tip_length or 0.0, np.ones(len(pose["phi"]), dtype=bool)
-    tip = (pose["px"] + length * np.sin(pose["phi"]), pose["py"] + length * np.cos(pose["phi"]))
-    spans = (None, None) if rig.workspace is None else (rig.workspace.x, rig.workspace.y)
-    for place, span in zip(tip, spans, strict=True):
+    kept, tip = np.ones(len(q), dtype=bool), np.array(arm.tip(rig.tip_length or 0.0)(q.T))
+    workspace = Workspace() if rig.workspace is None else rig.workspace
+    for axis, place in zip(arm.space.axes, tip, strict=True):
+        span = getattr(workspace, axis)
         kept &= True if span is None else (place >= span[0]) & (place <= span[1])
     return kept
 

@@ -14,7 +14,6 @@ from estimation.motion_form import motion_form, wrench_channels
 from estimation.recording import QUATERNION, MotionForm, numbered
 from estimation.stream.chunk import Chunk
 from estimation.table import Table, frame_table
-from modeling.arm import PlanarArm
 from modeling.errors import InputError
 from modeling.rig import Rig
 
@@ -99,9 +98,11 @@ def _chunk(table: Table, run: str, rig: Rig | None, history: int) -> Chunk:
 
 
 def _joints(table: Table, rig: Rig | None) -> dict[str, Array]:
-    lengths = (rig.link_lengths if rig is not None else None) or ()
-    names = [numbered(prefix, len(lengths)) for prefix in ("q", "dq", "ddq")]
-    return PlanarArm(lengths).pose(*(np.stack(_given(table, own), axis=1) for own in names))
+    arm = None if rig is None else rig.arm
+    if arm is None:
+        return {}
+    names = [numbered(prefix, arm.joints) for prefix in ("q", "dq", "ddq")]
+    return arm.pose(*(np.stack(_given(table, own), axis=1) for own in names))
 
 
 def _planar_pose(table: Table, rig: Rig | None) -> dict[str, Array]:

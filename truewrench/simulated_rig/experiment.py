@@ -32,7 +32,7 @@ OVERSAMPLING = 10
 
 
 class PeriodicMotion(Protocol):
-    """A motion of the rig's coordinates that repeats; `design.fourier.FourierMotion` is one."""
+    """A motion of the rig's coordinates that repeats; `design.motion.series.Motion` is one."""
 
     @property
     def period(self) -> float:

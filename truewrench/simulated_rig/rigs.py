@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from design.fourier import FourierMotion, random_motion
+from design.motion.random_motion import random_motion
+from design.motion.series import Motion
 from truewrench.simulated_rig.noise import WarmUp
 from truewrench.simulated_rig.scene import Array, Scene, Track, Vector, mujoco_rows
 
@@ -71,7 +72,7 @@ class Rig(ABC):
         """The recorded columns of the motion for recorded coordinates (N, n)."""
 
     @abstractmethod
-    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> FourierMotion:
+    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Motion:
         """A random periodic motion that suits the rig."""
 
     @abstractmethod
@@ -132,7 +133,7 @@ class PlanarRig(Rig):
         """q1 .. qn, rad."""
         return {f"q{j + 1}": q[:, j] for j in range(self.coordinates)}
 
-    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> FourierMotion:
+    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Motion:
         """Within the limits of the rig."""
         return random_motion(
             joints=self.coordinates,
@@ -210,7 +211,7 @@ class SpatialRig(Rig):
         names = ("qx", "qy", "qz", "qw", "px", "py", "pz")
         return dict(zip(names, np.hstack([quaternions, track.origin]).T, strict=True))
 
-    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> FourierMotion:
+    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Motion:
         """Within the limits of the rig; the angles are large enough that gravity visits three directions."""
         return random_motion(
             joints=6,

@@ -1,0 +1,186 @@
+"""DualFunction: what has to stay below the number of parameters in every viable state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.bound.conditions import Conditions
+from design.bound.viability import ViableStates
+from design.information import Experiment
+from modeling.errors import InputError
+
+Array = NDArray[np.float64]
+SHARED = [1, 2]
+"""The arguments of the compiled functions, R and c, that are the same for all points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dual:
+    """The multipliers: D (k, k) positive definite, and c (K,) of the conditions."""
+
+    D: Array
+    c: Array
+
+    @property
+    def root(self) -> Array:
+        """R (k, k) with D = R R'."""
+        return np.asarray(np.linalg.cholesky(self.D))
+
+    @property
+    def value(self) -> float:
+        """-ln det D."""
+        return -float(np.linalg.slogdet(self.D)[1])
+
+    def scaled(self, factor: float) -> Dual:
+        """The dual whose F is `factor` times as large."""
+        return Dual(self.D * factor, self.c * factor)
+
+
+@dataclass(frozen=True, eq=False)
+class DualFunction:
+    """F(x) = tr(D Phi(x)'Phi(x)) + sum_i c_i (L h_i)(x) of states x = (q, dq, ddq), as compiled functions.
+
+    Phi, the columns of the experiment, has to be affine in ddq. Then F is convex in ddq, since D is positive definite
+    and L h is affine in it, and its largest value over a box of ddq is at one of the 2^n vertices.
+
+    Raises InputError when the columns are not affine in ddq, or do not follow from the state alone.
+    """
+
+    experiment: Experiment
+    conditions: Conditions
+
+    def __post_init__(self) -> None:
+        import casadi as ca
+
+        state = ca.SX.sym("x", 3 * self.joints)
+        if any(ca.which_depends(self._sample(state), state[2 * self.joints :], 2, False)):
+            raise InputError(
+                what="the columns of an effect are not affine in the accelerations",
+                where="bound",
+                remedy="take the bound of the model without that effect",
+            )
+
+    def __getstate__(self) -> dict[str, Any]:
+        # CasADi's functions can be sent to the workers of a pool, its symbols cannot.
+        return {name: value for name, value in vars(self).items() if name != "_symbols"}
+
+    @property
+    def viable(self) -> ViableStates:
+        """The states that are admitted."""
+        return self.conditions.viable
+
+    @property
+    def joints(self) -> int:
+        """The number of joints n."""
+        return self.viable.joints
+
+    @property
+    def size(self) -> int:
+        """The number of parameters k."""
+        return self.experiment.size
+
+    # ------------------------------------------------------------------------------------- in numbers
+
+    def moments(self, states: Array) -> tuple[Array, Array]:
+        """Phi'Phi (N, k, k) and L h (N, K) in states (N, 3n)."""
+        gram, rates = self._moments.map(len(states))(states.T)
+        return np.array(gram).T.reshape(-1, self.size, self.size), np.array(rates).T
+
+    def values(self, points: Array, dual: Dual) -> Array:
+        """F (N, 2^n) at points (N, 2n) of the cube and every vertex of ddq."""
+        mapped = self.at_vertices.map("values", "serial", len(points), SHARED, [])
+        return np.array(mapped(points.T, dual.root, dual.c)).T
+
+    def slopes(self, points: Array, ddq: Array, dual: Dual) -> tuple[Array, Array]:
+        """F (N,) and its derivative (N, 2n) by the points (N, 2n) of the cube, ddq (N, n) given."""
+        mapped = self.gradient.map("slopes", "serial", len(points), SHARED, [])
+        value, slope = mapped(points.T, dual.root, dual.c, ddq.T)
+        return np.array(value)[0], np.array(slope).T
+
+    def states(self, points: Array, ddq: Array) -> Array:
+        """The states (N, 3n) of points of the cube with ddq (N, n)."""
+        return np.hstack([*self.viable.phase(points), ddq])
+
+    # ---------------------------------------------------------------------------------- compiled functions
+
+    @cached_property
+    def at_vertices(self) -> Any:
+        """CasADi function of (point, R, c): F at all vertices (2^n,)."""
+        point, _, root, c = self._symbols
+        parts = self._parts(*self.viable.phase(point), c)
+        return _function([point, root, c], [_column([_value(parts, a, root) for a in self.viable.vertices])])
+
+    @cached_property
+    def gradient(self) -> Any:
+        """CasADi function of (point, R, c, ddq): F, and its gradient by the point (2n,)."""
+        import casadi as ca
+
+        point, ddq, root, c = self._symbols
+        value = _value(self._parts(*self.viable.phase(point), c), ddq, root)
+        return _function([point, root, c, ddq], [value, ca.gradient(value, point)])
+
+    @cached_property
+    def _symbols(self) -> tuple[Any, Any, Any, Any]:
+        import casadi as ca
+
+        n, k = self.joints, self.size
+        sizes = {"u": (2 * n, 1), "a": (n, 1), "R": (k, k), "c": (len(self.conditions), 1)}
+        point, ddq, root, c = (ca.SX.sym(name, *shape) for name, shape in sizes.items())
+        return point, ddq, root, c
+
+    @cached_property
+    def _sample(self) -> Any:
+        return self.experiment.sample()
+
+    def _columns(self, q: Any, dq: Any, ddq: Any) -> Any:
+        import casadi as ca
+
+        return ca.reshape(self._sample(ca.vertcat(q, dq, ddq)), -1, self.size)
+
+    @cached_property
+    def _parts(self) -> Any:
+        """CasADi function of (q, dq, c): Phi at ddq = 0, its derivative by ddq, and of H = c'h: H_q dq and H_dq."""
+        import casadi as ca
+
+        q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
+        c = ca.SX.sym("c", len(self.conditions))
+        columns, H = self._columns(q, dq, ddq), ca.dot(c, self.conditions.graph(q, dq))
+        still = ca.substitute(columns, ddq, ca.SX.zeros(self.joints))
+        return _function(
+            [q, dq, c], [still, ca.jacobian(columns, ddq), ca.dot(ca.gradient(H, q), dq), ca.gradient(H, dq)]
+        )
+
+    @cached_property
+    def _moments(self) -> Any:
+        import casadi as ca
+
+        q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
+        columns = self._columns(q, dq, ddq)
+        rates = ca.jtimes(self.conditions.graph(q, dq), ca.vertcat(q, dq), ca.vertcat(dq, ddq))
+        return _function([ca.vertcat(q, dq, ddq)], [ca.vec(columns.T @ columns), rates])
+
+
+def _value(parts: Any, ddq: Any, root: Any) -> Any:
+    """F from the parts of it that do not depend on ddq: |(Phi_0 + sum_j Phi_j ddq_j) R|² + H_q dq + H_dq ddq."""
+    import casadi as ca
+
+    still, slope, drift, push = parts
+    columns = still + ca.reshape(slope @ ddq, *still.shape)
+    return ca.sumsqr(columns @ root) + drift + ca.dot(push, ddq)
+
+
+def _column(values: list[Any]) -> Any:
+    import casadi as ca
+
+    return ca.vertcat(*values)
+
+
+def _function(arguments: list[Any], results: list[Any]) -> Any:
+    import casadi as ca
+
+    return ca.Function("dual", arguments, [ca.cse(ca.densify(r)) for r in results])

@@ -1,0 +1,141 @@
+"""upper_bound: how good any periodic motion of an arm within its limits can be."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+
+from design.bound.bound import Bound, Kind
+from design.bound.conditions import Conditions, Degrees
+from design.bound.dual_function import Dual, DualFunction
+from design.bound.generation import Generated, Generation, Progress
+from design.bound.proof import Proof, proof
+from design.bound.symmetry import Symmetry, symmetries, with_images
+from design.bound.viability import ViableStates
+from design.information import Experiment, WhiteNoise
+from design.information.values import Values
+from modeling.errors import InputError
+from modeling.kinematics import Arm
+from modeling.model import WrenchModel
+from modeling.rig import Limits
+from modeling.space import Space
+
+MOST_JOINTS = 4
+"""2n dimensions are searched at 2^n vertices; beyond, random starts no longer see enough of them to check a bound."""
+PROOF_SECONDS = 20.0
+"""Ten times what the proof for one joint takes; for two and more joints it closes in no such time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How much is done for a bound.
+
+    tolerance      ln det by which the bound may exceed the least that its conditions can give
+    rounds         of column generation, at most; the reference problem takes some 25
+    starts         at random, from which the largest F of a dual that seems good enough is looked for
+    proof_margin   share by which the proven largest F may exceed the one found: 0.01 costs 0.01 k in ln det
+    proof_seconds  of branch and bound, 0 for no proof; None for `PROOF_SECONDS` with one joint, none with more
+    """
+
+    tolerance: float = 0.02
+    rounds: int = 60
+    starts: int = 20_000
+    proof_margin: float = 0.01
+    proof_seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.rounds < 1 or self.starts < 1 or not self.tolerance > 0:
+            what = f"{self.rounds} rounds, {self.starts} starts and a tolerance of {self.tolerance} came"
+            raise InputError(what=what, where="effort", remedy="give positive numbers")
+
+
+def upper_bound(
+    model: WrenchModel,
+    arm: Arm,
+    limits: Limits,
+    *,
+    samples: int,
+    values: Values | None = None,
+    noise: WhiteNoise | None = None,
+    degrees: Degrees | None = None,
+    effort: Effort | None = None,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Bound:
+    """An upper bound on ln det of the information of `samples` samples of any periodic motion within the limits.
+
+    The D-optimal measure on the viable states, under conditions that every periodic motion meets (`Conditions`), by
+    column generation on its dual; then a search for the largest F that starts afresh, and a proof if it is asked for.
+
+    values    of the parameters by name, for effects whose columns depend on them (nominal where not named)
+    noise     weights of the readings; None for unweighted SI
+    degrees   of the conditions: higher ones are tighter and take longer
+    progress  is called after every round
+
+    Raises InputError for an arm that is not planar or has more than 4 joints, limits of other joints or without zero
+    inside, and models whose columns are not affine in ddq or do not follow from the state alone.
+    """
+    _require_planar(arm, limits)
+    effort, rng = effort or Effort(), np.random.default_rng(seed)
+    experiment = Experiment.of(model, arm, values, noise=noise)
+    function, found = dual_function(experiment, ViableStates(limits), degrees or Degrees(), seed)
+    generation = Generation(function, found, rng, effort.tolerance, effort.starts, executor, progress)
+    return _bound(function, generation.run(effort.rounds), found, effort, samples)
+
+
+def dual_function(
+    experiment: Experiment, viable: ViableStates, degrees: Degrees, seed: int
+) -> tuple[DualFunction, tuple[Symmetry, ...]]:
+    """F with the conditions that the symmetries leave, and the symmetries."""
+    plain = DualFunction(experiment, Conditions(viable=viable, degrees=Degrees(each=0, pair=0, more=0)))
+    found = symmetries(lambda states: plain.moments(states)[0], viable, seed)
+    changes = tuple(symmetry.change for symmetry in found)
+    return DualFunction(experiment, Conditions(viable=viable, degrees=degrees, changes=changes)), found
+
+
+def _bound(
+    function: DualFunction, generated: Generated, found: tuple[Symmetry, ...], effort: Effort, samples: int
+) -> Bound:
+    """The bound of the best dual, proven where asked for."""
+    k, many, dual = function.size, function.size * log(samples), generated.dual
+    proven = _proven(function, dual, effort)
+    checked = dual.value + many
+    enclosed = None if proven is None else checked + k * log(proven.upper / k)
+    closed = proven is not None and proven.closed
+    states, weights = with_images(*generated.measure.support(function), found)
+    return Bound(
+        logdet=checked if enclosed is None or not closed else enclosed,
+        kind=Kind.PROVEN if closed else Kind.CHECKED,
+        checked=checked,
+        proven=enclosed,
+        reachable=generated.measure.lower + many,
+        samples=samples,
+        function=function,
+        dual=dual,
+        largest=generated.largest,
+        proof=proven,
+        states=states,
+        weights=weights,
+        rounds=generated.rounds,
+    )
+
+
+def _proven(function: DualFunction, dual: Dual, effort: Effort) -> Proof | None:
+    default = PROOF_SECONDS if function.joints == 1 else 0.0
+    seconds = default if effort.proof_seconds is None else effort.proof_seconds
+    if seconds <= 0:
+        return None
+    return proof(function, dual, target=function.size * (1 + effort.proof_margin), seconds=seconds)
+
+
+def _require_planar(arm: Arm, limits: Limits) -> None:
+    if arm.space is not Space.PLANE or arm.joints > MOST_JOINTS:
+        what = f"the bound is for planar arms of at most {MOST_JOINTS} joints"
+        raise InputError(what=what, where="bound", remedy="design without it: only the efficiency stays unknown")
+    if limits.joints != arm.joints:
+        what = f"limits of {arm.joints} joints were expected, and of {limits.joints} came"
+        raise InputError(what=what, where="limits", remedy="give the limits of the arm that moves")

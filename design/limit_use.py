@@ -1,0 +1,138 @@
+"""LimitUse: how much of its limits a motion uses, at every instant and not at the samples only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from design.motion.series import Array, Motion
+from design.workspace import coordinate_units, tip_enclosure, workspace_sides
+from modeling.errors import InputError
+from modeling.kinematics import Arm
+from modeling.rig import Limits, Workspace
+
+QUANTITIES = {"position": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+"""What limits hold for, by the order of its derivative, and what its unit adds to the coordinate's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reach:
+    """What one quantity of one joint (or one coordinate of the tip) reaches, and its limits, in `unit`.
+
+    quantity is position, velocity, acceleration, jerk or workspace; name is q1 .. qn, or x, y or z of the tip.
+    """
+
+    quantity: str
+    name: str
+    unit: str
+    low: float
+    high: float
+    limit: tuple[float, float]
+
+    @property
+    def use(self) -> float:
+        """The largest |value - middle| over the limits' half width: 1 touches a limit."""
+        return max(self._beyond)
+
+    @property
+    def side(self) -> str:
+        """The limit that is nearest, "low" or "high"."""
+        below, above = self._beyond
+        return "low" if below > above else "high"
+
+    @property
+    def _beyond(self) -> tuple[float, float]:
+        middle, half = sum(self.limit) / 2, (self.limit[1] - self.limit[0]) / 2
+        return (middle - self.low) / half, (self.high - middle) / half
+
+    def row(self) -> tuple[str, ...]:
+        """The cells of the table."""
+        numbers = (f"{v:.4g}" for v in (self.low, self.high, *self.limit))
+        return (self.quantity, self.name, *numbers, self.unit, f"{self.use:.4f}", self.side)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimitUse:
+    """What every limited quantity reaches during a motion: enclosures, true between the samples too."""
+
+    reaches: tuple[Reach, ...]
+
+    @classmethod
+    def of(
+        cls,
+        motion: Motion,
+        limits: Limits,
+        workspace: Workspace | None = None,
+        arm: Arm | None = None,
+        tip_length: float | None = None,
+    ) -> LimitUse:
+        """The use of the joints' limits, and of the tip's workspace when it has a side; tip_length in m.
+
+        Raises InputError when the limits are of other joints, or the workspace's arm or tip length is missing.
+        """
+        if limits.joints != motion.joints:
+            what = f"limits of {motion.joints} joints were expected, and of {limits.joints} came"
+            raise InputError(what=what, where="limits", remedy="give the limits of the arm that moves")
+        return cls(reaches=(*_joints(motion, limits, arm), *_tip(motion, workspace, arm, tip_length)))
+
+    @cached_property
+    def worst(self) -> Reach:
+        """The reach with the largest use."""
+        return max(self.reaches, key=lambda reach: reach.use)
+
+    @cached_property
+    def by_quantity(self) -> Mapping[str, Reach]:
+        """The reach with the largest use of each limited quantity, in the order of `QUANTITIES`, then workspace."""
+        names = dict.fromkeys(reach.quantity for reach in self.reaches)
+        return {n: max((r for r in self.reaches if r.quantity == n), key=lambda r: r.use) for n in names}
+
+    def to_data(self) -> dict[str, float]:
+        """`worst_limit_use` of FORMATS: the largest use of each limited quantity."""
+        return {name: reach.use for name, reach in self.by_quantity.items()}
+
+    def __str__(self) -> str:
+        heads = ("", "", "from", "to", "low", "high", "unit", "use", "nearest")
+        rows = [heads, *(reach.row() for reach in self.reaches)]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows)
+        return "\n".join([*lines, self.sentence()])
+
+    def sentence(self) -> str:
+        """The worst use in words."""
+        at, share = self.worst, f"{100 * self.worst.use:.2f} %"
+        state = "within" if at.use <= 1 else "beyond"
+        return f"{state} the limits: {at.quantity} of {at.name} uses {share} of its {at.side} limit"
+
+
+def _joints(motion: Motion, limits: Limits, arm: Arm | None) -> Iterator[Reach]:
+    pairs = (limits.position, limits.velocity, limits.acceleration, limits.jerk)
+    names = [f"q{j}" for j in range(1, motion.joints + 1)]
+    for order, ((quantity, per), pair) in enumerate(zip(QUANTITIES.items(), pairs, strict=True)):
+        if pair is not None:
+            units = [unit + per for unit in coordinate_units(arm, motion.joints)]
+            yield from _reaches(quantity, names, units, motion.enclosure(order), pair)
+
+
+def _tip(motion: Motion, workspace: Workspace | None, arm: Arm | None, tip_length: float | None) -> Iterator[Reach]:
+    sides = workspace_sides(workspace, arm)
+    if not sides:
+        return
+    if arm is None or tip_length is None:
+        missing = "link_lengths or urdf" if arm is None else "tip_length"
+        what = f"the workspace is for the tip, and {missing} is not stated"
+        raise InputError(what=what, where="workspace", remedy=f"state robot.{missing}, or leave out the workspace")
+    low, high = tip_enclosure(motion, arm, tip_length)
+    index = [i for i, _ in sides.values()]
+    pairs = np.array([side for _, side in sides.values()])
+    yield from _reaches("workspace", list(sides), ["m"] * len(sides), (low[index], high[index]), pairs)
+
+
+def _reaches(
+    quantity: str, names: list[str], units: list[str], ends: tuple[Array, Array], limits: Array
+) -> Iterator[Reach]:
+    for name, unit, low, high, (least, most) in zip(names, units, *ends, limits, strict=True):
+        limit = (float(least), float(most))
+        yield Reach(quantity=quantity, name=name, unit=unit, low=float(low), high=float(high), limit=limit)

@@ -1,0 +1,1 @@
+"""Optimiser: the best motion of a series within its limits, by an interior point with exact derivatives."""

@@ -1,0 +1,137 @@
+"""Objective: the criterion of an experiment as a function of a motion's coefficients, with exact derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.criterion.criterion import Criterion
+from design.information.experiment import Experiment
+from design.motion.series import Motion, Series
+
+Array = NDArray[np.float64]
+ORDERS = (0, 1, 2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Objective:
+    """criterion(M(z)) of the motions of a series, read at `samples` instants.
+
+    The states x_t = B_t z are linear in the coefficients z (k,), and M = sum_t m(x_t) as long as nothing remembers. So
+    with w = d criterion / d m and C its second derivative
+
+        gradient = sum_t B_t' m'(x_t)' w,      Hessian = sum_t B_t' [w m''(x_t)] B_t + J' C J,   J = sum_t m'(x_t) B_t,
+
+    m running over the entries of the upper triangle that the criterion reads. Each piece is a CasADi function of one
+    state, mapped over the samples. With memory, coloured noise or time there is a gradient only.
+    """
+
+    experiment: Experiment
+    criterion: Criterion
+    series: Series
+    samples: int
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What was compiled stays behind: it does not travel between processes, and is soon made again.
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def value(self, coefficients: Array) -> float:
+        """The criterion (larger is better) at z (k,), in NumPy; minus infinity when a parameter is not seen."""
+        return self.criterion.value(self.experiment.information(Motion(self.series, coefficients), self.samples))
+
+    @property
+    def exact(self) -> bool:
+        """Whether there is an exact Hessian."""
+        return not (self.experiment.remembers or self.experiment.timed)
+
+    @cached_property
+    def states(self) -> Array:
+        """B (N, 3n, k): position, velocity and acceleration of all joints at every sample by coefficient."""
+        instants = self.series.instants(self.samples)
+        return np.concatenate([self.series.basis(instants, order) for order in ORDERS], axis=1)
+
+    # ----------------------------------------------------------------------- pieces of one state, CasADi SX
+
+    @cached_property
+    def _entries(self) -> list[tuple[int, int]]:
+        """Rows and columns of the entries of M that the criterion reads, in its upper triangle."""
+        import casadi as ca
+
+        size = self.experiment.size
+        matrix = ca.MX.sym("M", size, size)
+        score = ca.Function("score", [matrix], [self.criterion.graph(matrix)])
+        read = {divmod(int(entry), size) for entry in score.jac_sparsity(0, 0).get_triplet()[1]}
+        return sorted((i, j) for j, i in read if i <= j)
+
+    @cached_property
+    def _sample(self) -> tuple[Any, Any, Any]:
+        """Functions of one state x (3n,): m, and (m, dm/dx); and of x and weights w: the second derivative of w' m."""
+        import casadi as ca
+
+        experiment = self.experiment
+        x = ca.SX.sym("x", 3 * experiment.joints)
+        columns = ca.reshape(experiment.sample()(x), len(experiment.channels), experiment.size)
+        entries = ca.vertcat(*[ca.dot(columns[:, i], columns[:, j]) for i, j in self._entries])
+        weight = ca.SX.sym("w", len(self._entries))
+        slopes = ca.jacobian(entries, x)
+        return (
+            ca.Function("entries", [x], [entries]),
+            ca.Function("slopes", [x], [ca.densify(slopes)]),
+            ca.Function("curvature", [x, weight], [ca.densify(ca.hessian(ca.dot(weight, entries), x)[0])]),
+        )
+
+    @cached_property
+    def _score(self) -> Any:
+        """Function of the entries of M / N: the criterion of M, its gradient and its Hessian."""
+        import casadi as ca
+
+        size = self.experiment.size
+        entries, matrix = ca.SX.sym("m", len(self._entries)), ca.SX.zeros(size, size)
+        for value, (i, j) in zip(ca.vertsplit(entries), self._entries, strict=True):
+            matrix[i, j] = matrix[j, i] = self.samples * value
+        score = self.criterion.expression(matrix)
+        hessian, gradient = ca.hessian(score, entries)
+        return ca.Function("score", [entries], [score, gradient, ca.densify(hessian)])
+
+    # ------------------------------------------------------------------------------- the whole, CasADi MX
+
+    def graph(self, z: Any) -> Any:
+        """The criterion as a CasADi MX expression of the coefficients z (k,)."""
+        if self.exact:
+            return self._score(self._mean(z))[0]
+        series = self.series
+        information = self.experiment.graph(self._states_of(z), series.duration, periodic=series.periodic)
+        return self.criterion.graph(information)
+
+    def hessian(self, z: Any) -> Any:
+        """The exact second derivative (k, k) of `graph`; only where `exact`."""
+        import casadi as ca
+
+        count, states = self.samples, self._states_of(z)
+        _, slopes, curvature = self._sample
+        _, weight, bend = self._score(self._mean(z))
+        through = slopes.map(count)(states) @ self._basis / count
+        blocks = curvature.map(count)(states, ca.repmat(weight / count, 1, count))
+        own = ca.diagcat(*ca.horzsplit(blocks, 3 * self.experiment.joints))
+        return self._basis.T @ own @ self._basis + through.T @ bend @ through
+
+    def _mean(self, z: Any) -> Any:
+        """The entries of M / N."""
+        import casadi as ca
+
+        return ca.sum2(self._sample[0].map(self.samples)(self._states_of(z))) / self.samples
+
+    @cached_property
+    def _basis(self) -> Any:
+        import casadi as ca
+
+        return ca.sparsify(ca.DM(self.states.reshape(-1, self.series.size)))
+
+    def _states_of(self, z: Any) -> Any:
+        import casadi as ca
+
+        return ca.reshape(self._basis @ z, 3 * self.experiment.joints, self.samples)

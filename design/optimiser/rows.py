@@ -1,0 +1,166 @@
+"""Rows: the limits at chosen instants, as an interior point takes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.motion.series import Series
+from modeling.kinematics import Arm
+from modeling.rig import Limits, Workspace
+
+Array = NDArray[np.float64]
+Instants = dict[tuple[int, int], Array]
+
+COARSE, FINE = 4, 16
+"""Instants per function of a smooth series: to begin with, eight to the shortest wave, between which a limit is passed
+by up to 1 / cos(pi / 8) - 1 = 8 % (and the optimum makes use of it); later on 32, which leaves 0.5 % at the most."""
+PIECE = 1, 4
+"""Instants per piece of a spline, to begin with and later on: its highest derivative has its extremes at the knots."""
+TIP = 0.99
+"""Share of the workspace's half width that the tip is asked to keep. Contracting a motion by the thousandths that its
+joints are beyond their limits moves the tip by some millimetres, and not always inwards."""
+NEAR = 0.8
+"""Share of a limit from which on it is asked for at the fine instants; elsewhere at the coarse ones."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rows:
+    """(x - middle) / half width within [-1, 1] for position, velocity, acceleration (and jerk) at some instants.
+
+    instants   by derivative and joint, s
+    tip        instants at which the tip is kept inside the workspace, s
+    """
+
+    series: Series
+    limits: Limits
+    instants: Instants
+    tip: Array
+    arm: Arm | None = None
+    workspace: Workspace | None = None
+    tip_length: float = 0.0
+
+    @classmethod
+    def coarse(
+        cls, series: Series, limits: Limits, *, arm: Arm | None, workspace: Workspace | None, tip_length: float | None
+    ) -> Self:
+        """All limits at a few equally spaced instants."""
+        few = _instants(series)[0]
+        return cls(
+            series=series,
+            limits=limits,
+            instants={(order, j): few for order in orders(limits) for j in range(series.joints)},
+            tip=few,
+            arm=arm,
+            workspace=workspace if workspace is not None and sides(workspace)[0] else None,
+            tip_length=tip_length or 0.0,
+        )
+
+    def refined(self, coefficients: Array) -> Self:
+        """The rows with all fine instants at which the motion is near a limit, and those of its tops beyond it."""
+        fine = _instants(self.series)[1]
+        instants = {key: _more(times, fine, self._use(coefficients, key, fine)) for key, times in self.instants.items()}
+        return replace(self, instants=instants, tip=_more(self.tip, fine, self._tip_use(coefficients, fine)))
+
+    def graph(self, z: Any) -> tuple[Any, Array, Array]:
+        """CasADi expression (R,) of the coefficients z (k,), with its low (R,) and high (R,)."""
+        import casadi as ca
+
+        tip, low, high = self._tip(z)
+        linear = ca.sparsify(ca.DM(self._linear())) @ z - ca.DM(self._middles())
+        ends = np.ones(linear.numel())
+        places = len(self.tip)
+        return (
+            ca.vertcat(linear, ca.vec(tip)),
+            np.concatenate([-ends, np.tile(low, places)]),
+            np.concatenate([ends, np.tile(high, places)]),
+        )
+
+    def curvature(self, z: Any, multipliers: Any) -> Any:
+        """Second derivative (k, k) of the rows, summed with multipliers (R,): the others than the tip's are linear."""
+        import casadi as ca
+
+        tip = ca.vec(self._tip(z)[0])
+        own = multipliers[multipliers.numel() - tip.numel() :]
+        return ca.hessian(ca.dot(own, tip), z)[0] if tip.numel() else ca.MX(z.numel(), z.numel())
+
+    def _linear(self) -> Array:
+        """A (R, k): -1 <= A z - middles <= 1 keeps the joints' limits at the instants."""
+        return np.vstack([self._block(order, j) for order, j in self.instants])
+
+    def _middles(self) -> Array:
+        """(R,): the middle of each limit over its half width."""
+        parts = []
+        for (order, j), times in self.instants.items():
+            middle, half = middle_and_half(self.limits, order)
+            parts.append(np.full(len(times), middle[j] / half[j]))
+        return np.concatenate(parts)
+
+    def _block(self, order: int, joint: int) -> Array:
+        _, half = middle_and_half(self.limits, order)
+        return np.asarray(self.series.basis(self.instants[order, joint], order)[:, joint] / half[joint])
+
+    def _tip(self, z: Any) -> tuple[Any, Array, Array]:
+        """CasADi expression of the tip's limited coordinates (S, len(tip)), with the box low (S,) and high (S,), m."""
+        import casadi as ca
+
+        if self.workspace is None or self.arm is None:
+            return ca.MX.zeros(0, 1), np.zeros(0), np.zeros(0)
+        index, low, high = sides(self.workspace)
+        middle, half = (low + high) / 2, TIP * (high - low) / 2
+        basis = self.series.basis(self.tip, 0).reshape(-1, self.series.size)
+        q = ca.reshape(ca.sparsify(ca.DM(basis)) @ z, self.series.joints, len(self.tip))
+        return self.arm.tip(self.tip_length).map(len(self.tip))(q)[index, :], middle - half, middle + half
+
+    def _use(self, coefficients: Array, key: tuple[int, int], times: Array) -> Array:
+        order, joint = key
+        middle, half = middle_and_half(self.limits, order)
+        value = self.series.evaluate(coefficients, times, order)[:, joint]
+        return np.asarray(np.abs(value - middle[joint]) / half[joint])
+
+    def _tip_use(self, coefficients: Array, times: Array) -> Array:
+        if self.workspace is None or self.arm is None:
+            return np.zeros(len(times))
+        index, low, high = sides(self.workspace)
+        q = self.series.evaluate(coefficients, times, 0)
+        place = np.array(self.arm.tip(self.tip_length).map(len(times))(q.T))[index].T
+        return np.asarray((np.abs(place - (low + high) / 2) / ((high - low) / 2)).max(axis=1))
+
+
+def orders(limits: Limits) -> tuple[int, ...]:
+    """The derivatives that are limited."""
+    return (0, 1, 2) if limits.jerk is None else (0, 1, 2, 3)
+
+
+def middle_and_half(limits: Limits, order: int) -> tuple[Array, Array]:
+    """Middle and half width (n,) of the limits of a derivative."""
+    pairs = (limits.position, limits.velocity, limits.acceleration, limits.jerk)[order]
+    assert pairs is not None
+    return pairs.mean(axis=1), (pairs[:, 1] - pairs[:, 0]) / 2
+
+
+def sides(workspace: Workspace) -> tuple[list[int], Array, Array]:
+    """Coordinates that the workspace limits, and their low and high in m."""
+    stated = {i: side for i, side in enumerate(vars(workspace).values()) if side is not None}
+    low, high = np.array(list(stated.values())).reshape(-1, 2).T
+    return list(stated), low, high
+
+
+def _instants(series: Series) -> tuple[Array, Array]:
+    """Few and many instants, s."""
+    functions, pieces = series.mixing.shape[1], len(series.breaks) - 1
+    densities = [PIECE[i] * pieces if pieces > functions / 2 else (COARSE, FINE)[i] * functions for i in range(2)]
+    return series.instants(densities[0]), series.instants(densities[1])
+
+
+def _more(times: Array, fine: Array, use: Array) -> Array:
+    """The times, the fine ones at which the use is near 1, and the tops of parabolas through them that are beyond 1."""
+    before, after = np.roll(use, 1), np.roll(use, -1)
+    bend = 2 * use - before - after
+    shift = np.divide(after - before, 2 * bend, out=np.zeros_like(use), where=bend > 0)
+    beyond = (use >= before) & (use >= after) & (use + (after - before) * shift / 4 > 1)
+    tops = np.clip(fine[beyond] + shift[beyond] * (fine[1] - fine[0]), fine[0], fine[-1])
+    return np.asarray(np.unique(np.concatenate([times, fine[use > NEAR], tops])), dtype=float)

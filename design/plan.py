@@ -1,0 +1,158 @@
+"""Plan: a designed motion, what it will tell, and how far it is from the best that any motion could."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.bound import AlongMotion, Bound
+from design.criterion import Criterion, DOptimal
+from design.information import Experiment
+from design.limit_use import LimitUse
+from design.motion.series import Motion
+from design.optimiser.optimiser import Attempt, Task
+from design.sample_information import SampleInformation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Plan:
+    """The best motion found, with all that it was judged by.
+
+    task         what was optimised, within which limits
+    experiment   the unweighted readings (SI) that ln det is of
+    attempts     local optima of the series, best first
+    evaluations  of the criterion, over all starts
+    bound        on ln det of any motion; None where there is none, and then `unbounded` says why
+    """
+
+    task: Task
+    experiment: Experiment
+    attempts: tuple[Attempt, ...]
+    evaluations: int
+    bound: Bound | None
+    unbounded: str = ""
+
+    @property
+    def motion(self) -> Motion:
+        """The motion, within its limits at every instant."""
+        return self.attempts[0].motion
+
+    @property
+    def criterion(self) -> Criterion:
+        """What it is the best in."""
+        return self.task.objective.criterion
+
+    @property
+    def samples(self) -> int:
+        """Samples of one run."""
+        return self.task.objective.samples
+
+    @cached_property
+    def logdet(self) -> float:
+        """ln det(Phi' Phi) over the samples, unweighted SI (22.11)."""
+        return DOptimal().value(self.experiment.information(self.motion, self.samples))
+
+    @property
+    def efficiency(self) -> float | None:
+        """exp((ln det - bound) / k): with this share of the samples the bound would tell as much."""
+        return None if self.bound is None or not isfinite(self.logdet) else self.bound.efficiency(self.logdet)
+
+    @cached_property
+    def limit_use(self) -> LimitUse:
+        """How much of each limit it uses, between the samples too."""
+        return self.task.use(self.motion)
+
+    @cached_property
+    def along(self) -> AlongMotion | None:
+        """What the bound's dual says along the motion, and how far its samples are from its mean over time."""
+        return None if self.bound is None or not self.motion.series.periodic else self.bound.along(self.motion)
+
+    @cached_property
+    def sample_information(self) -> SampleInformation:
+        """Which samples tell how much."""
+        time = self.motion.series.instants(self.samples)
+        periodic = self.motion.series.periodic
+        columns = self.experiment.columns(*self.motion.evaluate(time), self.motion.period, periodic=periodic)
+        return SampleInformation.of(columns, [p.name for p in self.experiment.parameters])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(k, k): what the noise of the task makes of the parameters' estimates, for noise of 1 in SI without one."""
+        information = self.task.objective.experiment.information(self.motion, self.samples)
+        return np.asarray(np.linalg.pinv(information, hermitian=True), dtype=float)
+
+    def trajectory(self) -> dict[str, Array]:
+        """The columns of PLAN.csv (FORMATS): time, q1.., dq1.., ddq1.., each (N,), at the sampling instants."""
+        time = self.motion.series.instants(self.samples)
+        columns = {"time": time}
+        for prefix, values in zip(("q", "dq", "ddq"), self.motion.evaluate(time), strict=True):
+            columns |= {f"{prefix}{j + 1}": column for j, column in enumerate(values.T)}
+        return columns
+
+    def to_data(self) -> dict[str, Any]:
+        """The JSON of `truewrench design` (FORMATS)."""
+        bound = self.bound
+        return {
+            "logdet": self.logdet if isfinite(self.logdet) else None,
+            "samples": self.samples,
+            "period": self.motion.period,
+            "bound_logdet": None if bound is None else bound.logdet,
+            "bound_kind": None if bound is None else bound.kind.value,
+            "efficiency": self.efficiency,
+            "worst_limit_use": self.limit_use.to_data(),
+            "evaluations": self.evaluations,
+            "criterion": str(self.criterion),
+            "criterion_value": self.attempts[0].value,
+            "outcome": self.attempts[0].outcome.name.lower(),
+            "reached": [attempt.value for attempt in self.attempts],
+            "std": dict(zip(self._names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True)),
+            "unbounded": self.unbounded,
+        }
+
+    @property
+    def _names(self) -> list[str]:
+        return [p.name for p in self.task.objective.experiment.parameters]
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The table: what, and its value."""
+        best, others = self.attempts[0], self.attempts[1:]
+        reached = ", ".join(f"{attempt.value:.2f}" for attempt in others)
+        return [
+            ("motion", f"{self.motion.series}, {self.samples} samples in {self.motion.period:g} s"),
+            ("ln det(Phi' Phi)", f"{self.logdet:.3f}, unweighted SI"),
+            *self._criterion(),
+            *self._bound(),
+            ("limits", self.limit_use.sentence()),
+            ("optimiser", f"{best.outcome.value}; {self.evaluations} evaluations"),
+            *([("other starts", f"reached {reached}")] if others else []),
+        ]
+
+    def _criterion(self) -> list[tuple[str, str]]:
+        if isinstance(self.criterion, DOptimal) and self.task.objective.experiment.noise is None:
+            return []
+        return [("criterion", f"{self.criterion} = {self.attempts[0].value:.3f}, weighted by the noise")]
+
+    def _bound(self) -> list[tuple[str, str]]:
+        if self.bound is None or self.efficiency is None:
+            return [("upper bound", f"none: {self.unbounded}")]
+        rows = [
+            ("upper bound", f"{self.bound.logdet:.3f} for any motion within these limits ({self.bound.kind.value})"),
+            ("efficiency", f"{self.efficiency:.3f} at least: with this share of the samples nothing can tell more"),
+            ("what is checked", self.bound.rows()[-2][1]),
+            ("what is proven", self.bound.rows()[-1][1]),
+        ]
+        if self.along is not None:
+            rows.append(("samples", f"{self.along.quadrature:+.4f} in ln det against the mean over time, as bounded"))
+        return rows
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        width = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name.ljust(width)}  {value}" for name, value in rows)

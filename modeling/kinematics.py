@@ -1,0 +1,67 @@
+"""Kinematics: what an arm says of the motion of its sensor, whatever its joints are."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import fields
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from modeling.emission import casadi_expressions
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+
+class Arm(ABC):
+    """Joints between the world and the sensor. `names` are the signals of the sensor's motion in `space`, in order."""
+
+    space: ClassVar[Space]
+    names: ClassVar[tuple[str, ...]]
+
+    @property
+    @abstractmethod
+    def joints(self) -> int:
+        """The number of joints n."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each joint's coordinate: rad, or m where it slides."""
+        return ("rad",) * self.joints
+
+    @abstractmethod
+    def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
+        """The signals by name as CasADi expressions of symbols q (n,) and of any dq, ddq (n,)."""
+
+    @abstractmethod
+    def pose(self, q: Array, dq: Array, ddq: Array) -> dict[str, Array]:
+        """The signals by name, each (N,), of joint motions (N, n): rad, rad/s, rad/s², m where a joint slides."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What was compiled stays behind: it does not travel between processes, and is soon made again.
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+    @cached_property
+    def function(self) -> Any:
+        """CasADi function of q, dq, ddq (n,) each: the signals (len(names),), in the order of `names`."""
+        import casadi as ca
+
+        q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
+        return ca.Function("arm", [q, dq, ddq], [ca.cse(ca.vertcat(*self.graph(q, dq, ddq).values()))])
+
+    def tip(self, length: float) -> Any:
+        """CasADi function of q (n,): the point `length` (m) along the tip from the sensor origin, in the world.
+
+        (x, y) in the plane, along y'; (x, y, z) in space, along the sensor's z axis. m.
+        """
+        import casadi as ca
+
+        q, still = ca.SX.sym("q", self.joints), ca.SX.zeros(self.joints)
+        known = {sp.Symbol(name, real=True): value for name, value in self.graph(q, still, still).items()}
+        motion = self.space.motion
+        point = motion.position + motion.rotation * (sp.Float(length) * self.space.tip_axis)
+        return ca.Function("tip", [q], [ca.vertcat(*casadi_expressions(known, list(point)[: self.space.value]))])

@@ -1,0 +1,223 @@
+"""The optimiser: exact derivatives, local optima, limits that hold, and processes that find the same."""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from design.criterion import AOptimal, Averaged, Criterion, DOptimal, EOptimal, Subset
+from design.information import Experiment, WhiteNoise, magnitudes
+from design.motion.fourier import FreeSeries, PaperSeries
+from design.motion.rest_to_rest import RestToRest
+from design.motion.series import Motion, Series
+from design.motion.spline import SplineSeries
+from design.optimiser.objective import Objective
+from design.optimiser.optimiser import Task, improve, optimise, within
+from design.optimiser.program import Outcome
+from modeling.arm import PlanarArm
+from modeling.effects import com_offset, sensor_lag, viscous_drag
+from modeling.errors import InputError
+from modeling.model import planar
+from modeling.rig import Limits, Workspace
+
+Array = NDArray[np.float64]
+
+ARM = PlanarArm((1.0, 0.97, 0.4))
+LIMITS = Limits(
+    position=np.array([[-1.05, 1.05], [-1.2, 1.0], [-0.4, 1.4]]),  # asymmetric on purpose
+    velocity=np.array([[-2.0, 2.0], [-2.2, 1.8], [-3.5, 3.5]]),
+    acceleration=np.array([[-10.0, 10.0], [-10.0, 8.0], [-15.0, 15.0]]),
+)
+FREE = FreeSeries(joints=3, harmonics=(1, 2, 3, 4), period=5.0)
+BASE = Experiment.of(planar(), ARM)
+THETA = {"m": 1.6, "mlg": 0.2, "I": 0.05, "sensor_lag.tau": 0.02, "viscous_drag.c": 0.3, "viscous_drag.d": 0.2}
+
+
+def objective(
+    series: Series = FREE, criterion: Criterion | None = None, experiment: Experiment = BASE, samples: int = 60
+) -> Objective:
+    return Objective(experiment=experiment, criterion=criterion or DOptimal(), series=series, samples=samples)
+
+
+def task(series: Series = FREE, **others: object) -> Task:
+    return Task(objective=objective(series), limits=LIMITS, arm=ARM, **others)  # type: ignore[arg-type]
+
+
+def of_model(*ids: str) -> Experiment:
+    effects = {"sensor_lag": sensor_lag(), "viscous_drag": viscous_drag(), "com_offset": com_offset()}
+    model = planar() + [effects[i] for i in ids]
+    return Experiment.of(model, ARM, {p.name: THETA.get(p.name, p.nominal) for p in model.parameters})
+
+
+def cases() -> dict[str, Objective]:
+    scale = magnitudes(BASE)
+    sets = [{"viscous_drag.c": c, "viscous_drag.d": 0.2} for c in (0.1, 0.5)]
+    return {
+        "D": objective(),
+        "A": objective(criterion=AOptimal(scale)),
+        "E": objective(criterion=EOptimal(scale, power=2)),
+        "Ds": objective(criterion=Subset((3, 4))),
+        "spline": objective(SplineSeries(joints=3, knots=12, degree=3, period=5.0)),
+        "rest": objective(RestToRest(inner=FREE, ramp=0.5)),
+        "weighted": objective(experiment=replace(BASE, noise=WhiteNoise.of_std([0.8, 1.6, 0.1]))),
+        "drag": objective(experiment=of_model("viscous_drag", "com_offset")),
+        "prior": objective(
+            experiment=Experiment.prior(planar() + viscous_drag(), ARM, sets),
+            criterion=Averaged(DOptimal(), (0.5, 0.5)),
+        ),
+    }
+
+
+CASES = cases()
+
+
+def functions(of: Objective) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """The criterion, its gradient, and its exact Hessian where there is one."""
+    z = ca.MX.sym("z", of.series.size)
+    graph, second = of.graph(z), [of.hessian(z)] if of.exact else []
+    return (
+        ca.Function("f", [z], [graph]),
+        ca.Function("g", [z], [ca.gradient(graph, z)]),
+        ca.Function("h", [z], second),
+    )
+
+
+# --------------------------------------------------------------------------------------- derivatives
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_graph_is_the_criterion_and_its_hessian_the_gradients_slope(name: str) -> None:
+    of = CASES[name]
+    z = task(of.series).random((1,)).coefficients
+    value, gradient, hessian = functions(of)
+    assert of.exact
+    # Two routes to one number through sums of 60 x 3 products: rounding of 1e-13, times the condition of M.
+    assert float(value(z)) == pytest.approx(of.value(z), abs=1e-7)
+    direction, step = np.random.default_rng(0).standard_normal(len(z)), 1e-5  # eps^(1/3) of coefficients of a tenth
+    slope = np.array(gradient(z + step * direction) - gradient(z - step * direction)).ravel() / (2 * step)
+    along = np.array(hessian(z)) @ direction
+    np.testing.assert_allclose(along, slope, rtol=0, atol=1e-5 * np.abs(slope).max())
+
+
+def test_memory_leaves_a_gradient() -> None:
+    of = objective(experiment=of_model("sensor_lag"))
+    z = task().random((1,)).coefficients
+    assert not of.exact
+    value, gradient, _ = functions(of)
+    assert float(value(z)) == pytest.approx(of.value(z), abs=1e-6)
+    rng = np.random.default_rng(0)
+    direction, step = rng.standard_normal(len(z)), 1e-5  # eps^(1/3) of coefficients of a tenth
+    slope = (of.value(z + step * direction) - of.value(z - step * direction)) / (2 * step)
+    assert float(np.array(gradient(z)).ravel() @ direction) == pytest.approx(slope, rel=1e-5)
+
+
+# ------------------------------------------------------------------------------------ what is found
+
+
+def stationarity(of: Objective, motion: Motion, limits: Limits) -> float:
+    """How much could be gained per unit of motion, to first order: max g'd over |d| <= 1 that keep the limits touched.
+
+    A linear program with the limits at a dense grid; zero at a local optimum.
+    """
+    gradient = np.array(functions(of)[1](motion.coefficients)).ravel()
+    time = np.linspace(0.0, motion.period, 4000, endpoint=False)
+    rows, room = [], []
+    for order, pairs in enumerate((limits.position, limits.velocity, limits.acceleration)):
+        value, basis = motion.derivative(time, order), motion.series.basis(time, order)
+        half = np.ptp(pairs, axis=1) / 2
+        for j in range(motion.joints):
+            for sign, limit in ((1, pairs[j, 1]), (-1, -pairs[j, 0])):
+                near = limit - sign * value[:, j] < 0.2 * half[j]
+                rows.append(sign * basis[near, j] / half[j])
+                room.append(np.maximum(limit - sign * value[near, j], 0) / half[j])
+    step = 0.01  # small enough to be first order, large against what is contracted
+    found = linprog(-gradient, A_ub=np.vstack(rows), b_ub=np.concatenate(room), bounds=(-step, step))
+    assert found.fun is not None
+    return -float(found.fun)
+
+
+@pytest.mark.parametrize("series", [FREE, PaperSeries(period=5.0)], ids=["free", "paper"])
+def test_it_finds_a_local_optimum_within_the_limits(series: Series) -> None:
+    asked = task(series)
+    start = asked.random((3,))
+    found = improve(asked, start)
+    assert found.outcome is Outcome.CONVERGED
+    assert found.value == asked.objective.value(found.motion.coefficients)
+    assert asked.use(found.motion).worst.use <= 1
+    # What contraction costs (LOSS = 0.01) may be left; the start could gain a hundred times as much.
+    left, before = stationarity(asked.objective, found.motion, LIMITS), stationarity(asked.objective, start, LIMITS)
+    assert left < 0.03
+    assert before > 10 * left
+
+
+@pytest.mark.parametrize(
+    "series",
+    [SplineSeries(joints=3, knots=16, degree=4, period=4.0), RestToRest(inner=FREE, ramp=0.5)],
+    ids=["spline", "rest"],
+)
+def test_every_series_gains_and_keeps_its_limits(series: Series) -> None:
+    asked = task(series)
+    start = within(asked, asked.random((1,)))
+    assert start is not None
+    found = improve(asked, start)
+    assert found.value > asked.objective.value(start.coefficients) + 1
+    assert asked.use(found.motion).worst.use <= 1
+    fine = np.linspace(0, series.duration, 20001)
+    for order, pairs in enumerate((LIMITS.position, LIMITS.velocity, LIMITS.acceleration)):
+        values = found.motion.derivative(fine, order)
+        assert (values >= pairs[:, 0] - 1e-12).all()
+        assert (values <= pairs[:, 1] + 1e-12).all()
+
+
+def test_infeasible_starts_are_taken() -> None:
+    asked = task()
+    start = asked.random((5,)).scaled(4.0)
+    assert asked.use(start).worst.use > 2
+    assert asked.use(improve(asked, start).motion).worst.use <= 1
+
+
+def test_jerk_and_the_workspace_are_kept() -> None:
+    jerk = np.array([[-60.0, 60.0]] * 3)
+    asked = replace(
+        task(), limits=replace(LIMITS, jerk=jerk), workspace=Workspace(x=(-1.2, 1.5), y=(0.8, 2.5)), tip_length=0.2
+    )
+    free = improve(task(), task().random((2,)))
+    found = improve(asked, asked.random((2,)))
+    use = asked.use(found.motion).to_data()
+    assert set(use) == {"position", "velocity", "acceleration", "jerk", "workspace"}
+    assert max(use.values()) <= 1
+    assert max(use["jerk"], use["workspace"]) > 0.9, "the limits that were added decide"
+    assert asked.use(free.motion).worst.use > 1, "or there would be nothing to keep"
+
+
+def test_nothing_is_found_where_nothing_can_stand() -> None:
+    asked = replace(task(), workspace=Workspace(y=(5.0, 6.0)), tip_length=0.2)
+    with pytest.raises(InputError, match="no motion within the limits"):
+        improve(asked, task().random((2,)))
+
+
+def test_an_unfinished_optimisation_says_so() -> None:
+    found = improve(replace(task(), iterations=2), task().random((1,)))
+    assert found.outcome is Outcome.ITERATIONS
+    assert "allow more" in found.outcome.value
+
+
+def test_processes_find_the_same() -> None:
+    asked = task()
+    starts = [asked.random((number,)) for number in range(2)]
+    asked = replace(asked, iterations=25)
+    told: list[float] = []
+    alone = optimise(asked, starts)
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        together = optimise(asked, starts, executor=pool, progress=lambda attempt: told.append(attempt.value))
+    assert sorted(told) == sorted(a.value for a in together)
+    assert [a.value for a in together] == sorted((a.value for a in together), reverse=True)
+    # The same arithmetic in another process: equal but for the order of sums.
+    np.testing.assert_allclose([a.value for a in together], [a.value for a in alone], rtol=1e-9)
