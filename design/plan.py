@@ -88,14 +88,6 @@ class Plan:
         information = self.task.objective.experiment.information(self.motion, self.samples)
         return np.asarray(np.linalg.pinv(information, hermitian=True), dtype=float)
 
-    def trajectory(self) -> dict[str, Array]:
-        """The columns of PLAN.csv (FORMATS): time, q1.., dq1.., ddq1.., each (N,), at the sampling instants."""
-        time = self.motion.series.instants(self.samples)
-        columns = {"time": time}
-        for prefix, values in zip(("q", "dq", "ddq"), self.motion.evaluate(time), strict=True):
-            columns |= {f"{prefix}{j + 1}": column for j, column in enumerate(values.T)}
-        return columns
-
     def to_data(self) -> dict[str, Any]:
         """The JSON of `truewrench design` (FORMATS)."""
         bound = self.bound
@@ -113,7 +105,7 @@ class Plan:
             "outcome": self.attempts[0].outcome.name.lower(),
             "reached": [attempt.value for attempt in self.attempts],
             "std": dict(zip(self._names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True)),
-            "unbounded": self.unbounded,
+            "unbounded": self.unbounded or None,
         }
 
     @property

@@ -71,8 +71,8 @@ def design(
     bounded    whether the upper bound is computed too, a minute or so
     executor   works on the starts elsewhere (processes; see `optimise`)
 
-    Raises InputError for a rig without arm or limits, a model with parameters that no motion of this arm shows, and
-    limits that no motion keeps.
+    Raises InputError for a rig without arm or limits, too few samples, a model with parameters that no motion of
+    this arm shows, and limits that no motion keeps.
     """
     arm, limits = _arm(rig), _limits(rig)
     lasting = (model or (planar if arm.space is Space.PLANE else spatial)(rig)).lasting
@@ -80,6 +80,7 @@ def design(
     experiment = Experiment.of(lasting, arm, known, noise=noise)
     _require_seen(experiment, limits)
     own = series or FreeSeries(joints=arm.joints, harmonics=HARMONICS, period=PERIOD)
+    _require_enough(samples, own)
     task = Task(
         objective=Objective(experiment=experiment, criterion=criterion or DOptimal(), series=own, samples=samples),
         limits=limits,
@@ -169,6 +170,15 @@ def _limits(rig: Rig) -> Limits:
         what = "a motion is designed within limits, and the rig states none"
         raise InputError(what=what, where="rig", remedy="add [limits] with position, velocity and acceleration")
     return rig.limits
+
+
+def _require_enough(samples: int, series: Series) -> None:
+    functions = series.mixing.shape[1]
+    if samples < functions:
+        what = f"{samples} samples cannot follow a series of {functions} functions of time"
+        raise InputError(
+            what=what, where="samples", remedy=f"take {2 * functions} or more, or fewer harmonics or knots"
+        )
 
 
 def _require_seen(experiment: Experiment, limits: Limits) -> None:

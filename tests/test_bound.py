@@ -219,10 +219,9 @@ def test_no_optimised_motion_is_above_the_bound(bounds: dict[str, Bound], name: 
     assert best.logdet <= best.weak + 1e-9 <= bounds[name].logdet + 2e-9
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_no_viable_state_of_a_dense_scan_has_a_larger_F(bounds: dict[str, Bound], case: str, seed: int) -> None:
+def test_no_viable_state_of_a_dense_scan_has_a_larger_value(bounds: dict[str, Bound], case: str) -> None:
     bound = bounds[case]
-    rng = np.random.default_rng([seed, 77])
+    rng = np.random.default_rng(77)
     points = rng.uniform(-1, 1, (5000, 2 * bound.function.joints))
     assert bound.function.values(points, bound.dual).max() <= 6 * (1 + 1e-6)
     gram, rates = bound.function.moments(viable_states(bound.function.viable, 10_000, rng))
@@ -241,11 +240,8 @@ def test_the_measure_meets_the_conditions_and_its_information_is_what_can_be_rea
         assert bound.reachable <= bound.logdet <= bound.reachable + QUICK.tolerance
 
 
-@pytest.mark.parametrize(
-    ("case", "degrees"), [("symmetric", [(0, 0), (3, 2)]), ("skew single", [(0, 0), (2, 0), (6, 0)])]
-)
-def test_more_conditions_never_raise_the_bound(case: str, degrees: list[tuple[int, int]]) -> None:
-    logdets = [bound_of(case, Degrees(each=each, pair=pair, more=0)).logdet for each, pair in degrees]
+def test_more_conditions_never_raise_the_bound() -> None:
+    logdets = [bound_of("skew single", Degrees(each=each, pair=0, more=0)).logdet for each in (0, 2, 6)]
     # Each is within the tolerance of its own optimum, and the optimum cannot rise.
     assert (np.diff(logdets) <= QUICK.tolerance).all()
     assert logdets[-1] < logdets[0] - 2 * QUICK.tolerance
@@ -263,7 +259,7 @@ def test_the_reference_problem_beats_the_figures_without_viability() -> None:
     )
     arm = PlanarArm((1.0, 0.97, 0.4))
     effort = Effort(tolerance=0.05, starts=4000)
-    for degree, figure in ((0, 54.66), (2, 54.11)):
+    for degree, figure in ((2, 54.11),):
         degrees = Degrees(each=degree, pair=degree, more=degree)
         bound = upper_bound(planar(), arm, within, samples=200, degrees=degrees, effort=effort)
         assert bound.reachable < figure - 0.05
@@ -379,8 +375,8 @@ def test_the_bound_of_one_joint_is_proven(name: str) -> None:
     assert bound.kind is Kind.PROVEN
     assert bound.proof is not None
     assert bound.proof.closed
-    assert 6 <= bound.proof.upper <= 6 * 1.01
-    assert bound.checked <= bound.logdet == bound.proven <= bound.checked + 6 * np.log(1.01)
+    assert 6 <= bound.proof.upper <= 6 * 1.002
+    assert bound.checked <= bound.logdet == bound.proven <= bound.checked + 6 * np.log(1.002)
     assert "(proven)" in str(bound)
 
 

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.design_variance import NAMES, Scatter, compared, promised, report, silent
+from benchmarks.design_variance import NAMES, compared, promised, report, silent
 from benchmarks.rivals import finite_differences
 from benchmarks.rivals.reference import LIMITS, SAMPLES
 from benchmarks.rivals.unoptimised import chapter_optimum
+from benchmarks.scatter import Scatter
 from design.limit_use import LimitUse
 from design.motion.series import Motion
 from estimation.recording import Recording

@@ -176,6 +176,15 @@ def test_every_series_gains_and_keeps_its_limits(series: Series) -> None:
         assert (values <= pairs[:, 1] + 1e-12).all()
 
 
+def test_a_criterion_wins_in_its_own() -> None:
+    d = task(PaperSeries(period=5.0))
+    a = replace(d, objective=replace(d.objective, criterion=AOptimal(magnitudes(BASE))))
+    best_d = improve(d, d.random((3,))).motion
+    best_a = improve(a, best_d).motion
+    assert a.objective.value(best_a.coefficients) > a.objective.value(best_d.coefficients) + 0.01
+    assert d.objective.value(best_a.coefficients) < d.objective.value(best_d.coefficients)
+
+
 def test_infeasible_starts_are_taken() -> None:
     asked = task()
     start = asked.random((5,)).scaled(4.0)

@@ -25,5 +25,4 @@ RIG = Rig(name="reference problem", link_lengths=ARM.link_lengths, tip_length=0.
 CHAPTER = PaperSeries(period=PERIOD)
 """22.10, 15 coefficients."""
 FREE = FreeSeries(joints=ARM.joints, harmonics=(1, 2, 3, 4, 5), period=PERIOD)
-"""33 coefficients: of 5 and 12 harmonics the one at which optimisers without exact derivatives come further in a given
-time."""
+"""33 coefficients: of 4, 5, 6 and 12 harmonics those with which optimisers without exact derivatives come furthest."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -93,13 +93,11 @@ class DualFunction:
 
     def values(self, points: Array, dual: Dual) -> Array:
         """F (N, 2^n) at points (N, 2n) of the cube and every vertex of ddq."""
-        mapped = self.at_vertices.map("values", "serial", len(points), SHARED, [])
-        return np.array(mapped(points.T, dual.root, dual.c)).T
+        return np.array(_mapped(self.at_vertices, len(points))(points.T, dual.root, dual.c)).T
 
     def slopes(self, points: Array, ddq: Array, dual: Dual) -> tuple[Array, Array]:
         """F (N,) and its derivative (N, 2n) by the points (N, 2n) of the cube, ddq (N, n) given."""
-        mapped = self.gradient.map("slopes", "serial", len(points), SHARED, [])
-        value, slope = mapped(points.T, dual.root, dual.c, ddq.T)
+        value, slope = _mapped(self.gradient, len(points))(points.T, dual.root, dual.c, ddq.T)
         return np.array(value)[0], np.array(slope).T
 
     def states(self, points: Array, ddq: Array) -> Array:
@@ -163,6 +161,12 @@ class DualFunction:
         columns = self._columns(q, dq, ddq)
         rates = ca.jtimes(self.conditions.graph(q, dq), ca.vertcat(q, dq), ca.vertcat(dq, ddq))
         return _function([ca.vertcat(q, dq, ddq)], [ca.vec(columns.T @ columns), rates])
+
+
+@lru_cache(maxsize=64)
+def _mapped(function: Any, points: int) -> Any:
+    """The function mapped over so many points, which takes longer to make than to call."""
+    return function.map("mapped", "serial", points, SHARED, [])
 
 
 def _value(parts: Any, ddq: Any, root: Any) -> Any:

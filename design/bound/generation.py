@@ -20,8 +20,10 @@ from design.bound.symmetry import Symmetry
 
 Array = NDArray[np.float64]
 
-AT_RANDOM = 600
-"""For each dimension of (q, dq), states of the first master and new starts of a search: several to each condition."""
+AT_RANDOM = 200
+"""For each dimension of (q, dq), new starts of a search: four to an ascent, as in `largest`."""
+FIRST = 600
+"""For each dimension, states of the first master: several to each condition."""
 MOST_STATES = 7000
 """Of the master; those of least weight are dropped beyond."""
 BEST = 500
@@ -137,7 +139,7 @@ class Generation:
     def _first(self) -> tuple[Master, Peaks]:
         """Random states, and a diagonal D that is feasible for them."""
         viable = self.function.viable
-        points = starts(viable.joints, AT_RANDOM * 2 * viable.joints, self.rng)
+        points = starts(viable.joints, FIRST * 2 * viable.joints, self.rng)
         ddq = viable.vertices[self.rng.integers(len(viable.vertices), size=len(points))]
         gram, rates = self.function.moments(self.function.states(points, ddq))
         coordinates = Coordinates.of(gram, rates, self.symmetries)

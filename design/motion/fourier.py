@@ -95,6 +95,12 @@ class FreeSeries(FourierSeries):
         """The harmonics."""
         return self.harmonics
 
+    def __str__(self) -> str:
+        offset = "an offset and " if self.offset else ""
+        return (
+            f"each joint with {offset}{len(self.harmonics)} harmonics up to {max(self.harmonics) / self.period:.3g} Hz"
+        )
+
     @cached_property
     def mixing(self) -> Array:
         """Every joint takes its own coefficient of every function."""
@@ -129,6 +135,9 @@ class PaperSeries(FourierSeries):
     def waves(self) -> tuple[int, ...]:
         """Harmonics 1..6."""
         return SHARED + OWN
+
+    def __str__(self) -> str:
+        return f"the series of equation 22.10, up to {max(self.waves) / self.period:.3g} Hz"
 
     @cached_property
     def mixing(self) -> Array:

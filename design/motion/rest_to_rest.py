@@ -40,6 +40,9 @@ class RestToRest(Series):
             what = f"a ramp of at most half the duration of {self.duration} s was expected, and {self.ramp} s came"
             raise InputError(what=what, where="RestToRest", remedy="give a shorter ramp or a longer period")
 
+    def __str__(self) -> str:
+        return f"from rest to rest, ramps of {self.ramp:g} s, {self.inner}"
+
     @property
     def duration(self) -> float:
         """The period of the inner series, ramps included, s."""

@@ -126,6 +126,13 @@ class Motion:
         """(N, n): the derivative of that order of q, at the times (N,) in s."""
         return self.series.evaluate(self.coefficients, time, order)
 
+    def trajectory(self, samples: int) -> dict[str, Array]:
+        """The columns of PLAN.csv (FORMATS): time, q1.., dq1.., ddq1.., each (N,), at the sampling instants."""
+        columns = {"time": self.series.instants(samples)}
+        for prefix, values in zip(("q", "dq", "ddq"), self.evaluate(columns["time"]), strict=True):
+            columns |= {f"{prefix}{j + 1}": column for j, column in enumerate(values.T)}
+        return columns
+
     def enclosure(self, order: int) -> tuple[Array, Array]:
         """Bounds low (n,) and high (n,) of the derivative of that order, at every instant."""
         return self.series.enclosure(self.coefficients, order)

@@ -13,8 +13,8 @@ from design.motion.series import Array, Series, positive
 from modeling.errors import InputError
 
 SMOOTH = 2
-"""Least degree: then the acceleration is constant between knots, as of a motion that always uses all it may. From degree
-3 on it is continuous, from 4 on the jerk too."""
+"""Least degree: then the acceleration is constant between knots, as of a motion that always uses all it may. From
+degree 3 on it is continuous, from 4 on the jerk too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +36,9 @@ class SplineSeries(Series):
         if not SMOOTH <= self.degree < self.knots:
             what = f"a degree from {SMOOTH} on and more knots were expected, and {self.degree} and {self.knots} came"
             raise InputError(what=what, where="SplineSeries", remedy="give for instance degree 5 and 20 knots")
+
+    def __str__(self) -> str:
+        return f"each joint with a periodic spline of degree {self.degree} on {self.knots} knots"
 
     @property
     def duration(self) -> float:

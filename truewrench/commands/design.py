@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truewrench.commands.options import Subcommands
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from design.criterion import Criterion
-    from design.information import SensorNoise
-    from design.motion.series import Series
+    from design.discrimination import Distinction
     from design.plan import Plan
-    from modeling.kinematics import Arm
-    from modeling.model import WrenchModel
-    from modeling.rig import Rig
-    from truewrench.model_file import ModelFile
+    from truewrench.design_request import DesignRequest
 
 SERIES = ("free", "paper", "spline", "rest")
 CRITERIA = ("d", "a", "e")
@@ -47,6 +38,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--samples", type=count, default=200, metavar="N", help="of one period (default: 200)")
     command.add_argument("--tell", nargs=2, metavar=("A", "B"), help="design for telling these two effects apart")
     text = "weight the readings by the noise that MODEL.json or the rig states"
+    command.add_argument("--runs", type=count, default=1, metavar="R", help="of the motion, for --tell (default: 1)")
     command.add_argument("--weighted", action="store_true", help=text)
     command.add_argument("--starts", type=count, default=6, metavar="S", help="random starts (default: 6)")
     command.add_argument("--seed", type=int, default=0, metavar="S", help="of the starts (default: 0)")
@@ -75,137 +67,95 @@ def seconds(text: str) -> float:
 
 def run(arguments: argparse.Namespace) -> None:
     """Design, write, print."""
-    from modeling.rig import Rig
-    from truewrench.model_file import ModelFile
+    from truewrench.design_request import DesignRequest
 
-    rig = Rig.read(arguments.rig)
-    saved = None if arguments.model is None else ModelFile.read(arguments.model)
-    plan = planned(arguments, rig, saved)
-    if arguments.out is not None:
-        write(plan, arguments.out)
+    request = DesignRequest.of(arguments)
+    found = planned(request) if arguments.tell is None else told_apart(request)
+    written = arguments.out is not None and found.motion is not None
+    if written:
+        write(request, found, arguments.out)
     if arguments.json:
-        print(json.dumps(plan.to_data(), indent=2, allow_nan=False))
+        print(json.dumps(found.to_data(), indent=2, allow_nan=False))
         return
-    print(plan)
-    if arguments.out is not None:
+    print(found)
+    if written:
         print(f"\nWritten: {arguments.out} and {picture_beside(arguments.out)}")
 
 
-def planned(arguments: argparse.Namespace, rig: Rig, saved: ModelFile | None) -> Plan:
-    """The plan that the options ask for."""
+def planned(request: DesignRequest) -> Plan:
+    """The motion that tells most of the parameters."""
     from design.planning import design
     from truewrench.output import progress_line
 
-    model, arm = model_for(rig, saved), arm_of(rig)
-    values = None if saved is None else {name: estimate.value for name, estimate in saved.parameters.items()}
-    noise = noise_of(rig, saved, model) if arguments.weighted else None
-    with pool(arguments.workers) as executor, progress_line() as progress:
+    asked = request.options
+    with request.pool() as executor, progress_line() as progress:
         return design(
-            rig,
-            model=model,
-            values=values,
-            criterion=criterion_of(arguments.criterion, rig, model, values, noise),
-            series=series_of(arguments, arm.joints),
-            samples=arguments.samples,
-            noise=noise,
-            starts=arguments.starts,
-            seed=arguments.seed,
-            bounded=not arguments.no_bound,
+            request.rig,
+            model=request.model,
+            values=request.values,
+            criterion=request.criterion,
+            series=request.series,
+            samples=asked.samples,
+            noise=request.weight,
+            starts=asked.starts,
+            seed=asked.seed,
+            bounded=not asked.no_bound,
             executor=executor,
             progress=lambda step: progress(str(step)),
         )
 
 
-def arm_of(rig: Rig) -> Arm:
-    """The rig's arm, or one line."""
+def told_apart(request: DesignRequest) -> Distinction:
+    """The motion that separates the two effects of --tell, at the sizes in the model file."""
+    from design.discrimination import opponents, tell_apart
+    from modeling.effects import named
     from modeling.errors import InputError
+    from truewrench.output import progress_line
 
-    if rig.arm is None:
-        what = "a motion is designed for an arm, and the rig has none"
-        raise InputError(what=what, where="rig", remedy="state robot.link_lengths or robot.urdf")
-    return rig.arm
-
-
-def model_for(rig: Rig, saved: ModelFile | None) -> WrenchModel:
-    """The model file's model, else the rigid tool of the rig; a sign that is still open does not matter here."""
-    from dataclasses import replace
-
-    from modeling.model import planar, spatial
-    from modeling.rig import Convention
-    from modeling.space import Space
-
-    if saved is not None:
-        return saved.model.lasting
-    model = (planar if arm_of(rig).space is Space.PLANE else spatial)(rig)
-    return replace(model, convention=Convention.ON_TOOL) if model.convention is Convention.AUTO else model
-
-
-def noise_of(rig: Rig, saved: ModelFile | None, model: WrenchModel) -> SensorNoise:
-    """The noise of the model file's recording, else what the rig states."""
-    from design.information import WhiteNoise
-
-    if saved is not None:
-        return WhiteNoise.of_std([saved.noise_floor[channel] for channel in model.channels])
-    return WhiteNoise.of_rig(rig, model.channels)
+    asked, values = request.options, request.values
+    one, other = (named(effect_id) for effect_id in asked.tell)
+    if values is None:
+        remedy = f"add --model MODEL.json, of `truewrench fit REC --add {one.id} --out MODEL.json`"
+        raise InputError(what="nothing says how large the effects are", where="--tell", remedy=remedy)
+    truth, rival = opponents(request.model, one, other)
+    with request.pool() as executor, progress_line() as progress:
+        return tell_apart(
+            request.rig,
+            truth,
+            values,
+            [rival],
+            series=request.series,
+            samples=asked.samples,
+            noise=request.noise,
+            runs=asked.runs,
+            starts=asked.starts,
+            seed=asked.seed,
+            executor=executor,
+            progress=lambda step: progress(str(step)),
+        )
 
 
-def criterion_of(
-    name: str, rig: Rig, model: WrenchModel, values: dict[str, float] | None, noise: SensorNoise | None
-) -> Criterion:
-    """D, or A or E with each parameter counted in the size that shows as much as the noise does."""
-    from design.criterion import AOptimal, DOptimal, EOptimal
-    from design.information import Experiment, magnitudes
-
-    if name == "d":
-        return DOptimal()
-    known = None if values is None else {p.name: values[p.name] for p in model.parameters}
-    scale = magnitudes(Experiment.of(model, arm_of(rig), known, noise=noise), rig.limits)
-    return AOptimal(scale) if name == "a" else EOptimal(scale)
-
-
-def series_of(arguments: argparse.Namespace, joints: int) -> Series:
-    """The series that the options name."""
-    from design.motion.fourier import FreeSeries, PaperSeries
-    from design.motion.rest_to_rest import RestToRest
-    from design.motion.spline import SplineSeries
-
-    period, harmonics = arguments.period, tuple(range(1, arguments.harmonics + 1))
-    free = FreeSeries(joints=joints, harmonics=harmonics, period=period)
-    kinds: dict[str, Callable[[], Series]] = {
-        "free": lambda: free,
-        "paper": lambda: PaperSeries(joints=joints, period=period),
-        "spline": lambda: SplineSeries(joints=joints, knots=arguments.knots, degree=arguments.degree, period=period),
-        "rest": lambda: RestToRest(inner=free, ramp=arguments.ramp or period / 10),
-    }
-    return kinds[arguments.series]()
-
-
-def pool(workers: int) -> AbstractContextManager[Executor | None]:
-    """That many processes, or none for one."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    return nullcontext() if workers == 1 else ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-
-
-def write(plan: Plan, path: Path) -> None:
+def write(request: DesignRequest, found: Plan | Distinction, path: Path) -> None:
     """PLAN.csv, and the picture beside it."""
     import pandas as pd
 
+    from design.plan import Plan
     from truewrench.output import replacing
     from truewrench.plots.design_plot import design_figure
 
-    with replacing(path) as beside:
-        pd.DataFrame(plan.trajectory()).to_csv(beside, index=False, float_format="%.12g")
-    task = plan.task
+    rig, motion = request.rig, found.motion
+    if motion is None or rig.limits is None:
+        return
     figure = design_figure(
-        plan.motion,
-        task.limits,
-        arm=task.arm,
-        tip_length=task.tip_length,
-        workspace=task.workspace,
-        information=plan.sample_information,
+        motion,
+        rig.limits,
+        arm=rig.arm,
+        tip_length=rig.tip_length,
+        workspace=rig.workspace,
+        information=found.sample_information if isinstance(found, Plan) else None,
     )
+    with replacing(path) as beside:
+        pd.DataFrame(motion.trajectory(request.options.samples)).to_csv(beside, index=False, float_format="%.12g")
     with replacing(picture_beside(path)) as beside:
         figure.savefig(beside, format="png", dpi=160, facecolor="white", bbox_inches="tight")
 

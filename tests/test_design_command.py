@@ -1,0 +1,176 @@
+"""`truewrench design`: what it prints and writes, and one line for whatever it cannot use."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from modeling.arm import PlanarArm
+from modeling.model import planar
+from modeling.prediction import compiled
+from modeling.rig import Rig
+from truewrench.command_line import main
+
+RIG_TEXT = """
+[robot]
+link_lengths = [1.0, 0.97, 0.4]
+tip_length = 0.2
+[limits]
+position = [1.05, 1.22, 1.40]
+velocity = [2.0, [-2.2, 1.8], 3.5]
+acceleration = [10, 10, 15]
+[workspace]
+y = [0.4, 2.6]
+[sensor]
+noise = { fx = 0.8, fy = 1.6, tau = 0.08 }
+"""
+SHORT = """
+[robot]
+link_lengths = [0.8]
+[limits]
+position = [1.0]
+velocity = [2.0]
+acceleration = [10]
+"""
+QUICK = ("--series", "paper", "--starts", "1", "--no-bound")
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG_TEXT)
+    return path
+
+
+def ran(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    code = main([str(a) for a in ("design", *arguments)])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def keys(data: dict[str, Any]) -> set[str]:
+    return set(data)
+
+
+def test_json_and_plan_are_what_formats_says(rig: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = tmp_path / "folder" / "plan.csv"
+    code, text, error = ran(capsys, rig, *QUICK, "--samples", 120, "--period", 6, "--out", out, "--json")
+    assert (code, error) == (0, "")
+    data = json.loads(text)
+    stated = {"logdet", "samples", "period", "bound_logdet", "bound_kind", "efficiency", "worst_limit_use"}
+    assert keys(data) >= stated | {"evaluations"}
+    assert (data["samples"], data["period"], data["bound_logdet"], data["efficiency"]) == (120, 6.0, None, None)
+    assert keys(data["worst_limit_use"]) == {"position", "velocity", "acceleration", "workspace"}
+    assert 0.99 < max(data["worst_limit_use"].values()) <= 1
+    plan = pd.read_csv(out)
+    assert list(plan.columns) == ["time", *(f"{p}{j}" for p in ("q", "dq", "ddq") for j in (1, 2, 3))]
+    assert len(plan) == 120
+    assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    assert logdet_of(plan) == pytest.approx(data["logdet"], abs=1e-6)  # twelve digits in the file
+
+
+def logdet_of(plan: pd.DataFrame) -> float:
+    """ln det(Phi' Phi) from the file alone, through the derived regressor."""
+    arm = PlanarArm((1.0, 0.97, 0.4))
+    q, dq, ddq = (plan[[f"{p}{j}" for j in (1, 2, 3)]].to_numpy() for p in ("q", "dq", "ddq"))
+    prediction, count = compiled(planar()), len(plan)
+    signals = arm.pose(q, dq, ddq)
+    phi = sum(part.tangent(signals, np.zeros(6), count)[1] for part in (prediction.load, prediction.zero))
+    rows = np.asarray(phi).reshape(-1, 6)
+    return float(np.linalg.slogdet(rows.T @ rows)[1])
+
+
+def test_rows_of_the_plan_are_derivatives_of_one_another(
+    rig: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "plan.csv"
+    ran(capsys, rig, "--series", "rest", "--harmonics", 2, "--starts", 1, "--no-bound", "--samples", 401, "--out", out)
+    plan = pd.read_csv(out)
+    step = plan["time"][1]
+    for joint in (1, 2, 3):
+        slope = np.gradient(plan[f"q{joint}"], step, edge_order=2)
+        # Central differences at 80 a second: (w h)² / 6 of 2 rad/s is 8e-3 at 2 Hz, which the ramps come to.
+        np.testing.assert_allclose(slope, plan[f"dq{joint}"], atol=2e-2)
+        assert plan[f"dq{joint}"].iloc[[0, -1]].abs().max() == 0
+        assert plan[f"ddq{joint}"].iloc[[0, -1]].abs().max() == 0
+
+
+def test_the_text_says_bound_and_efficiency(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "short.toml"
+    path.write_text(SHORT)
+    code, text, _ = ran(capsys, path, "--harmonics", 6, "--starts", 2)
+    assert code == 0
+    for word in ("ln det", "upper bound", "efficiency", "what is checked", "what is proven", "within the limits"):
+        assert word in text
+    data = json.loads(ran(capsys, path, "--harmonics", 6, "--starts", 2, "--json")[1])
+    assert data["logdet"] < data["bound_logdet"]
+    assert data["efficiency"] == pytest.approx(np.exp((data["logdet"] - data["bound_logdet"]) / 6))
+    assert data["bound_kind"] in ("proven", "checked")
+
+
+@pytest.mark.parametrize("criterion", ["a", "e"])
+def test_other_criteria_are_named(rig: Path, capsys: pytest.CaptureFixture[str], criterion: str) -> None:
+    text = ran(capsys, rig, *QUICK, "--criterion", criterion)[1]
+    assert {"a": "mean variance", "e": "smallest eigenvalue"}[criterion] in text
+
+
+def test_seeds_decide(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one, same, other = (
+        json.loads(ran(capsys, rig, *QUICK, "--seed", seed, "--json")[1])["logdet"] for seed in (1, 1, 2)
+    )
+    assert one == same
+    assert one != other
+
+
+def test_a_weight_is_taken_from_the_rig(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain, weighted = (json.loads(ran(capsys, rig, *QUICK, *more, "--json")[1]) for more in ((), ("--weighted",)))
+    assert plain["std"]["bias_fx"] == pytest.approx(1 / np.sqrt(200), rel=0.05)
+    assert weighted["std"]["bias_fx"] == pytest.approx(0.8 / np.sqrt(200), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("none.toml",), "none.toml"),
+        (("--period", "-1"), "--period"),
+        (("--samples", "5"), "samples"),
+        (("--series", "rest", "--ramp", "4"), "ramp"),
+        (("--model", "none.json"), "none.json"),
+        (("--tell", "viscous_drag", "quadratic_drag"), "--model"),
+        (("--tell", "viscous_drag", "no_such"), "no_such"),
+    ],
+)
+def test_bad_input_is_one_line(
+    rig: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], words: str
+) -> None:
+    given = arguments if arguments[0].endswith(".toml") else (rig, *arguments)
+    code, text, error = ran(capsys, *given, "--starts", 1, "--no-bound")
+    assert (code, text) == (2, "")
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert words in error
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[robot]\nname = 'x'\n", "link_lengths"),
+        ("[robot]\nlink_lengths = [1.0, 0.5]\n", "limits"),
+        (RIG_TEXT.replace("y = [0.4, 2.6]", "y = [5.0, 6.0]"), "workspace"),
+    ],
+)
+def test_rigs_without_what_it_takes_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str
+) -> None:
+    path, out = tmp_path / "rig.toml", tmp_path / "plan.csv"
+    path.write_text(text)
+    code, _, error = ran(capsys, path, *QUICK, "--out", out)
+    assert code == 2
+    assert words in error
+    assert not out.exists()
+    assert Rig.read(path).limits is None or "workspace" in text
