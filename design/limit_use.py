@@ -76,6 +76,7 @@ class LimitUse:
         if limits.joints != motion.joints:
             what = f"limits of {motion.joints} joints were expected, and of {limits.joints} came"
             raise InputError(what=what, where="limits", remedy="give the limits of the arm that moves")
+        _require_intervals(motion.joints, limits, workspace)
         return cls(reaches=(*_joints(motion, limits, arm), *_tip(motion, workspace, arm, tip_length)))
 
     @cached_property
@@ -107,6 +108,18 @@ class LimitUse:
         return f"{state} the limits: {at.quantity} of {at.name} uses {share} of its {at.side} limit"
 
 
+def _require_intervals(joints: int, limits: Limits, workspace: Workspace | None) -> None:
+    """InputError unless every limit is finite with low below high: use is a share of what lies between."""
+    pairs = {name: np.asarray(pair) for name, pair in vars(limits).items() if pair is not None}
+    sides = {} if workspace is None else {name: side for name, side in vars(workspace).items() if side is not None}
+    given = pairs | {name: np.array([side]) for name, side in sides.items()}
+    for name, pair in given.items():
+        rows = joints if name in pairs else 1
+        if pair.shape != (rows, 2) or not (np.isfinite(pair).all() and (pair[:, 0] < pair[:, 1]).all()):
+            what = f"{rows} finite [low, high] with low below high were expected of {name}"
+            raise InputError(what=what, where="limits", remedy="state a far limit where there is none")
+
+
 def _joints(motion: Motion, limits: Limits, arm: Arm | None) -> Iterator[Reach]:
     pairs = (limits.position, limits.velocity, limits.acceleration, limits.jerk)
     names = [f"q{j}" for j in range(1, motion.joints + 1)]
@@ -120,6 +133,9 @@ def _tip(motion: Motion, workspace: Workspace | None, arm: Arm | None, tip_lengt
     sides = workspace_sides(workspace, arm)
     if not sides:
         return
+    if tip_length is not None and tip_length < 0:
+        what = f"a tip length from zero on was expected, and {tip_length} m came"
+        raise InputError(what=what, where="workspace", remedy="give it in m, along the tip from the sensor")
     if arm is None or tip_length is None:
         missing = "link_lengths or urdf" if arm is None else "tip_length"
         what = f"the workspace is for the tip, and {missing} is not stated"

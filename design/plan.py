@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
 from typing import Any
@@ -26,7 +26,7 @@ class Plan:
     """The best motion found, with all that it was judged by.
 
     task         what was optimised, within which limits
-    experiment   the unweighted readings (SI) that ln det is of
+    experiment   the readings at the values of the parameters, weighted by the noise where there is one
     attempts     local optima of the series, best first
     evaluations  of the criterion, over all starts
     bound        on ln det of any motion; None where there is none, and then `unbounded` says why
@@ -57,7 +57,8 @@ class Plan:
     @cached_property
     def logdet(self) -> float:
         """ln det(Phi' Phi) over the samples, unweighted SI (22.11)."""
-        return DOptimal().value(self.experiment.information(self.motion, self.samples))
+        unweighted = replace(self.experiment, noise=None)
+        return DOptimal().value(unweighted.information(self.motion, self.samples))
 
     @property
     def efficiency(self) -> float | None:
@@ -84,8 +85,8 @@ class Plan:
 
     @cached_property
     def covariance(self) -> Array:
-        """(k, k): what the noise of the task makes of the parameters' estimates, for noise of 1 in SI without one."""
-        information = self.task.objective.experiment.information(self.motion, self.samples)
+        """(k, k): what the noise makes of the parameters' estimates; where none is stated, noise of 1 in SI."""
+        information = self.experiment.information(self.motion, self.samples)
         return np.asarray(np.linalg.pinv(information, hermitian=True), dtype=float)
 
     def to_data(self) -> dict[str, Any]:
@@ -110,7 +111,7 @@ class Plan:
 
     @property
     def _names(self) -> list[str]:
-        return [p.name for p in self.task.objective.experiment.parameters]
+        return [p.name for p in self.experiment.parameters]
 
     def rows(self) -> list[tuple[str, str]]:
         """The table: what, and its value."""
@@ -127,9 +128,10 @@ class Plan:
         ]
 
     def _criterion(self) -> list[tuple[str, str]]:
-        if isinstance(self.criterion, DOptimal) and self.task.objective.experiment.noise is None:
+        weight = "unweighted SI" if self.experiment.noise is None else "weighted by the noise"
+        if isinstance(self.criterion, DOptimal) and self.experiment.noise is None:
             return []
-        return [("criterion", f"{self.criterion} = {self.attempts[0].value:.3f}, weighted by the noise")]
+        return [("criterion", f"{self.criterion} = {self.attempts[0].value:.3f}, {weight}")]
 
     def _bound(self) -> list[tuple[str, str]]:
         if self.bound is None or self.efficiency is None:

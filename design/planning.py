@@ -7,8 +7,8 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 from design.bound import Bound, Round, upper_bound
-from design.criterion import Criterion, DOptimal
-from design.information import Experiment, SensorNoise, unseen
+from design.criterion import Averaged, Criterion, DOptimal
+from design.information import Experiment, Prior, SensorNoise, unseen
 from design.information.values import Values
 from design.motion.fourier import FourierSeries, FreeSeries, PaperSeries
 from design.motion.rest_to_rest import RestToRest
@@ -49,6 +49,7 @@ def design(
     *,
     model: WrenchModel | None = None,
     values: Values | None = None,
+    prior: Prior | None = None,
     criterion: Criterion | None = None,
     series: Series | None = None,
     samples: int = SAMPLES,
@@ -63,6 +64,7 @@ def design(
 
     model      the rigid tool of the rig when None; effects of one recording (a push, a drift) are left out
     values     of the parameters by name, where the sensitivities depend on them
+    prior      sets of values over which the criterion is averaged (`Prior.around` a fit's covariance); None: at values
     criterion  D-optimal when None
     series     independent series of the joints with 12 harmonics in 5 s when None
     samples    equally spaced readings of one run
@@ -81,8 +83,11 @@ def design(
     _require_seen(experiment, limits)
     own = series or FreeSeries(joints=arm.joints, harmonics=HARMONICS, period=PERIOD)
     _require_enough(samples, own)
+    asked, score = experiment, criterion or DOptimal()
+    if prior is not None:
+        asked, score = Experiment.prior(lasting, arm, prior.sets, noise=noise), Averaged(score, prior.weights)
     task = Task(
-        objective=Objective(experiment=experiment, criterion=criterion or DOptimal(), series=own, samples=samples),
+        objective=Objective(experiment=asked, criterion=score, series=own, samples=samples),
         limits=limits,
         arm=arm,
         workspace=rig.workspace,
@@ -92,7 +97,7 @@ def design(
     bound, reason = _bound(lasting, arm, limits, samples, known, seed, progress) if bounded else (None, "not asked for")
     return Plan(
         task=task,
-        experiment=replace(experiment, noise=None),
+        experiment=experiment,
         attempts=tuple(a for a in attempts if a.motion.series is own),
         evaluations=sum(attempt.evaluations for attempt in attempts),
         bound=bound,

@@ -6,17 +6,11 @@ import pickle
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from design.bound import AlongMotion, Bound, Degrees, Effort, Kind, ViableStates, upper_bound
-from design.bound.conditions import Conditions
-from design.bound.dual_function import Dual, DualFunction
-from design.bound.interval import IntervalFunction
+from design.bound import AlongMotion, Bound, Degrees, Effort, ViableStates, upper_bound
 from design.bound.master import Coordinates, Master
-from design.bound.proof import Enclosure
 from design.bound.symmetry import Change
 from design.bound.upper_bound import dual_function
 from design.information import Experiment, WhiteNoise
@@ -29,29 +23,21 @@ from modeling.effects.body import GravityTilt
 from modeling.effects.sensor import SensorLag
 from modeling.errors import InputError
 from modeling.model import planar
-from modeling.rig import Limits
-
-Array = NDArray[np.float64]
-ARM = PlanarArm((0.6, 0.4))
-ONE = PlanarArm((0.5,))
-QUICK = Effort(tolerance=0.05, starts=4000, proof_seconds=0)
-
-
-def limits(position: object, velocity: object, acceleration: object) -> Limits:
-    pairs = (np.array(p, dtype=float) for p in (position, velocity, acceleration))
-    return Limits(**dict(zip(("position", "velocity", "acceleration"), pairs, strict=True)))
-
-
-SYMMETRIC = limits([[-1.2, 1.2], [-1.4, 1.4]], [[-2, 2], [-3, 3]], [[-8, 8], [-12, 12]])
-SKEW = limits([[-0.9, 1.3], [-0.4, 1.4]], [[-2.5, 1.5], [-2, 3]], [[-6, 9], [-12, 7]])
-SINGLE = limits([[-1.2, 1.2]], [[-3, 3]], [[-10, 10]])
-SKEW_SINGLE = limits([[-0.7, 1.2]], [[-2, 4]], [[-6, 11]])
-CASES = {"symmetric": (ARM, SYMMETRIC), "skew": (ARM, SKEW), "single": (ONE, SINGLE), "skew single": (ONE, SKEW_SINGLE)}
-
-
-def bound_of(case: str, degrees: Degrees, effort: Effort = QUICK) -> Bound:
-    arm, within = CASES[case]
-    return upper_bound(planar(), arm, within, samples=200, degrees=degrees, effort=effort)
+from tests.bound_cases import (
+    ARM,
+    CASES,
+    ONE,
+    QUICK,
+    SINGLE,
+    SKEW,
+    SYMMETRIC,
+    bound_of,
+    limits,
+    plain_function,
+    random_dual,
+    random_motion,
+    viable_states,
+)
 
 
 @pytest.fixture(scope="module", params=list(CASES))
@@ -62,74 +48,6 @@ def case(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def bounds() -> dict[str, Bound]:
     return {case: bound_of(case, Degrees(each=4, pair=2, more=0)) for case in CASES}
-
-
-def viable_states(viable: ViableStates, count: int, rng: np.random.Generator) -> Array:
-    """Random states with accelerations inside their limits too."""
-    q, dq = viable.phase(rng.uniform(-1, 1, (count, 2 * viable.joints)))
-    low, high = viable.limits.acceleration.T
-    return np.hstack([q, dq, rng.uniform(low, high, q.shape)])
-
-
-def random_motion(case: str, seed: int) -> Motion:
-    arm, within = CASES[case]
-    series = FreeSeries(joints=arm.joints, harmonics=(1, 2, 3, 5, 8), period=2.0 + seed % 4)
-    return random_feasible(series, within, seed=seed)
-
-
-def random_dual(function: DualFunction, seed: int) -> Dual:
-    rng = np.random.default_rng(seed)
-    root = rng.standard_normal((function.size, function.size))
-    return Dual(root @ root.T, rng.standard_normal(len(function.conditions)))
-
-
-def plain_function(case: str, degrees: Degrees) -> DualFunction:
-    arm, within = CASES[case]
-    conditions = Conditions(viable=ViableStates(within), degrees=degrees)
-    return DualFunction(Experiment.of(planar(), arm), conditions)
-
-
-# ------------------------------------------------------------------------------------------- the viable states
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_every_motion_stays_among_the_viable_states(case: str, seed: int) -> None:
-    motion = random_motion(case, seed)
-    states = motion.evaluate(np.linspace(0, motion.period, 2000))
-    assert ViableStates(CASES[case][1]).excess(*states).max() <= 1e-12  # rounding of the states
-
-
-def test_the_viable_states_are_not_the_whole_box(case: str) -> None:
-    viable = ViableStates(CASES[case][1])
-    corner = np.stack([viable.limits.position[:, 1], viable.limits.velocity[:, 1], viable.limits.acceleration[:, 0]])
-    assert viable.excess(*corner[:, None, :])[0] > 0.05
-
-
-def test_the_ends_of_the_viable_positions_are_reached() -> None:
-    # From rest at the low end with full acceleration, then full braking to rest at the high end; and back.
-    viable = ViableStates(SKEW_SINGLE)
-    (low, high), (slow, fast) = SKEW_SINGLE.position[0], SKEW_SINGLE.acceleration[0]
-    dq = np.linspace(0, 1.9, 20)[:, None]
-    for sign in (1, -1):
-        first, last = viable.ends(sign * dq)
-        assert np.allclose(first, low + dq**2 / (2 * fast)), "leaving the low end, or stopping before it"
-        assert np.allclose(last, high + dq**2 / (2 * slow)), "stopping before the high end, or leaving it"
-
-
-def test_the_cube_is_mapped_into_the_viable_states_and_onto_their_ends(case: str) -> None:
-    viable = ViableStates(CASES[case][1])
-    points = np.random.default_rng(0).uniform(-1, 1, (500, 2 * viable.joints))
-    still = np.zeros((500, viable.joints))
-    assert viable.excess(*viable.phase(points), still).max() <= 1e-12
-    points[:, : viable.joints] = 1
-    q, dq = viable.phase(points)
-    assert np.allclose(q, viable.ends(dq)[1])
-
-
-def test_a_joint_that_cannot_stop_within_its_range_never_gets_to_its_fastest() -> None:
-    viable = ViableStates(limits([[-0.1, 0.1]], [[-5, 5]], [[-2, 8]]))
-    top = np.sqrt(0.2 / (1 / 16 + 1 / 4))
-    assert np.allclose(viable.speeds, [[-top, top]])
 
 
 # ------------------------------------------------------------------------------------------- F and the conditions
@@ -258,7 +176,7 @@ def test_the_reference_problem_beats_the_figures_without_viability() -> None:
         [[-10, 10], [-10, 10], [-15, 15]],
     )
     arm = PlanarArm((1.0, 0.97, 0.4))
-    effort = Effort(tolerance=0.05, starts=4000)
+    effort = Effort(tolerance=0.05, starts=2000)
     for degree, figure in ((2, 54.11),):
         degrees = Degrees(each=degree, pair=degree, more=degree)
         bound = upper_bound(planar(), arm, within, samples=200, degrees=degrees, effort=effort)
@@ -332,62 +250,6 @@ def test_threads_and_processes_may_share_the_search(bounds: dict[str, Bound]) ->
     function = pickle.loads(pickle.dumps(same.function))  # noqa: S301
     points = np.zeros((1, 2))
     assert np.array_equal(function.values(points, same.dual), same.function.values(points, same.dual))
-
-
-# ------------------------------------------------------------------------------------------- the proof
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_enclosures_hold_every_value_in_the_box(case: str, seed: int) -> None:
-    function = plain_function(case, Degrees(each=4, pair=2, more=0))
-    dual, rng, n = random_dual(function, seed), np.random.default_rng([seed, 8]), function.joints
-    middle, half = rng.uniform(-1, 1, (40, 2 * n)), rng.choice([0.01, 0.1, 0.5], (40, 1))
-    low, high = np.clip(middle - half, -1, 1), np.clip(middle + half, -1, 1)
-    ddq = function.viable.vertices[rng.integers(len(function.viable.vertices), size=40)]
-    boxes, _ = Enclosure(function, dual).boxes(np.hstack([low, ddq]), np.hstack([high, ddq]))
-    for share in rng.random((200, 40, 2 * n)).round(1):
-        assert (function.slopes(low + share * (high - low), ddq, dual)[0] <= boxes.upper).all()
-
-
-def test_intervals_hold_every_value_of_every_operation() -> None:
-    x = ca.SX.sym("x", 2)
-    a, b = x[0], x[1]
-    expressions = [a + b, a - b, -a, 2 * a, a * b, a**2, ca.sin(3 * a), ca.cos(a * b), a / b, 1 / b]
-    function = ca.Function("f", [x], [ca.vertcat(*expressions)])
-    rng = np.random.default_rng(9)
-    middle, half = rng.uniform(-4, 4, (300, 2)), rng.uniform(0, 2, (300, 2))
-    low, high = IntervalFunction(function)(middle - half, middle + half)
-    for share in rng.uniform(-1, 1, (50, 300, 2)):
-        values = np.array(function.map(300)((middle + share * half).T)).T
-        assert (values >= low - 1e-12).all()
-        assert (values <= high + 1e-12).all()
-
-
-def test_intervals_refuse_what_they_do_not_know() -> None:
-    x = ca.SX.sym("x")
-    with pytest.raises(InputError, match="no enclosure"):
-        IntervalFunction(ca.Function("f", [x], [ca.tanh(x)]))(np.zeros((1, 1)), np.ones((1, 1)))
-
-
-@pytest.mark.parametrize("name", ["single", "skew single"])
-def test_the_bound_of_one_joint_is_proven(name: str) -> None:
-    bound = bound_of(name, Degrees(each=4, pair=0, more=0), Effort(tolerance=0.05, starts=4000, proof_seconds=60))
-    assert bound.kind is Kind.PROVEN
-    assert bound.proof is not None
-    assert bound.proof.closed
-    assert 6 <= bound.proof.upper <= 6 * 1.002
-    assert bound.checked <= bound.logdet == bound.proven <= bound.checked + 6 * np.log(1.002)
-    assert "(proven)" in str(bound)
-
-
-def test_a_proof_without_time_is_weak_and_true() -> None:
-    bound = bound_of(
-        "symmetric", Degrees(each=2, pair=2, more=0), Effort(tolerance=0.05, starts=4000, proof_seconds=0.5)
-    )
-    assert bound.kind is Kind.CHECKED
-    assert bound.proven is not None
-    assert bound.proven > bound.checked == bound.logdet
-    assert "budget" in str(bound)
 
 
 # ------------------------------------------------------------------------------------------- what it says

@@ -242,3 +242,28 @@ def test_series_without_an_offset_needs_limits_about_zero() -> None:
     away = Limits(position=LIMITS.position + 2.0, velocity=LIMITS.velocity, acceleration=LIMITS.acceleration)
     with pytest.raises(InputError, match="no posture was found"):
         random_feasible(PaperSeries(period=5.0), away)
+
+
+@pytest.mark.parametrize(
+    ("name", "pairs"),
+    [
+        ("position", [[0.01, -0.01]] * 3),
+        ("acceleration", [[-0.001, np.inf]] * 3),
+        ("velocity", [[-1.0, 1.0]] * 2),
+        ("position", [[1.0, 1.0]] * 3),
+    ],
+)
+def test_limits_that_are_no_intervals_are_refused(name: str, pairs: list[list[float]]) -> None:
+    motion = fourier_motion(offset=np.zeros(3), sine=np.ones((3, 1)), cosine=np.zeros((3, 1)), period=1.0)
+    limits = Limits(**{**vars(LIMITS), name: np.array(pairs)})
+    with pytest.raises(InputError, match="low below high were expected of " + name):
+        LimitUse.of(motion, limits)
+
+
+def test_a_floor_without_a_ceiling_is_refused() -> None:
+    motion = fourier_motion(offset=np.zeros(3), sine=np.ones((3, 1)), cosine=np.zeros((3, 1)), period=1.0)
+    arm = PlanarArm((1.0, 0.9, 0.4))
+    with pytest.raises(InputError, match="far limit"):
+        LimitUse.of(motion, LIMITS, Workspace(y=(0.1, np.inf)), arm, 0.2)
+    with pytest.raises(InputError, match="tip length"):
+        LimitUse.of(motion, LIMITS, Workspace(y=(0.1, 3.0)), arm, -0.2)

@@ -44,7 +44,27 @@ def contact_force(names: dict[str, Any]) -> None:
     assert abs(names["printed"] - 36.87) > 2
 
 
-CLAIMS = {"contact_force": contact_force, "from_recording_to_missing_effect": missing_effect}
+def designed_motion(names: dict[str, Any]) -> None:
+    """Each step gains, none beyond the bound; estimates scatter as promised; the designed motion tells the drags apart."""
+    values = list(names["logdet"].values())
+    assert values == sorted(values)
+    assert values[1] - values[0] > 4
+    assert values[-1] < names["plan"].bound.logdet
+    for name, promised in names["promised"].items():
+        assert 0.75 < names["scatter"][name] / promised < 1.3  # 100 draws: std of 7 %, one in 2000 beyond
+    assert names["before"]["viscous"] - names["before"]["quadratic"] < 21.6
+    found = names["after"]["viscous"] - names["after"]["quadratic"]
+    assert found > 1000
+    expected = names["told"].pairs[0].directions[0].after
+    # The plan knows the drag's size from the slow recording, to some 3 %: lambda goes with its square.
+    assert abs(found / expected - 1) < 0.3
+
+
+CLAIMS = {
+    "contact_force": contact_force,
+    "designed_motion": designed_motion,
+    "from_recording_to_missing_effect": missing_effect,
+}
 
 
 def test_every_notebook_has_its_claims() -> None:

@@ -6,6 +6,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from design.bound import upper_bound
+    from design.criterion import AOptimal, DOptimal, EOptimal, Subset
+    from design.discrimination import tell_apart
+    from design.information import ColouredNoise, WhiteNoise
+    from design.motion.fourier import FreeSeries, PaperSeries
+    from design.motion.rest_to_rest import RestToRest
+    from design.motion.spline import SplineSeries
+    from design.planning import design
     from diagnosis.comparison import compare
     from diagnosis.diagnosis import diagnose
     from estimation.constrained import Bounds, Constraints, Prior
@@ -35,32 +43,43 @@ if TYPE_CHECKING:
     from modeling.rig import Rig
 
 _HOMES = {
+    "AOptimal": "design.criterion",
     "Bounds": "estimation.constrained",
     "Capsule": "estimation.contact.surface",
     "CentreOfMass": "estimation.rest.centre_of_mass",
     "Chunk": "estimation.stream.chunk",
+    "ColouredNoise": "design.information",
     "Constraints": "estimation.constrained",
     "ContactFilter": "estimation.contact.contact_filter",
+    "DOptimal": "design.criterion",
+    "EOptimal": "design.criterion",
+    "FreeSeries": "design.motion.fourier",
     "Huber": "estimation.robust.loss",
     "InputError": "modeling.errors",
     "InputNoise": "estimation.noisy_motion.input_noise",
     "LocalPolynomial": "estimation.contact.local_polynomial",
     "NoiseModel": "estimation.stream.noise_model",
+    "PaperSeries": "design.motion.fourier",
     "Plane": "estimation.contact.surface",
     "PoseAdvice": "estimation.rest.pose_advice",
     "Prior": "estimation.constrained",
     "Recording": "estimation.recording",
     "RepeatTable": "estimation.repeats.repeat_table",
+    "RestToRest": "design.motion.rest_to_rest",
     "Rig": "modeling.rig",
     "Sphere": "estimation.contact.surface",
+    "SplineSeries": "design.motion.spline",
     "StudentT": "estimation.robust.loss",
+    "Subset": "design.criterion",
     "TruewrenchError": "modeling.errors",
+    "WhiteNoise": "design.information",
     "WrenchModel": "modeling.model",
     "bootstrap": "estimation.repeats.bootstrap",
     "chunks": "estimation.stream.chunk",
     "compare": "diagnosis.comparison",
     "compensate": "estimation.contact.contact",
     "contact_point": "estimation.contact.contact_point",
+    "design": "design.planning",
     "diagnose": "diagnosis.diagnosis",
     "errors_in_variables_fit": "estimation.noisy_motion.errors_in_variables",
     "fit": "estimation.fit",
@@ -70,35 +89,48 @@ _HOMES = {
     "read_chunks": "estimation.stream.long_log",
     "robust_fit": "estimation.robust.robust_fit",
     "spatial": "modeling.model",
+    "tell_apart": "design.discrimination",
+    "upper_bound": "design.bound",
 }
 
 __all__ = [
+    "AOptimal",
     "Bounds",
     "Capsule",
     "CentreOfMass",
     "Chunk",
+    "ColouredNoise",
     "Constraints",
     "ContactFilter",
+    "DOptimal",
+    "EOptimal",
+    "FreeSeries",
     "Huber",
     "InputError",
     "InputNoise",
     "LocalPolynomial",
     "NoiseModel",
+    "PaperSeries",
     "Plane",
     "PoseAdvice",
     "Prior",
     "Recording",
     "RepeatTable",
+    "RestToRest",
     "Rig",
     "Sphere",
+    "SplineSeries",
     "StudentT",
+    "Subset",
     "TruewrenchError",
+    "WhiteNoise",
     "WrenchModel",
     "bootstrap",
     "chunks",
     "compare",
     "compensate",
     "contact_point",
+    "design",
     "diagnose",
     "effects",
     "errors_in_variables_fit",
@@ -109,6 +141,8 @@ __all__ = [
     "read_chunks",
     "robust_fit",
     "spatial",
+    "tell_apart",
+    "upper_bound",
 ]
 
 

@@ -10,8 +10,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from multiprocessing import get_context
 
+import numpy as np
+
 from design.criterion import AOptimal, Criterion, DOptimal, EOptimal
-from design.information import Experiment, SensorNoise, WhiteNoise, magnitudes
+from design.information import Experiment, Prior, SensorNoise, WhiteNoise, magnitudes
 from design.motion.fourier import FreeSeries, PaperSeries
 from design.motion.rest_to_rest import RestToRest
 from design.motion.series import Series
@@ -63,6 +65,18 @@ class DesignRequest:
         if self.saved is None:
             return None
         return {p.name: self.saved.parameters[p.name].value for p in self.model.parameters}
+
+    @property
+    def prior(self) -> Prior | None:
+        """What the model file's parameters might be, where they are to be averaged over."""
+        if not self.options.averaged:
+            return None
+        if self.saved is None or self.values is None:
+            remedy = "add --model MODEL.json, of `truewrench fit --out`"
+            raise InputError(what="nothing says how uncertain the parameters are", where="--averaged", remedy=remedy)
+        names = [p.name for p in self.saved.model.parameters]
+        own = [names.index(p.name) for p in self.model.parameters]
+        return Prior.around(self.model, self.values, self.saved.covariance[np.ix_(own, own)])
 
     @property
     def noise(self) -> SensorNoise:

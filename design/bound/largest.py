@@ -14,7 +14,7 @@ from design.bound.search import Peaks, ascended, search, starts
 Array = NDArray[np.float64]
 
 STARTS_PER_ASCENT = 4
-"""The best of so many starts is followed; of more, the few highest peaks draw all ascents, and narrow ones are missed."""
+"""The best of so many starts is followed; of more, the highest peaks draw all ascents and narrow ones are missed."""
 STEPS = 50
 """Of an ascent: more gain little, and the best are refined."""
 REFINED, LONG = 40, 400

@@ -13,8 +13,8 @@ from design.bound.dual_function import Dual, DualFunction
 
 Array = NDArray[np.float64]
 
-ON_A_FACE = 0.35
-"""Probability with which a coordinate of a start is at its end: largest values tend to be on faces and edges."""
+IN_THE_MIDDLE = 0.2
+"""Probability with which a coordinate of a start that is not at its end is zero: F is large standing still, too."""
 FIRST_STEP = 0.05
 """Of an ascent, in the cube of half width one."""
 LONGEST_STEP = 2.0
@@ -46,9 +46,15 @@ class Peaks:
 
 
 def starts(joints: int, count: int, rng: np.random.Generator) -> Array:
-    """Random points (count, 2n) of the cube, inside and on its faces."""
+    """Random points (count, 2n) of the cube: inside, in its middle planes, on its faces, edges and corners.
+
+    How probable it is that a coordinate is at its end is drawn anew for q and for dq of every start, so that corners
+    of all q with any dq are seen about as often as points inside.
+    """
     inside = rng.uniform(-1, 1, (count, 2 * joints))
-    return np.where(rng.random(inside.shape) < ON_A_FACE, np.sign(inside), inside)
+    at_end = rng.random(inside.shape) < np.repeat(rng.random((count, 2)), joints, axis=1)
+    middle = rng.random(inside.shape) < IN_THE_MIDDLE
+    return np.where(at_end, np.sign(inside), np.where(middle, 0.0, inside))
 
 
 def at_best_vertex(function: DualFunction, points: Array, dual: Dual) -> Peaks:

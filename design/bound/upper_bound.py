@@ -40,9 +40,9 @@ class Effort:
     proof_seconds  of branch and bound, 0 for no proof; None for `PROOF_SECONDS` with one joint, none with more
     """
 
-    tolerance: float = 0.02
+    tolerance: float = 0.03
     rounds: int = 60
-    starts: int = 20_000
+    starts: int = 40_000
     proof_margin: float = 0.002
     proof_seconds: float | None = None
 

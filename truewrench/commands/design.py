@@ -40,6 +40,8 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "weight the readings by the noise that MODEL.json or the rig states"
     command.add_argument("--runs", type=count, default=1, metavar="R", help="of the motion, for --tell (default: 1)")
     command.add_argument("--weighted", action="store_true", help=text)
+    text = "average over the uncertainty of the parameters in MODEL.json, where the information depends on them"
+    command.add_argument("--averaged", action="store_true", help=text)
     command.add_argument("--starts", type=count, default=6, metavar="S", help="random starts (default: 6)")
     command.add_argument("--seed", type=int, default=0, metavar="S", help="of the starts (default: 0)")
     command.add_argument("--workers", type=count, default=1, metavar="W", help="processes for the starts (default: 1)")
@@ -93,6 +95,7 @@ def planned(request: DesignRequest) -> Plan:
             request.rig,
             model=request.model,
             values=request.values,
+            prior=request.prior,
             criterion=request.criterion,
             series=request.series,
             samples=asked.samples,
