@@ -277,6 +277,18 @@ def test_the_larger_of_two_nested_models_has_to_show() -> None:
     assert pair.after == pair.directions[0].after > pair.before > 0
 
 
+def test_a_model_against_one_effect_less_or_more() -> None:
+    """Less: whether the effect shows, in one direction. More: nothing ever says that the further effect is absent."""
+    tilted = planar() + TILT
+    options = {"series": SERIES, "samples": SAMPLES, "noise": NOISE, "starts": 1}
+    less = tell_apart(RIG, tilted, values("gravity_tilt"), [planar()], **options)  # type: ignore[arg-type]
+    assert [d.imitated for d in less.pairs[0].directions] == [False, True]
+    assert less.pairs[0].nested
+    assert less.pairs[0].directions[0].noticed == pytest.approx(less.pairs[0].after, rel=1e-6)  # two searches of one
+    more = tell_apart(RIG, tilted, values("gravity_tilt"), [tilted + LAG], **options)  # type: ignore[arg-type]
+    assert more.verdict is Verdict.NEVER
+
+
 # ------------------------------------------------------------------------------------ chances and repeats
 
 

@@ -45,7 +45,7 @@ def contact_force(names: dict[str, Any]) -> None:
 
 
 def designed_motion(names: dict[str, Any]) -> None:
-    """Each step gains, none beyond the bound; estimates scatter as promised; the designed motion tells the drags apart."""
+    """Each step gains, none beyond the bound; estimates scatter as promised; the designed motion tells drags apart."""
     values = list(names["logdet"].values())
     assert values == sorted(values)
     assert values[1] - values[0] > 4

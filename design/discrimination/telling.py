@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,8 @@ PROBES = 4
 """Random motions that show what any motion shows (almost surely), where readings are analytic in the motion."""
 HOPELESS = 1000
 """A pair that would need so many times the runs along random motions is not designed for while others need less: a
-designed motion saves a factor of ten or so (measured: 3 to 20), and the rest are more runs than anybody makes."""
+designed motion saves a factor of ten or so (3 to 20, once 70: `benchmarks.tell_apart`), and nobody makes the rest in
+runs."""
 TYPICAL = 9
 """Random motions whose median lambda stands for a motion that was not designed."""
 ROUNDING = 1e-8
@@ -76,8 +77,8 @@ class Contest:
         single = [direction.imitation([view], reach, [begin.theta]).separation for view in before.views]
         power = direction.power(probes)
         left = direction.imitation(probes, reach, [begin.theta]).separation
-        typical = left / len(probes)
-        return cls(direction, begin, float(np.median(single)), typical, left <= ROUNDING**2 * power)
+        exact = direction.contained or left <= ROUNDING**2 * power
+        return cls(direction, begin, float(np.median(single)), left / len(probes), exact)
 
 
 def tell_apart(
@@ -146,7 +147,8 @@ def _contests(forward: Direction, before: Before, probes: Sequence[View], reach:
         raise InputError(what=what, where="effects to be told apart", remedy="give its values, from a fit")
     contest = Contest.of(forward, before, probes, reach)
     reverse = Direction(Hypothesis(forward.rival, contest.begin.theta), forward.truth.model)
-    return contest, Contest.of(reverse, before, probes, reach)
+    other = Contest.of(reverse, before, probes, reach)
+    return contest, replace(other, imitated=True) if forward.contained else other  # which then are the same
 
 
 def _within_reach(undecided: Sequence[Contest], readings: float) -> list[Contest]:
