@@ -30,6 +30,9 @@ STARTS, REFINED = 6, 2
 """Random starts with few harmonics, and how many of their optima go on to the whole series."""
 
 
+NOT_ASKED = (None, "not asked for")
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """How far the planning is: what it does, and the best motion that keeps the limits so far."""
@@ -94,7 +97,7 @@ def design(
         tip_length=rig.tip_length,
     )
     attempts = _search(task, starts, seed, executor, progress)
-    bound, reason = _bound(lasting, arm, limits, samples, known, seed, progress) if bounded else (None, "not asked for")
+    bound, reason = _bound(lasting, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_ASKED
     return Plan(
         task=task,
         experiment=experiment,
@@ -149,6 +152,7 @@ def _bound(
     samples: int,
     values: Values | None,
     seed: int,
+    executor: Executor | None,
     progress: Progress | None,
 ) -> tuple[Bound | None, str]:
     """The bound, or why there is none."""
@@ -158,7 +162,10 @@ def _bound(
             progress(Step(f"bound, round {step.number}"))
 
     try:
-        return upper_bound(model, arm, limits, samples=samples, values=values, seed=seed, progress=watch), ""
+        found = upper_bound(
+            model, arm, limits, samples=samples, values=values, seed=seed, executor=executor, progress=watch
+        )
+        return found, ""
     except InputError as error:
         return None, error.what
 

@@ -24,8 +24,9 @@ AT_RANDOM = 200
 """For each dimension of (q, dq), new starts of a search: four to an ascent, as in `largest`."""
 FIRST = 600
 """For each dimension, states of the first master: several to each condition."""
-MOST_STATES = 7000
-"""Of the master; those of least weight are dropped beyond."""
+MOST_STATES = 20_000
+"""Of the master; those of least weight are dropped beyond. Every round adds some hundreds. Light states are needed too:
+with 7000 kept, F rose where some had been dropped, from 6 to 100 on one rig, and what came back drove out others."""
 BEST = 500
 """States of largest weight from which a search starts as well: F is largest near to them."""
 KEPT, STEPS = 50, 25
@@ -133,7 +134,8 @@ class Generation:
     def _settled(self, candidates: list[Candidate], peaks: Peaks) -> tuple[Candidate, Largest]:
         """The best candidate, once its largest F was looked for from all starts."""
         while (best := _best(candidates)).starts < self.starts or best.largest is None:
-            self._looked(candidates, best, peaks, self.starts)
+            part = self.starts // FIRST_PART
+            self._looked(candidates, best, peaks, part if best.starts < part else self.starts)
         return best, best.largest
 
     def _first(self) -> tuple[Master, Peaks]:
