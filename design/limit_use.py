@@ -125,6 +125,9 @@ def _joints(motion: Motion, limits: Limits, arm: Arm | None) -> Iterator[Reach]:
     names = [f"q{j}" for j in range(1, motion.joints + 1)]
     for order, ((quantity, per), pair) in enumerate(zip(QUANTITIES.items(), pairs, strict=True)):
         if pair is not None:
+            if order > motion.series.smoothness:
+                what = f"{quantity} is limited, and that of this series jumps to infinity: {motion.series}"
+                raise InputError(what=what, where="limits", remedy="take a smoother series, or leave out the limit")
             units = [unit + per for unit in coordinate_units(arm, motion.joints)]
             yield from _reaches(quantity, names, units, motion.enclosure(order), pair)
 

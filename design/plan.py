@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.bound import AlongMotion, Bound
+from design.bound import AlongMotion, Bound, Kind
 from design.criterion import Criterion, DOptimal
 from design.information import Experiment
 from design.limit_use import LimitUse
@@ -29,7 +29,7 @@ class Plan:
     experiment   the readings at the values of the parameters, weighted by the noise where there is one
     attempts     local optima of the series, best first
     evaluations  of the criterion, over all starts
-    bound        on ln det of any motion; None where there is none, and then `unbounded` says why
+    bound        on ln det of any periodic motion; None where there is none, and then `unbounded` says why
     """
 
     task: Task
@@ -73,7 +73,7 @@ class Plan:
     @cached_property
     def along(self) -> AlongMotion | None:
         """What the bound's dual says along the motion, and how far its samples are from its mean over time."""
-        return None if self.bound is None or not self.motion.series.periodic else self.bound.along(self.motion)
+        return None if self.bound is None else self.bound.along(self.motion)
 
     @cached_property
     def sample_information(self) -> SampleInformation:
@@ -93,7 +93,7 @@ class Plan:
         """The JSON of `truewrench design` (FORMATS)."""
         bound = self.bound
         return {
-            "logdet": self.logdet if isfinite(self.logdet) else None,
+            "logdet": _finite(self.logdet),
             "samples": self.samples,
             "period": self.motion.period,
             "bound_logdet": None if bound is None else bound.logdet,
@@ -102,16 +102,18 @@ class Plan:
             "worst_limit_use": self.limit_use.to_data(),
             "evaluations": self.evaluations,
             "criterion": str(self.criterion),
-            "criterion_value": self.attempts[0].value,
+            "criterion_value": _finite(self.attempts[0].value),
             "outcome": self.attempts[0].outcome.name.lower(),
-            "reached": [attempt.value for attempt in self.attempts],
-            "std": dict(zip(self._names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True)),
+            "reached": [_finite(attempt.value) for attempt in self.attempts],
+            "std": self._std(),
             "unbounded": self.unbounded or None,
         }
 
-    @property
-    def _names(self) -> list[str]:
-        return [p.name for p in self.experiment.parameters]
+    def _std(self) -> dict[str, float | None]:
+        names = [p.name for p in self.experiment.parameters]
+        if not isfinite(self.logdet):
+            return dict.fromkeys(names)
+        return dict(zip(names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def rows(self) -> list[tuple[str, str]]:
         """The table: what, and its value."""
@@ -124,6 +126,7 @@ class Plan:
             *self._bound(),
             ("limits", self.limit_use.sentence()),
             ("optimiser", f"{best.outcome.value}; {self.evaluations} evaluations"),
+            *([("contraction", f"into the limits, at a cost of {best.lost:.4f}")] if best.lost else []),
             *([("other starts", f"reached {reached}")] if others else []),
         ]
 
@@ -134,19 +137,23 @@ class Plan:
         return [("criterion", f"{self.criterion} = {self.attempts[0].value:.3f}, {weight}")]
 
     def _bound(self) -> list[tuple[str, str]]:
-        if self.bound is None or self.efficiency is None:
-            return [("upper bound", f"none: {self.unbounded}")]
-        rows = [
-            ("upper bound", f"{self.bound.logdet:.3f} for any motion within these limits ({self.bound.kind.value})"),
-            ("efficiency", f"{self.efficiency:.3f} at least: with this share of the samples nothing can tell more"),
-            ("what is checked", self.bound.rows()[-2][1]),
-            ("what is proven", self.bound.rows()[-1][1]),
+        bound, along = self.bound, self.along
+        if bound is None or along is None or self.efficiency is None:
+            return [("upper bound", f"none: {self.unbounded or 'the motion does not show every parameter'}")]
+        told, sure = dict(bound.rows()), " if the check holds" if bound.kind is Kind.CHECKED else ""
+        return [
+            ("upper bound", f"{bound.logdet:.3f} for any periodic motion within these limits ({bound.kind.value})"),
+            ("efficiency", f"{self.efficiency:.3f}{sure}: the share of the samples that the bound would need"),
+            ("checked", told["checked"]),
+            ("proven", told["proven"]),
+            ("samples", f"{along.quadrature:+.4f} in ln det against the mean over time, which the bound is for"),
         ]
-        if self.along is not None:
-            rows.append(("samples", f"{self.along.quadrature:+.4f} in ln det against the mean over time, as bounded"))
-        return rows
 
     def __str__(self) -> str:
         rows = self.rows()
         width = max(len(name) for name, _ in rows)
         return "\n".join(f"{name.ljust(width)}  {value}" for name, value in rows)
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None

@@ -15,6 +15,7 @@ from design.motion.rest_to_rest import RestToRest
 from design.motion.series import Series
 from design.optimiser.objective import Objective
 from design.optimiser.optimiser import SLOW, Attempt, Task, optimise
+from design.place import place_of, require_samples
 from design.plan import Plan
 from modeling.errors import InputError
 from modeling.kinematics import Arm
@@ -79,13 +80,13 @@ def design(
     Raises InputError for a rig without arm or limits, too few samples, a model with parameters that no motion of
     this arm shows, and limits that no motion keeps.
     """
-    arm, limits = _arm(rig), _limits(rig)
+    arm, limits = place_of(rig)
     lasting = (model or (planar if arm.space is Space.PLANE else spatial)(rig)).lasting
     known = None if values is None else {p.name: values[p.name] for p in lasting.parameters if p.name in values}
     experiment = Experiment.of(lasting, arm, known, noise=noise)
     _require_seen(experiment, limits)
     own = series or FreeSeries(joints=arm.joints, harmonics=HARMONICS, period=PERIOD)
-    _require_enough(samples, own)
+    require_samples(own, samples)
     asked, score = experiment, criterion or DOptimal()
     if prior is not None:
         asked, score = Experiment.prior(lasting, arm, prior.sets, noise=noise), Averaged(score, prior.weights)
@@ -96,13 +97,13 @@ def design(
         workspace=rig.workspace,
         tip_length=rig.tip_length,
     )
-    attempts = _search(task, starts, seed, executor, progress)
+    found, coarse = _search(task, starts, seed, executor, progress)
     bound, reason = _bound(lasting, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_ASKED
     return Plan(
         task=task,
         experiment=experiment,
-        attempts=tuple(a for a in attempts if a.motion.series is own),
-        evaluations=sum(attempt.evaluations for attempt in attempts),
+        attempts=found,
+        evaluations=sum(attempt.evaluations for attempt in (*found, *coarse)),
         bound=bound,
         unbounded=reason,
     )
@@ -110,18 +111,18 @@ def design(
 
 def _search(
     task: Task, starts: int, seed: int, executor: Executor | None, progress: Progress | None
-) -> tuple[Attempt, ...]:
-    """Local optima of the task's series, best first, then those of the slow one that it started from."""
+) -> tuple[tuple[Attempt, ...], tuple[Attempt, ...]]:
+    """Local optima of the task's series, best first, and those of the slow one that it started from."""
     randoms = [task.random((seed, number)) for number in range(starts)]
     slow = slower(task.objective.series)
     if slow is None:
-        return optimise(task, randoms, executor=executor, progress=_watch("starts", progress))
+        return optimise(task, randoms, executor=executor, progress=_watch("starts", progress)), ()
     first = replace(task, objective=replace(task.objective, series=slow))
     coarse = optimise(
         first, [r.projected(slow) for r in randoms], executor=executor, progress=_watch("few harmonics", progress)
     )
     nearest = [attempt.motion.projected(task.objective.series) for attempt in coarse[:REFINED]]
-    return optimise(task, nearest, executor=executor, progress=_watch("all harmonics", progress)) + coarse
+    return optimise(task, nearest, executor=executor, progress=_watch("all harmonics", progress)), coarse
 
 
 def slower(series: Series) -> Series | None:
@@ -168,29 +169,6 @@ def _bound(
         return found, ""
     except InputError as error:
         return None, error.what
-
-
-def _arm(rig: Rig) -> Arm:
-    if rig.arm is None:
-        what = "a motion is designed for an arm, and the rig has none"
-        raise InputError(what=what, where="rig", remedy="state robot.link_lengths or robot.urdf")
-    return rig.arm
-
-
-def _limits(rig: Rig) -> Limits:
-    if rig.limits is None:
-        what = "a motion is designed within limits, and the rig states none"
-        raise InputError(what=what, where="rig", remedy="add [limits] with position, velocity and acceleration")
-    return rig.limits
-
-
-def _require_enough(samples: int, series: Series) -> None:
-    functions = series.mixing.shape[1]
-    if samples < functions:
-        what = f"{samples} samples cannot follow a series of {functions} functions of time"
-        raise InputError(
-            what=what, where="samples", remedy=f"take {2 * functions} or more, or fewer harmonics or knots"
-        )
 
 
 def _require_seen(experiment: Experiment, limits: Limits) -> None:

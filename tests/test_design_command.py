@@ -13,7 +13,6 @@ import pytest
 from modeling.arm import PlanarArm
 from modeling.model import planar
 from modeling.prediction import compiled
-from modeling.rig import Rig
 from truewrench.command_line import main
 
 RIG_TEXT = """
@@ -105,7 +104,7 @@ def test_the_text_says_bound_and_efficiency(capsys: pytest.CaptureFixture[str], 
     path.write_text(SHORT)
     code, text, _ = ran(capsys, path, "--harmonics", 6, "--starts", 2)
     assert code == 0
-    for word in ("ln det", "upper bound", "efficiency", "what is checked", "what is proven", "within the limits"):
+    for word in ("ln det", "upper bound", "efficiency", "checked", "proven", "periodic", "within the limits"):
         assert word in text
     data = json.loads(ran(capsys, path, "--harmonics", 6, "--starts", 2, "--json")[1])
     assert data["logdet"] < data["bound_logdet"]
@@ -143,6 +142,11 @@ def test_a_weight_is_taken_from_the_rig(rig: Path, capsys: pytest.CaptureFixture
         (("--model", "none.json"), "none.json"),
         (("--tell", "viscous_drag", "quadratic_drag"), "--model"),
         (("--tell", "viscous_drag", "no_such"), "no_such"),
+        (("--tell", "viscous_drag", "com_offset", "--criterion", "a"), "--criterion"),
+        (("--seed", "-1"), "--seed"),
+        (("--samples", "10000000000"), "--samples"),
+        (("--out", "."), "--out"),
+        (("--out", "plan.png"), "plan.png"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -162,6 +166,7 @@ def test_bad_input_is_one_line(
         ("[robot]\nname = 'x'\n", "link_lengths"),
         ("[robot]\nlink_lengths = [1.0, 0.5]\n", "limits"),
         (RIG_TEXT.replace("y = [0.4, 2.6]", "y = [5.0, 6.0]"), "workspace"),
+        (RIG_TEXT.replace("[-2.2, 1.8]", "[0.5, 1.8]"), "velocity"),
     ],
 )
 def test_rigs_without_what_it_takes_are_refused(
@@ -173,4 +178,30 @@ def test_rigs_without_what_it_takes_are_refused(
     assert code == 2
     assert words in error
     assert not out.exists()
-    assert Rig.read(path).limits is None or "workspace" in text
+
+
+def test_processes_plan_the_same(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short = (rig, "--series", "paper", "--starts", 2, "--no-bound", "--json")
+    alone, together = (json.loads(ran(capsys, *short, "--workers", workers)[1]) for workers in (1, 2))
+    # The same arithmetic in another process: equal but for the order of sums.
+    np.testing.assert_allclose(together["reached"], alone["reached"], rtol=1e-9)
+
+
+def test_a_series_whose_jerk_is_infinite_keeps_no_limit_of_jerk(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(SHORT + "jerk = [100]\n")
+    steps = ("--series", "spline", "--degree", 2, "--knots", 12, "--starts", 1, "--no-bound")
+    code, _, error = ran(capsys, path, *steps)
+    assert code == 2
+    assert "jerk" in error
+
+
+def test_a_far_ceiling_leaves_the_floor_where_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    reached = []
+    for ceiling in ("2.7", "1000"):
+        path = tmp_path / "rig.toml"
+        path.write_text(RIG_TEXT.replace("y = [0.4, 2.6]", f"y = [0.4, {ceiling}]"))
+        reached.append(json.loads(ran(capsys, path, *QUICK, "--json")[1])["logdet"])
+    assert abs(reached[0] - reached[1]) < 0.5  # other local optima; metres of floor were worth seven nats

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from design.motion.fourier import FreeSeries, PaperSeries
 from design.motion.rest_to_rest import RestToRest
 from design.motion.series import Series
 from design.motion.spline import SplineSeries
+from design.place import place_of
 from modeling.errors import InputError
 from modeling.kinematics import Arm
 from modeling.model import WrenchModel, planar, spatial
@@ -39,17 +41,16 @@ class DesignRequest:
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> DesignRequest:
-        """Read the rig and the model file."""
+        """Read the rig and the model file; what --out asks for is looked at before any work."""
+        if options.out is not None:
+            _require_csv(options.out)
         saved = None if options.model is None else ModelFile.read(options.model)
         return cls(options, Rig.read(options.rig), saved)
 
     @property
     def arm(self) -> Arm:
-        """The rig's arm, or one line."""
-        if self.rig.arm is None:
-            what = "a motion is designed for an arm, and the rig has none"
-            raise InputError(what=what, where=str(self.options.rig), remedy="state robot.link_lengths or robot.urdf")
-        return self.rig.arm
+        """The rig's arm."""
+        return place_of(self.rig)[0]
 
     @cached_property
     def model(self) -> WrenchModel:
@@ -58,6 +59,11 @@ class DesignRequest:
             return self.saved.model.lasting
         model = (planar if self.arm.space is Space.PLANE else spatial)(self.rig)
         return replace(model, convention=Convention.ON_TOOL) if model.convention is Convention.AUTO else model
+
+    @property
+    def left_out(self) -> list[str]:
+        """Effects of the model file that belong to one recording."""
+        return [] if self.saved is None else [e.id for e in self.saved.model.effects if e.per_recording]
 
     @property
     def values(self) -> dict[str, float] | None:
@@ -117,3 +123,14 @@ class DesignRequest:
         if self.options.workers == 1:
             return nullcontext()
         return ProcessPoolExecutor(self.options.workers, mp_context=get_context("spawn"))
+
+
+def picture_beside(path: Path) -> Path:
+    """PLAN.png beside PLAN.csv."""
+    return path.with_suffix(".png")
+
+
+def _require_csv(path: Path) -> None:
+    if path.is_dir() or not path.name or picture_beside(path) == path:
+        what = "a file for a table was expected, whose picture goes beside it"
+        raise InputError(what=what, where=str(path), remedy="give --out a name such as plan.csv")

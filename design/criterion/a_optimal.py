@@ -18,7 +18,7 @@ class AOptimal(Scaled):
 
     The logarithm, because 1 / tr M^-1 is concave and positively homogeneous (Pukelsheim 1993, 5.2), and the logarithm
     of such a function is concave still: the optimum is that of -tr C, and differences compare with those of D.
-    With c = C Z^-1: d tr C = -tr(c' c dM), so the gradient is c' c / tr C.
+    With Z = diag(scale) and c = C Z: d tr C = -tr(c' c dM), so the gradient is c' c / tr C.
     """
 
     name = "-ln mean variance (A)"
@@ -29,7 +29,7 @@ class AOptimal(Scaled):
         return -float(np.log(np.trace(self._covariance(triangle)) / len(information))) if triangle else -np.inf
 
     def gradient(self, information: Array) -> Array:
-        """Z^-1 C C Z^-1 over tr C, with C and M^-1 = Z C Z."""
+        """Z C C Z over tr C, where M^-1 = Z C Z."""
         covariance = self._covariance(Triangle.required(information))
         weighted = covariance * self.scale
         return np.asarray(weighted.T @ weighted / np.trace(covariance))

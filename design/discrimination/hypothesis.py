@@ -62,8 +62,11 @@ def in_place_of(model: WrenchModel, effect_id: str, rival: Effect) -> WrenchMode
 def opponents(model: WrenchModel, one: Effect, other: Effect) -> tuple[WrenchModel, WrenchModel]:
     """The model with the one of two effects whose size it knows, and with the other one in its place.
 
-    The first is taken where it has both. Raises InputError when it has neither.
+    The first is taken where it has both. Raises InputError when it has neither, or both are one.
     """
+    if one.id == other.id:
+        what = f"{one.id} came twice"
+        raise InputError(what=what, where="effects to be told apart", remedy="name two effects")
     known, rival = (one, other) if one.id in {e.id for e in model.effects} else (other, one)
     _require(model, (known.id, rival.id))
     return model.without(rival.id), model.without(rival.id).without(known.id) + rival

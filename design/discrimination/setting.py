@@ -16,6 +16,7 @@ from design.limit_use import LimitUse
 from design.motion.series import Motion, Series
 from design.optimiser.objective import Objective
 from design.optimiser.optimiser import Task
+from design.place import place_of, require_samples
 from design.random_feasible import random_feasible
 from modeling.errors import InputError
 from modeling.kinematics import Arm
@@ -43,16 +44,12 @@ class Setting:
 
     @classmethod
     def of(cls, rig: Rig, *, series: Series, samples: int, noise: SensorNoise) -> Self:
-        """Of a rig; InputError when it has no arm or no limits."""
-        if rig.arm is None:
-            what = "a motion is designed for an arm, and the rig has none"
-            raise InputError(what=what, where="rig", remedy="state robot.link_lengths or robot.urdf")
-        if rig.limits is None:
-            what = "a motion is designed within limits, and the rig states none"
-            raise InputError(what=what, where="rig", remedy="add [limits] with position, velocity and acceleration")
+        """Of a rig; InputError when it has no arm or no limits, or the samples are too few for the series."""
+        arm, limits = place_of(rig)
+        require_samples(series, samples)
         return cls(
-            arm=rig.arm,
-            limits=rig.limits,
+            arm=arm,
+            limits=limits,
             series=series,
             samples=samples,
             noise=noise,

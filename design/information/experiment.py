@@ -21,6 +21,7 @@ from modeling.errors import InputError
 from modeling.kinematics import Arm
 from modeling.model import WrenchModel
 from modeling.parameter import Parameter
+from modeling.space import Space
 
 Array = NDArray[np.float64]
 
@@ -80,7 +81,7 @@ class Experiment:
         """
         if arm is not None and arm.space is not model.space:
             raise InputError(
-                what=f"the model has {len(model.channels)} channels, and the arm moves in {arm.space.value} dimensions",
+                what=f"a {_word(model.space)} model came with a {_word(arm.space)} arm",
                 where="experiment",
                 remedy="take a planar model with a planar arm, a spatial one with a spatial arm",
             )
@@ -190,6 +191,10 @@ def gram(columns: Array) -> Array:
     """sum_t S_t' S_t (k, k) of S (N, p, k)."""
     rows = columns.reshape(-1, columns.shape[2])
     return np.asarray(rows.T @ rows)
+
+
+def _word(space: Space) -> str:
+    return "planar" if space is Space.PLANE else "spatial"
 
 
 def _require(inputs: Sequence[str], known: Sequence[str], source: str) -> None:

@@ -59,6 +59,11 @@ class RestToRest(Series):
         return np.asarray(np.eye(1, 1 + len(self.inner.unity))[0], dtype=float)
 
     @property
+    def smoothness(self) -> float:
+        """The inner one's; the ramp's fourth derivative has steps."""
+        return min(self.inner.smoothness, 4)
+
+    @property
     def breaks(self) -> Array:
         """The inner ones and the ends of the ramps, s."""
         return np.unique([*self.inner.breaks, self.ramp, self.duration - self.ramp])

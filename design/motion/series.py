@@ -45,6 +45,11 @@ class Series(ABC):
         """(W,): the multiples of the functions that add up to the constant one."""
 
     @property
+    def smoothness(self) -> float:
+        """The highest derivative that is finite everywhere: infinity where all are."""
+        return np.inf
+
+    @property
     def breaks(self) -> Array:
         """Increasing instants from 0 to the duration, s, between which the functions are smooth."""
         return np.array([0.0, self.duration])

@@ -51,6 +51,11 @@ class SplineSeries(Series):
         return np.ones(self.knots)
 
     @property
+    def smoothness(self) -> float:
+        """The degree: the derivative of that order has steps, the next one impulses."""
+        return self.degree
+
+    @property
     def breaks(self) -> Array:
         """The knots, s."""
         return np.linspace(0.0, self.period, self.knots + 1)

@@ -78,11 +78,13 @@ class Task:
 class Attempt:
     """What one start came to: a motion within its limits at every instant.
 
-    value is the criterion's, evaluations how often it was asked, seconds how long it took.
+    value is the criterion's, `lost` what contracting the motion into its limits took from it, evaluations how often it
+    was asked, seconds how long it took.
     """
 
     motion: Motion
     value: float
+    lost: float
     outcome: Outcome
     evaluations: int
     seconds: float
@@ -96,7 +98,7 @@ def improve(task: Task, start: Motion) -> Attempt:
     them. Raises InputError when nothing feasible is near.
     """
     began = perf_counter()
-    best = _better(task, None, start, Outcome.FAILED)
+    best = _contracted(task, start, Outcome.FAILED)
     rows = Rows.coarse(start.series, task.limits, arm=task.arm, workspace=task.workspace, tip_length=task.tip_length)
     coefficients, evaluations = start.coefficients, 1
     for round_ in range(ROUNDS):
@@ -104,26 +106,26 @@ def improve(task: Task, start: Motion) -> Attempt:
         coefficients, evaluations = solution.coefficients, evaluations + solution.evaluations
         if not np.isfinite(coefficients).all():
             break
-        best = _better(task, best, Motion(start.series, coefficients), solution.outcome)
-        if best is not None and best[1] > task.objective.value(coefficients) - LOSS:
+        found = _contracted(task, Motion(start.series, coefficients), solution.outcome)
+        best = max((a for a in (best, found) if a is not None), key=lambda a: a.value, default=None)
+        if found is not None and found.lost < LOSS:
             break
         rows = rows.refined(coefficients)
     if best is None:
-        raise InputError(what="no motion within the limits was found", where="limits", remedy=Outcome.INFEASIBLE.value)
-    motion, value, outcome = best
-    return Attempt(motion=motion, value=value, outcome=outcome, evaluations=evaluations, seconds=perf_counter() - began)
+        remedy = "widen them, or give a series with more freedom (an offset, more harmonics)"
+        raise InputError(what="no motion within the limits was found", where="limits", remedy=remedy)
+    return replace(best, evaluations=evaluations, seconds=perf_counter() - began)
 
 
-Best = tuple[Motion, float, Outcome]
-
-
-def _better(task: Task, best: Best | None, motion: Motion, outcome: Outcome) -> Best | None:
-    """The better of the best so far and a motion, once that is contracted into its limits."""
+def _contracted(task: Task, motion: Motion, outcome: Outcome) -> Attempt | None:
+    """The motion contracted into its limits; None where that is not possible."""
     inside = within(task, motion)
     if inside is None:
-        return best
+        return None
     value = task.objective.value(inside.coefficients)
-    return best if best is not None and best[1] >= value else (inside, value, outcome)
+    lost = task.objective.value(motion.coefficients) - value if inside is not motion else 0.0
+    held = outcome if outcome is not Outcome.CONVERGED or lost < LOSS else Outcome.CONTRACTED
+    return Attempt(motion=inside, value=value, lost=lost, outcome=held, evaluations=0, seconds=0.0)
 
 
 def within(task: Task, motion: Motion) -> Motion | None:
@@ -155,24 +157,38 @@ def optimise(
     """The local optima that starts lead to, best first.
 
     `executor` (`concurrent.futures.Executor` or its like) works on the starts elsewhere; `progress` is told of each as
-    it comes. In threads they take turns, because the linear solver does not share: take processes.
+    it comes. In threads they take turns, because the linear solver does not share: take processes. Raises InputError
+    when no start leads to a motion within the limits.
     """
-    attempts = []
-    for attempt in _attempts(task, list(starts), executor):
-        attempts.append(attempt)
+    attempts, refused = list[Attempt](), list[InputError]()
+    for tried in _attempts(task, list(starts), executor):
+        if isinstance(tried, InputError):
+            refused.append(tried)
+            continue
+        attempts.append(tried)
         if progress is not None:
-            progress(attempt)
+            progress(tried)
+    if refused and not attempts:
+        raise refused[0]
     return tuple(sorted(attempts, key=lambda attempt: -attempt.value))
 
 
-def _attempts(task: Task, starts: list[Motion], executor: Executor | None) -> Iterator[Attempt]:
+def _attempts(task: Task, starts: list[Motion], executor: Executor | None) -> Iterator[Attempt | InputError]:
     if executor is None:
-        yield from (improve(task, start) for start in starts)
+        yield from (_tried(task, start) for start in starts)
         return
-    futures = [executor.submit(improve, task, start) for start in starts]
+    futures = [executor.submit(_tried, task, start) for start in starts]
     try:
         for future in as_completed(futures):
             yield future.result()
     finally:
         for future in futures:
             future.cancel()
+
+
+def _tried(task: Task, start: Motion) -> Attempt | InputError:
+    """One start that leads nowhere does not take the others with it."""
+    try:
+        return improve(task, start)
+    except InputError as error:
+        return error

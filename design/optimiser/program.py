@@ -28,6 +28,7 @@ class Outcome(Enum):
     """How an optimisation ended; the value says it, and what to do about it."""
 
     CONVERGED = "converged: the conditions of a local optimum hold"
+    CONTRACTED = "ended outside its limits and was contracted into them: try other starts, or more harmonics"
     ITERATIONS = "stopped at the most iterations allowed: allow more, or start nearer"
     INFEASIBLE = "found no motion within the limits: widen them, or give a series with more freedom"
     FAILED = "the interior point gave up: try other starts"

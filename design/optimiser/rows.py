@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.motion.series import Series
+from design.workspace import workspace_sides
 from modeling.kinematics import Arm
 from modeling.rig import Limits, Workspace
 
@@ -20,9 +21,9 @@ COARSE, FINE = 4, 16
 by up to 1 / cos(pi / 8) - 1 = 8 % (and the optimum makes use of it); later on 32, which leaves 0.5 % at the most."""
 PIECE = 1, 4
 """Instants per piece of a spline, to begin with and later on: its highest derivative has its extremes at the knots."""
-TIP = 0.99
-"""Share of the workspace's half width that the tip is asked to keep. Contracting a motion by the thousandths that its
-joints are beyond their limits moves the tip by some millimetres, and not always inwards."""
+TIP = 0.01, 0.01
+"""What the tip is asked to stay inside the workspace by: m, but no more than this share of its half width. Contracting
+a motion by the thousandths that its joints are beyond their limits moves the tip by millimetres, not always inwards."""
 NEAR = 0.8
 """Share of a limit from which on it is asked for at the fine instants; elsewhere at the coarse ones."""
 
@@ -55,7 +56,7 @@ class Rows:
             instants={(order, j): few for order in orders(limits) for j in range(series.joints)},
             tip=few,
             arm=arm,
-            workspace=workspace if workspace is not None and sides(workspace)[0] else None,
+            workspace=workspace if workspace is not None and workspace_sides(workspace, arm) else None,
             tip_length=tip_length or 0.0,
         )
 
@@ -109,8 +110,9 @@ class Rows:
 
         if self.workspace is None or self.arm is None:
             return ca.MX.zeros(0, 1), np.zeros(0), np.zeros(0)
-        index, low, high = sides(self.workspace)
-        middle, half = (low + high) / 2, TIP * (high - low) / 2
+        index, low, high = sides(self.workspace, self.arm)
+        middle, half = (low + high) / 2, (high - low) / 2
+        half = half - np.minimum(TIP[0], TIP[1] * half)
         basis = self.series.basis(self.tip, 0).reshape(-1, self.series.size)
         q = ca.reshape(ca.sparsify(ca.DM(basis)) @ z, self.series.joints, len(self.tip))
         return self.arm.tip(self.tip_length).map(len(self.tip))(q)[index, :], middle - half, middle + half
@@ -124,7 +126,7 @@ class Rows:
     def _tip_use(self, coefficients: Array, times: Array) -> Array:
         if self.workspace is None or self.arm is None:
             return np.zeros(len(times))
-        index, low, high = sides(self.workspace)
+        index, low, high = sides(self.workspace, self.arm)
         q = self.series.evaluate(coefficients, times, 0)
         place = np.array(self.arm.tip(self.tip_length).map(len(times))(q.T))[index].T
         return np.asarray((np.abs(place - (low + high) / 2) / ((high - low) / 2)).max(axis=1))
@@ -142,11 +144,11 @@ def middle_and_half(limits: Limits, order: int) -> tuple[Array, Array]:
     return pairs.mean(axis=1), (pairs[:, 1] - pairs[:, 0]) / 2
 
 
-def sides(workspace: Workspace) -> tuple[list[int], Array, Array]:
+def sides(workspace: Workspace, arm: Arm | None) -> tuple[list[int], Array, Array]:
     """Coordinates that the workspace limits, and their low and high in m."""
-    stated = {i: side for i, side in enumerate(vars(workspace).values()) if side is not None}
-    low, high = np.array(list(stated.values())).reshape(-1, 2).T
-    return list(stated), low, high
+    stated = workspace_sides(workspace, arm).values()
+    low, high = np.array([side for _, side in stated], dtype=float).reshape(-1, 2).T
+    return [index for index, _ in stated], low, high
 
 
 def _instants(series: Series) -> tuple[Array, Array]:

@@ -16,11 +16,15 @@ if TYPE_CHECKING:
 
 SERIES = ("free", "paper", "spline", "rest")
 CRITERIA = ("d", "a", "e")
+KEYS = ("logdet", "samples", "period", "bound_logdet", "bound_kind", "efficiency", "worst_limit_use", "evaluations")
+"""What the JSON has in any case; null where --tell asks for something else."""
+MOST = 1_000_000
+"""Of anything that is counted: above it is a slip, and no memory holds it."""
 
 
 def add_to(commands: Subcommands[Any]) -> None:
     """Add the command and its options."""
-    text = "Find the motion within the rig's limits that tells most of the parameters, and a bound on any motion."
+    text = "Find the motion within the rig's limits that tells most of the parameters, and a bound on any."
     command = commands.add_parser("design", help="exciting motion within the limits", description=text)
     command.add_argument("rig", metavar="RIG", help="rig file (TOML) with an arm and limits")
     command.add_argument("--model", metavar="MODEL.json", help="design for this fitted model instead of the rigid tool")
@@ -37,15 +41,15 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--period", type=seconds, default=5.0, metavar="T", help="s (default: 5)")
     command.add_argument("--samples", type=count, default=200, metavar="N", help="of one period (default: 200)")
     command.add_argument("--tell", nargs=2, metavar=("A", "B"), help="design for telling these two effects apart")
-    text = "weight the readings by the noise that MODEL.json or the rig states"
     command.add_argument("--runs", type=count, default=1, metavar="R", help="of the motion, for --tell (default: 1)")
+    text = "weight the readings by the noise that MODEL.json or the rig states; --tell always does"
     command.add_argument("--weighted", action="store_true", help=text)
     text = "average over the uncertainty of the parameters in MODEL.json, where the information depends on them"
     command.add_argument("--averaged", action="store_true", help=text)
     command.add_argument("--starts", type=count, default=6, metavar="S", help="random starts (default: 6)")
-    command.add_argument("--seed", type=int, default=0, metavar="S", help="of the starts (default: 0)")
+    command.add_argument("--seed", type=seed, default=0, metavar="S", help="of the starts (default: 0)")
     command.add_argument("--workers", type=count, default=1, metavar="W", help="processes for the starts (default: 1)")
-    command.add_argument("--no-bound", action="store_true", help="leave out the bound, which takes a minute or so")
+    command.add_argument("--no-bound", action="store_true", help="leave out the bound, which takes a minute or two")
     command.add_argument("--out", type=Path, metavar="PLAN.csv", help="file for the motion; its picture goes beside it")
     command.add_argument("--json", action="store_true", help="print the plan's figures as JSON alone")
     command.set_defaults(run=run)
@@ -54,7 +58,15 @@ def add_to(commands: Subcommands[Any]) -> None:
 def count(text: str) -> int:
     """A whole number above zero; argparse turns a ValueError into one line."""
     value = int(text)
-    if value < 1:
+    if not 1 <= value <= MOST:
+        raise ValueError(text)
+    return value
+
+
+def seed(text: str) -> int:
+    """A whole number from zero on."""
+    value = int(text)
+    if value < 0:
         raise ValueError(text)
     return value
 
@@ -69,7 +81,7 @@ def seconds(text: str) -> float:
 
 def run(arguments: argparse.Namespace) -> None:
     """Design, write, print."""
-    from truewrench.design_request import DesignRequest
+    from truewrench.design_request import DesignRequest, picture_beside
 
     request = DesignRequest.of(arguments)
     found = planned(request) if arguments.tell is None else told_apart(request)
@@ -77,9 +89,11 @@ def run(arguments: argparse.Namespace) -> None:
     if written:
         write(request, found, arguments.out)
     if arguments.json:
-        print(json.dumps(found.to_data(), indent=2, allow_nan=False))
+        print(json.dumps(dict.fromkeys(KEYS) | found.to_data(), indent=2, allow_nan=False))
         return
     print(found)
+    if request.left_out:
+        print(f"left out, because they belong to one recording: {', '.join(request.left_out)}")
     if written:
         print(f"\nWritten: {arguments.out} and {picture_beside(arguments.out)}")
 
@@ -117,6 +131,9 @@ def told_apart(request: DesignRequest) -> Distinction:
 
     asked, values = request.options, request.values
     one, other = (named(effect_id) for effect_id in asked.tell)
+    if asked.averaged or asked.criterion != "d":
+        what = "--criterion and --averaged are not for --tell, which has a criterion of its own"
+        raise InputError(what=what, where="--tell", remedy="leave them out")
     if values is None:
         remedy = f"add --model MODEL.json, of `truewrench fit REC --add {one.id} --out MODEL.json`"
         raise InputError(what="nothing says how large the effects are", where="--tell", remedy=remedy)
@@ -143,6 +160,7 @@ def write(request: DesignRequest, found: Plan | Distinction, path: Path) -> None
     import pandas as pd
 
     from design.plan import Plan
+    from truewrench.design_request import picture_beside
     from truewrench.output import replacing
     from truewrench.plots.design_plot import design_figure
 
@@ -161,8 +179,3 @@ def write(request: DesignRequest, found: Plan | Distinction, path: Path) -> None
         pd.DataFrame(motion.trajectory(request.options.samples)).to_csv(beside, index=False, float_format="%.12g")
     with replacing(picture_beside(path)) as beside:
         figure.savefig(beside, format="png", dpi=160, facecolor="white", bbox_inches="tight")
-
-
-def picture_beside(path: Path) -> Path:
-    """PLAN.png beside PLAN.csv."""
-    return path.with_suffix(".png")
