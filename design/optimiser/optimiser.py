@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 LOSS = 0.01
 """Nats that contracting a motion into its limits may cost, before the limits are asked for at more instants."""
+HARMLESS = 0.05
+"""Nats that it may have cost in the end for the motion to count as the optimum: one part in a hundred of the samples."""
 ROUNDS = 5
 """How often instants are added; two or three are the rule."""
 SLOW = (1, 2, 3, 4)
@@ -124,7 +126,7 @@ def _contracted(task: Task, motion: Motion, outcome: Outcome) -> Attempt | None:
         return None
     value = task.objective.value(inside.coefficients)
     lost = task.objective.value(motion.coefficients) - value if inside is not motion else 0.0
-    held = outcome if outcome is not Outcome.CONVERGED or lost < LOSS else Outcome.CONTRACTED
+    held = outcome if outcome is not Outcome.CONVERGED or lost < HARMLESS else Outcome.CONTRACTED
     return Attempt(motion=inside, value=value, lost=lost, outcome=held, evaluations=0, seconds=0.0)
 
 

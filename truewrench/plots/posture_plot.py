@@ -98,7 +98,7 @@ def _arms(axes: Axes, motion: Motion, arm: PlanarArm, tip_length: float) -> None
         axes.plot(*bones.T, color=MEASURED, lw=1.5, alpha=0.55, solid_joinstyle="round", zorder=2)
         axes.plot(*bones[1:-1].T, "o", color=MEASURED, ms=3, zorder=2)
         axes.plot(*bones[-1], "o", color=INK, ms=3, zorder=5)
-        along = bones[-1] - bones[-2]
+        along = bones[-1] - bones[0]
         beyond = AWAY * along / max(float(np.hypot(*along)), 1e-9)
         style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": SMALL, "color": INK, "zorder": 6}
         axes.annotate(f"{figures(float(at), 2)} s", bones[-1], tuple(beyond), textcoords="offset points", **style)
