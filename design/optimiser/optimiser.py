@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 LOSS = 0.01
 """Nats that contracting a motion into its limits may cost, before the limits are asked for at more instants."""
 HARMLESS = 0.05
-"""Nats that it may have cost in the end for the motion to count as the optimum: one part in a hundred of the samples."""
+"""Nats that it may have cost in the end for the motion to count as the optimum: a hundredth of the samples."""
 ROUNDS = 5
 """How often instants are added; two or three are the rule."""
 SLOW = (1, 2, 3, 4)
