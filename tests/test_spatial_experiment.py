@@ -109,5 +109,5 @@ def test_a_motion_within_the_urdfs_limits_and_the_workspace(motion: Motion) -> N
 
 
 def test_model_and_arm_are_of_one_space() -> None:
-    with pytest.raises(InputError, match="dimensions"):
+    with pytest.raises(InputError, match="planar model came with a spatial arm"):
         Experiment.of(planar(), RIG.arm)
