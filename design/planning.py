@@ -66,7 +66,7 @@ def design(
 ) -> Plan:
     """The motion of a series, within the limits of the rig, that tells most of the model's parameters.
 
-    model      the rigid tool of the rig when None; effects of one recording (a push, a drift) are left out
+    model      the rigid tool of the rig when None; effects of one recording, play, bend and clipping are left out
     values     of the parameters by name, where the sensitivities depend on them
     prior      sets of values over which the criterion is averaged (`Prior.around` a fit's covariance); None: at values
     criterion  D-optimal when None
@@ -81,15 +81,15 @@ def design(
     this arm shows, and limits that no motion keeps.
     """
     arm, limits = place_of(rig)
-    lasting = (model or (planar if arm.space is Space.PLANE else spatial)(rig)).lasting
-    known = None if values is None else {p.name: values[p.name] for p in lasting.parameters if p.name in values}
-    experiment = Experiment.of(lasting, arm, known, noise=noise)
+    designable = (model or (planar if arm.space is Space.PLANE else spatial)(rig)).designable
+    known = None if values is None else {p.name: values[p.name] for p in designable.parameters if p.name in values}
+    experiment = Experiment.of(designable, arm, known, noise=noise)
     _require_seen(experiment, limits)
     own = series or FreeSeries(joints=arm.joints, harmonics=HARMONICS, period=PERIOD)
     require_samples(own, samples)
     asked, score = experiment, criterion or DOptimal()
     if prior is not None:
-        asked, score = Experiment.prior(lasting, arm, prior.sets, noise=noise), Averaged(score, prior.weights)
+        asked, score = Experiment.prior(designable, arm, prior.sets, noise=noise), Averaged(score, prior.weights)
     task = Task(
         objective=Objective(experiment=asked, criterion=score, series=own, samples=samples),
         limits=limits,
@@ -98,7 +98,7 @@ def design(
         tip_length=rig.tip_length,
     )
     found, coarse = _search(task, starts, seed, executor, progress)
-    bound, reason = _bound(lasting, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_ASKED
+    bound, reason = _bound(designable, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_ASKED
     return Plan(
         task=task,
         experiment=experiment,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +14,14 @@ from diagnosis.comparison import comparison_of, residual_judges_itself
 from diagnosis.held_out import HeldOut
 from diagnosis.own_effect import with_own
 from diagnosis.part import halved
-from diagnosis.screening import SIGNIFICANCE
+from diagnosis.price import SIGNIFICANCE
 from diagnosis.selection import Candidate, refitted
 from estimation.fit import Fit, Problem, refit
 from estimation.interval import orthonormal
 from estimation.noise import Noise
 from estimation.response import respond
 from modeling.effect import Effect
+from modeling.errors import InputError
 from modeling.tip import body_parameters
 
 Array = NDArray[np.float64]
@@ -55,8 +57,11 @@ def accepted(
     """
     reasons: dict[str, str] = {}
     while True:
-        known = tuple(with_own(h, candidate.fit, effects) for h in held_out)
-        failed = _failed(candidate, base, known) if candidate.ids else None
+        try:
+            known = tuple(with_own(h, candidate.fit, effects) for h in held_out)
+            failed = _failed(candidate, base, known) if candidate.ids else None
+        except InputError:
+            failed = _least_needed(candidate), "predicts nothing of another motion"  # its spring is too soft for that
         if failed is None:
             return Acceptance(candidate, reasons, known)
         effect_id, reason = failed
@@ -114,7 +119,8 @@ def _at_bound(candidate: Candidate) -> tuple[str, str] | None:
     fitted = candidate.fit
     for effect in fitted.model.effects:
         for p in effect.qualified(fitted.model.space):
-            if fitted.values[p.name] in p.bounds and fitted.values[p.name] != p.nominal:
+            seen = p.nuisance or isfinite(fitted.parameters[p.name].std)
+            if seen and fitted.values[p.name] in p.bounds and fitted.values[p.name] != p.nominal:
                 return effect.id, f"its {p.name.split('.', 1)[1]} leaves the physical range"
     return None
 

@@ -11,7 +11,7 @@ from diagnosis.background import Background
 from estimation.fit import Fit
 from estimation.layout import layout
 from estimation.recording import Recording
-from estimation.response import repeats_with_motion, respond, signals_of, through_memory
+from estimation.response import Passage, repeats_with_motion, respond, signals_of
 from estimation.whitening import Whitener
 from modeling.effect import Values
 from modeling.model import WrenchModel
@@ -66,18 +66,19 @@ def _whitened_slopes(
 ) -> Array:
     """Whitened derivatives (rows, g, len(which)) in some parameters, at each of g parameter sets theta (g, k)."""
     prediction, signals = compiled(model), signals_of(recording)
-    if set(which) & set(prediction.memory_parameters):
+    if set(which) & set(prediction.memory_parameters) or prediction.bend is not None or prediction.level is not None:
         rows = [whitener.response(respond(model, recording, row))[1][:, list(which)] for row in theta]
         return np.stack(rows, axis=1)
     total = np.zeros((whitener.rows, len(theta), len(which)))
-    for emitted, remembers in ((prediction.load, True), (prediction.zero, False)):
+    for emitted, passed in ((prediction.load, True), (prediction.zero, False)):
         if not set(which) & set(emitted.active):
             continue
         steady = repeats_with_motion(emitted.inputs, recording)
         samples = recording.samples_per_repeat if steady else recording.samples
         slopes = emitted.slopes(signals, theta, which, samples)
-        if remembers:
-            slopes = through_memory(prediction, recording, slopes, theta[0])
+        if passed:
+            load = emitted.value(signals, theta[0], samples)  # the same at each set: the effect's amount is nominal
+            slopes = Passage(prediction, recording, theta[0], load).through(slopes)
         if steady:
             total[: whitener.steady_rows] += whitener.steady(slopes)
         else:

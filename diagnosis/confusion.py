@@ -8,17 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from diagnosis.screening import SIGNIFICANCE, Screening, screen
+from diagnosis.price import SIGNIFICANCE
+from diagnosis.screening import Screening, screen
 from diagnosis.selection import Candidate, holm, refitted
 from estimation.fit import Fit, Problem, start_of
 from estimation.layout import layout
 from modeling.effect import Effect
+from modeling.errors import InputError
 
 Array = NDArray[np.float64]
 
 CONFUSABLE = 10.8
 """Whitened distance below which two effects are mistaken for one another more often than 1 time in 20."""
-RIVALS = 4
+RIVALS = 6
+"""Significant effects that are tried in the place of another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ def rivals(candidate: Candidate, effect_id: str, effects: list[Effect]) -> list[
     likely = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
     likely.sort(key=lambda s: -s.statistic)
     found = [Rival(s.effect, separation(candidate.fit, without.fit, s)) for s in likely[:RIVALS]]
-    return sorted(found, key=lambda r: r.separation)
+    return sorted((r for r in found if np.isfinite(r.separation)), key=lambda r: r.separation)
 
 
 def separation(fitted: Fit, without: Fit, rival: Screening) -> float:
@@ -74,4 +77,7 @@ def separation(fitted: Fit, without: Fit, rival: Screening) -> float:
         start += len(measured)
     imitation = Imitation(unknowns, fitted.recordings, fitted.noise, tuple(target))
     begin = start_of(unknowns, {**without.values, **rival.start})
-    return imitation.minimise(begin).cost
+    try:
+        return imitation.minimise(begin).cost
+    except InputError:
+        return np.inf  # where the screening points the rival has no solution

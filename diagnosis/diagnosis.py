@@ -14,9 +14,11 @@ from diagnosis.finding import Finding, findings_of
 from diagnosis.held_out import HeldOut
 from diagnosis.limits import contribution_limit, tolerance_of, within
 from diagnosis.own_effect import OwnEffect, own_effects, with_own
+from diagnosis.price import SIGNIFICANCE
 from diagnosis.remainder import Remainder, remainder
+from diagnosis.renewal import renewed_noise
 from diagnosis.result import estimates_data, finding_data, finite, own_data, remainder_data, step_data
-from diagnosis.screening import SIGNIFICANCE, screen
+from diagnosis.screening import screen
 from diagnosis.selection import Candidate, Progress, Selection, refitted, select, silent
 from diagnosis.step import Step, explainable, staircase
 from diagnosis.validation import zero_shift
@@ -129,7 +131,7 @@ def diagnose(
     progress("fit the rigid tip")
     base = refit(model, training)
     held_out = [HeldOut(r, n) for r, n in zip(others, first_noise(model, others), strict=True)]
-    selection = select(base, candidates, progress)
+    selection = _selected(base, candidates, progress)
     progress("check on other data")
     tolerance, stated = tolerance_of(base)
     believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out, candidates)
@@ -154,13 +156,23 @@ def diagnose(
     return Diagnosis(final.fit.model, verdict, steps, findings, shift, own, tolerance, left)
 
 
+def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress) -> Selection:
+    """The search's outcome; where it explains what had been taken for noise, that of a second one in the new noise."""
+    selection = select(base, candidates, progress)
+    noise = renewed_noise(selection.chosen.fit)
+    if noise is None:
+        return selection
+    progress("estimate the noise again")
+    return select(refit(base.model, base.recordings, noise=noise, start=base.values), candidates, progress)
+
+
 def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bool) -> Candidate:
     """The candidate less the effects that the user has said not to care about."""
     if not stated:
         return candidate
     for effect in candidate.fit.model.effects:
         without = refitted(candidate, [e for e in candidate.fit.model.effects if e.id != effect.id])
-        (screening,) = screen(without.fit, [effect])
+        (screening,) = screen(without.fit, [effect], candidates=candidate.among)
         if screening.excited and within(contribution_limit(without.fit, screening), tolerance):
             return _worthwhile(without, tolerance, stated)
     return candidate

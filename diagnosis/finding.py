@@ -10,7 +10,8 @@ import numpy as np
 
 from diagnosis.confusion import CONFUSABLE, Rival
 from diagnosis.limits import contribution_limit, within
-from diagnosis.screening import SIGNIFICANCE, Screening, screen
+from diagnosis.price import SIGNIFICANCE
+from diagnosis.screening import Screening, screen
 from diagnosis.selection import Candidate, Selection, holm
 from diagnosis.step import Step, explainable
 from diagnosis.verdict import EffectVerdict
@@ -45,7 +46,7 @@ def findings_of(
     left = explainable(steps)
     removed = np.clip((left[:-1] - left[1:]) / max(left[0], 1e-300), 0.0, 1.0)
     added = [
-        _supported(screening, float(share), lookalikes[step.effect], steps[-1].fit, len(candidates))
+        _supported(screening, float(share), lookalikes[step.effect], steps[-1].fit, final.among)
         for step, share, screening in zip(steps[1:], removed, _path(final, steps), strict=True)
         if step.effect is not None
     ]
@@ -79,7 +80,7 @@ def _path(final: Candidate, steps: Sequence[Step]) -> list[Screening]:
     found = []
     for before, step in pairwise(steps):
         effect = next(e for e in final.fit.model.effects if e.id == step.effect)
-        found.append(screen(before.fit, [effect])[0])
+        found.append(screen(before.fit, [effect], candidates=final.among)[0])
     return found
 
 

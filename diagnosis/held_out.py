@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from diagnosis.part import between
+from diagnosis.renewal import left_by
 from diagnosis.validation import transferred
 from estimation.fit import Fit
 from estimation.noise import Noise, NoiseSource
@@ -44,5 +45,5 @@ class HeldOut:
         carried = self.carried(fit)
         start = {p.name: carried.values[p.name] for e in self.own for p in e.qualified(fit.model.space)}
         repeats = self.noise.source is NoiseSource.REPEATS
-        noise = noise_of(self.recording, carried.residuals[0]) if repeats else self.noise
+        noise = noise_of(self.recording, left_by(carried, 0)) if repeats else self.noise
         return replace(self, noise=noise, start=start)

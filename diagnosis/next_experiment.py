@@ -19,7 +19,6 @@ from diagnosis.verdict import EffectVerdict
 from estimation.recording import Recording
 from estimation.response import signals_of
 from modeling.effect import Effect
-from modeling.effects import named
 from modeling.errors import InputError
 from modeling.rig import Rig
 
@@ -44,9 +43,9 @@ def next_experiment(
 ) -> Distinction:
     """The motion that separates the first supported effect of a diagnosis from those in its `confusable_with`.
 
-    The truth is the fitted model, what belongs to one recording left out; lambda before is along the first recording's
-    own motion. Series (free, of the same period), samples, noise and runs are those of that recording unless given;
-    `rig` is its rig unless given, and `rivals` are other effects to be told apart from.
+    The truth is the fitted model, what no motion can be designed for left out; lambda before is along the first
+    recording's own motion. Series (free, of the same period), samples, noise and runs are those of that recording
+    unless given; `rig` is its rig unless given, and `rivals` are other effects to be told apart from.
     Raises InputError when nothing was found that is confusable, or the rig lacks arm or limits.
     """
     finding, others = _confused(found, rivals)
@@ -55,7 +54,7 @@ def next_experiment(
     if own is None or own.arm is None or recording.dt is None:
         what = "the motion of an arm is designed, and the recording is not of one that moves"
         raise InputError(what=what, where=WHERE, remedy="give the rig, with robot.link_lengths or robot.urdf")
-    model, seen = found.fit.model.lasting, noise or noise_of(found)
+    model, seen = found.fit.model.designable, noise or noise_of(found)
     duration = recording.samples_per_repeat * recording.dt
     return tell_apart(
         own,
@@ -95,12 +94,13 @@ def noise_of(found: Diagnosis) -> SensorNoise:
 
 def _confused(found: Diagnosis, rivals: Sequence[Effect] | None) -> tuple[Finding, list[Effect]]:
     """The first supported effect with rivals, and those."""
-    supported = [f for f in found.findings if f.verdict is EffectVerdict.SUPPORTED and not f.effect.per_recording]
+    supported = [f for f in found.findings if f.verdict is EffectVerdict.SUPPORTED and f.effect.designable]
     if rivals is not None and supported:
         return supported[0], list(rivals)
+    known = {finding.effect.id: finding.effect for finding in found.findings}
     for finding in supported:
-        others = [named(i) for i in finding.confusable_with]
-        if others := [effect for effect in others if not effect.per_recording]:
+        others = [known[i] for i in finding.confusable_with]
+        if others := [effect for effect in others if effect.designable]:
             return finding, others
-    what = "no effect was found that lasts from one recording to the next" if not supported else "nothing is confusable"
+    what = "no effect was found that a motion can be designed for" if not supported else "nothing is confusable"
     raise InputError(what=what, where=WHERE, remedy="name the effects to be told apart: `truewrench design --tell A B`")

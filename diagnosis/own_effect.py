@@ -9,8 +9,9 @@ import numpy as np
 
 from diagnosis.background import Background
 from diagnosis.held_out import HeldOut
-from diagnosis.screening import SIGNIFICANCE, Screening, screen, sharpened
-from diagnosis.selection import holm, price
+from diagnosis.price import SIGNIFICANCE, price
+from diagnosis.screening import Screening, beginning, screen
+from diagnosis.selection import holm
 from estimation.fit import Estimate, Fit
 from estimation.recording import Recording
 from estimation.response import predicted
@@ -18,7 +19,12 @@ from modeling.effect import Effect
 from modeling.effects import catalogue
 from modeling.space import Space
 
-WORDS = {"bias_drift": "drifts", "contact_event": "is pushed"}
+WORDS = {
+    "bias_drift": "drifts",
+    "contact_event": "is pushed",
+    "payload_change": "takes up or loses a mass",
+    "line_interference": "hums",
+}
 """What a recording with such an effect does, in words."""
 
 
@@ -67,23 +73,23 @@ def with_own(held_out: HeldOut, fit: Fit, candidates: Sequence[Effect] = ()) -> 
 def _grown(held_out: HeldOut, fit: Fit, effects: Sequence[Effect]) -> HeldOut | None:
     """With one more effect, that of the significant ones with which most is explained; None when there is none."""
     grown = [_with(held_out, fit, s) for s in _significant(held_out.passing(fit), effects)]
-    return _best(grown, fit).refreshed(fit) if grown else None
+    return _best(grown, fit, len(effects)).refreshed(fit) if grown else None
 
 
 def _placed_again(held_out: HeldOut, fit: Fit) -> HeldOut:
     """The last effect sought again in the noise that it leaves: before, it was itself a part of that noise."""
     before = replace(held_out, own=held_out.own[:-1])
     again = [_with(before, fit, s) for s in _significant(before.passing(fit), held_out.own[-1:])]
-    return _best([held_out, *again], fit).refreshed(fit)
+    return _best([held_out, *again], fit, 1).refreshed(fit)
 
 
 def _with(held_out: HeldOut, fit: Fit, screening: Screening) -> HeldOut:
-    start = {**held_out.start, **sharpened(held_out.passing(fit), screening)}
+    start = {**held_out.start, **beginning(held_out.passing(fit), screening)}
     return replace(held_out, own=(*held_out.own, screening.effect), start=start)
 
 
-def _best(choices: Sequence[HeldOut], fit: Fit) -> HeldOut:
-    return min(choices, key=lambda h: _criterion(h.passing(fit)))
+def _best(choices: Sequence[HeldOut], fit: Fit, candidates: int) -> HeldOut:
+    return min(choices, key=lambda h: _criterion(h.passing(fit), candidates))
 
 
 def _significant(passing: Fit, effects: Sequence[Effect]) -> list[Screening]:
@@ -92,8 +98,8 @@ def _significant(passing: Fit, effects: Sequence[Effect]) -> list[Screening]:
     return [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
 
 
-def _criterion(passing: Fit) -> float:
-    return Background(passing).cost + price(passing.model)
+def _criterion(passing: Fit, candidates: int) -> float:
+    return Background(passing).cost + price(passing.model, candidates)
 
 
 def own_effects(held_out: HeldOut, fit: Fit) -> tuple[OwnEffect, ...]:

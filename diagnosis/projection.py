@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.background import Background
+from estimation.linear.descent import FAINT
 
 Array = NDArray[np.float64]
 
@@ -52,9 +53,9 @@ class Projected:
 
     @cached_property
     def scale(self) -> Array:
-        """Length of each column, (g, a)."""
+        """Length of each column, (g, a); without end where it is rounding only, so that nothing is made of it."""
         length = np.linalg.norm(self.columns, axis=0)
-        return np.asarray(np.where(length > 0, length, 1.0))
+        return np.asarray(np.where(length > FAINT, length, np.inf))
 
     @cached_property
     def free(self) -> Array:
@@ -93,8 +94,11 @@ class Projected:
         """One per nuisance value."""
         score, amounts = self.scores(self.background.residual[:, None])
         roots, rank = self.directions
-        std = np.linalg.norm(roots, axis=2) / self.scale
-        doubt = self.background.doubt_of(np.einsum("rga,ga->rg", self.free, amounts[:, :, 0] * self.scale))
+        size = np.linalg.norm(roots, axis=2)
+        std = np.where(size > 0, size / self.scale, np.inf)
+        seen = np.isfinite(self.scale)
+        along = np.where(seen, amounts[:, :, 0] * np.where(seen, self.scale, 0.0), 0.0)
+        doubt = self.background.doubt_of(np.einsum("rga,ga->rg", self.free, along))
         return [
             Trial(float(score[g, 0]), int(rank[g]), amounts[g, :, 0], std[g], float(doubt[g])) for g in range(len(rank))
         ]

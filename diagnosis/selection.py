@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from scipy.stats import chi2
-
 from diagnosis.background import Background
 from diagnosis.comparison import comparison_of, residual_judges_itself
-from diagnosis.screening import SIGNIFICANCE, Screening, screen, sharpened
+from diagnosis.price import SIGNIFICANCE, price, worth
+from diagnosis.screening import Screening, beginning, screen
 from estimation.fit import Fit, refit, refreshed
 from modeling.effect import Effect
-from modeling.effects import CATALOGUE
-from modeling.model import WrenchModel
+from modeling.errors import InputError
 
 WIDTH = 2
 """Sets of effects kept side by side at each size."""
@@ -31,9 +29,10 @@ def silent(_message: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A model with some effects, refitted exactly."""
+    """A model with some effects, refitted exactly; `among` so many that could have been chosen."""
 
     fit: Fit
+    among: int
 
     @property
     def ids(self) -> frozenset[str]:
@@ -64,17 +63,7 @@ class Candidate:
     @property
     def criterion(self) -> float:
         """Whitened chi-square plus what each effect's parameters have to bring to be significant."""
-        return self.background.cost + price(self.fit.model)
-
-
-def price(model: WrenchModel) -> float:
-    """What a model's effects have to lower the whitened chi-square by.
-
-    An effect of k parameters costs the quantile of chi-square with k degrees of freedom at 1 % over the number
-    of effects in the catalogue: the price at which screening accepts one.
-    """
-    level = SIGNIFICANCE / len(CATALOGUE)
-    return sum(float(chi2.isf(level, len(e.parameters(model.space)))) for e in model.effects)
+        return self.background.cost + price(self.fit.model, self.among)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +91,7 @@ def select(base: Fit, effects: Sequence[Effect], progress: Progress = silent) ->
     Each set grows by the effects that screening finds significant given what is in it (Holm, 1 %), refitted exactly;
     the best set by the criterion is kept, less the effects that it no longer needs.
     """
-    start = Candidate(base)
+    start = Candidate(base, len(effects))
     level, tried = [start], {start.ids: start}
     for _ in range(MOST_EFFECTS):
         grown = [new for c in level for new in _grown(c, effects, tried, progress)]
@@ -138,7 +127,7 @@ def _simplest(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
     for other in tried:
         saved = len(best.fit.theta) - len(other.fit.theta)
         worse = other.background.cost - best.background.cost
-        if saved > 0 and worse < chi2.isf(SIGNIFICANCE / len(CATALOGUE), saved) and other.adequate:
+        if saved > 0 and worse < worth(saved, best.among) and other.adequate:
             rivals.append(other)
     return min(rivals, key=lambda c: (len(c.fit.theta), c.criterion))
 
@@ -169,7 +158,10 @@ def _grown(
         if ids in tried:
             continue
         progress("refit with " + " + ".join(sorted(ids)))
-        tried[ids] = extended(candidate, screening)
+        try:
+            tried[ids] = extended(candidate, screening)
+        except InputError:
+            continue  # where the screening points the model has no solution
         grown.append(tried[ids])
     return grown
 
@@ -177,11 +169,11 @@ def _grown(
 def extended(candidate: Candidate, screening: Screening) -> Candidate:
     """The candidate with one more effect, refitted exactly from where the screening points."""
     before = candidate.fit
-    start = {**before.values, **sharpened(before, screening)}
+    start = {**before.values, **beginning(before, screening)}
     after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
     if residual_judges_itself(before):
         after = refit(after.model, after.recordings, noise=refreshed(after), start=after.values)
-    return Candidate(after)
+    return Candidate(after, candidate.among)
 
 
 def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str, float] | None = None) -> Candidate:
@@ -189,7 +181,7 @@ def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str
     before = candidate.fit
     model = before.model.base + effects
     start = {**before.values, **(start or {})}
-    return Candidate(refit(model, before.recordings, noise=before.noise, start=start))
+    return Candidate(refit(model, before.recordings, noise=before.noise, start=start), candidate.among)
 
 
 def _pruned(candidate: Candidate, progress: Progress) -> Candidate:

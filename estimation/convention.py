@@ -72,8 +72,10 @@ def decide_convention(recordings: Sequence[Recording], gravity: float) -> SignDe
 def decided(model: WrenchModel, recordings: Sequence[Recording]) -> WrenchModel:
     """The model with its convention, and the quarter turns of its mounting, decided from the recordings where AUTO.
 
+    Without an arm it takes that of the recordings.
     Raises InputError when the data cannot decide, and for planar models, whose two forces never can.
     """
+    model = model.of_arm(next((r.arm for r in recordings if r.arm is not None), None))
     if model.convention is not Convention.AUTO:
         return model
     if model.space is Space.PLANE:

@@ -145,8 +145,16 @@ class Problem:
 
 
 def start_of(unknowns: Layout, start: Mapping[str, float]) -> Array:
-    """Starting values: those given by name, else the nominal ones."""
-    return np.array([start.get(p.name, p.nominal) for p in unknowns.parameters])
+    """Starting values: those given by name, else the parameter's own start, else its nominal value.
+
+    Raises InputError for a parameter that has none of them: the level of a clipped channel.
+    """
+    values = np.array([start.get(p.name, p.nominal if p.start is None else p.start) for p in unknowns.parameters])
+    if not np.isfinite(values).all():
+        name = unknowns.parameters[int(np.argmin(np.isfinite(values)))].name
+        remedy = f"give start={{'{name}': ...}}, or let `diagnose` find it"
+        raise InputError(what=f"{name} has no value to start from", where="fit", remedy=remedy)
+    return values
 
 
 @overload

@@ -12,6 +12,7 @@ from estimation.recording import Recording
 from estimation.response import missing_inputs
 from modeling.model import WrenchModel
 from modeling.parameter import Parameter
+from modeling.prediction import compiled
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,8 @@ def layout(model: WrenchModel, recordings: Sequence[Recording]) -> Layout:
 
 def _home(model: WrenchModel, effect_id: str, recordings: Sequence[Recording]) -> int:
     effect = next(e for e in model.effects if e.id == effect_id)
+    alone = compiled(model.base + effect).model  # derived once, not at each call
     for number, recording in enumerate(recordings):
-        if not missing_inputs(model.base + effect, recording):
+        if not missing_inputs(alone, recording):
             return number
     return 0

@@ -34,6 +34,7 @@ class Noise:
     spectra   per channel the power spectrum per line (repeats only), S of one sample: white noise has S = std²
     events    intervals (s) found to differ from the other repeats, left out of the spectrum
     frequency Hz of each line of a line whitener, in its order
+    tones     Hz of the sinusoids that were seen beside the motion and left out of the spectrum, the loudest first
     """
 
     floor: Array
@@ -43,6 +44,7 @@ class Noise:
     spectra: tuple[Spectrum, ...] = ()
     events: tuple[tuple[float, float], ...] = ()
     frequency: Array = field(default_factory=lambda: np.zeros(0))
+    tones: tuple[float, ...] = ()
 
     def doubt_of(self, shares: Array) -> Array:
         """Variance (g,) of the logarithm of sums of squared rows, whose parts come from each row by `shares` (rows, g).

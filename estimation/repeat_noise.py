@@ -11,6 +11,7 @@ from estimation.passing import passing_basis
 from estimation.recording import Recording
 from estimation.seam import seamless
 from estimation.spectrum import Spectrum, smooth_spectrum
+from estimation.tones import find_tones, sinusoids, without
 from estimation.whitening import LineWhitener, inverse_root
 
 Array = NDArray[np.float64]
@@ -19,16 +20,19 @@ BANDS = 8
 
 
 def from_repeats(recording: Recording, residual: Array) -> Noise:
-    """Noise from the lines between those of the motion, less what passes: drift, warm-up and events.
+    """Noise from the lines between those of the motion, less what passes: drift, warm-up, events and tones.
 
     Taking columns Q (orthonormal) out of noise of spectrum S leaves S (1 - h) at a line, h = sum |Q's line|² / n;
-    the ordinates are divided by that, and lines of which less than half is left are not used.
+    the ordinates are divided by that, and lines of which less than half is left are not used. The
+    loudest tone stays on the lines between, where an effect may be its name; all others, and on the motion's lines that
+    one too, are taken out of every row.
     """
     if not recording.continuous:
         return _from_separate_runs(recording, residual)
-    events = find_events(recording, residual)
+    tones = find_tones(recording, residual)
+    events = find_events(recording, without(residual, recording, tones))
     n, repeats = len(residual), recording.repeats
-    passing = passing_basis(recording, events)
+    passing = passing_basis(recording, events, tones)
     left = residual - passing @ (passing.T @ residual)
     kept = 1 - (np.abs(np.fft.rfft(passing, axis=0)) ** 2).sum(axis=1) / n
     lines = np.fft.rfft(left, axis=0)
@@ -50,9 +54,16 @@ def from_repeats(recording: Recording, residual: Array) -> Noise:
     root = _coherence_roots(between[quiet], white, order) / np.sqrt(levels)[:, None, :]
     freedom = sum(s.freedom for s in spectra) / len(spectra) / len(between)
     plain = LineWhitener(n, repeats, motion, rest, root * np.sqrt(1 - min(freedom, 0.5)))
-    whitener = seamless(plain, spectra, step_of(recording))
+    waves = [_in_each_channel(sinusoids(recording, [tone]), residual.shape[1]) for tone in tones]
+    hidden = np.concatenate(waves, axis=2) if waves else None
+    whitener = seamless(plain, spectra, step_of(recording), hidden, judged=waves[0].shape[2] if waves else 0)
     doubt = _doubt(spectra, ordered)
-    return Noise(repeat_floor(recording), whitener, NoiseSource.REPEATS, doubt, spectra, events, ordered)
+    return Noise(repeat_floor(recording), whitener, NoiseSource.REPEATS, doubt, spectra, events, ordered, tones)
+
+
+def _in_each_channel(waves: Array, channels: int) -> Array:
+    """Series (n, k) as readings (n, p, k p) of one channel each."""
+    return np.concatenate([np.multiply.outer(waves, row).swapaxes(1, 2) for row in np.eye(channels)], axis=2)
 
 
 def _doubt(spectra: tuple[Spectrum, ...], frequency: Array) -> Array:

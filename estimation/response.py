@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,11 @@ from numpy.typing import NDArray
 from estimation.differentiation import smooth
 from estimation.recording import Recording
 from modeling.model import WrenchModel
-from modeling.prediction import Prediction, compiled
+from modeling.operators.clock import Clock
+from modeling.prediction import BentLoad, Emitted, Prediction, compiled
+
+if TYPE_CHECKING:
+    from modeling.operators.play import Played
 
 Array = NDArray[np.float64]
 
@@ -57,29 +62,95 @@ def signals_of(recording: Recording) -> Mapping[str, Array]:
 
 def missing_inputs(model: WrenchModel, recording: Recording) -> tuple[str, ...]:
     """Signals that the model needs and the recording cannot give."""
+    if model.arm is None and any(effect.needs_joints for effect in model.effects):
+        return ("q1",)
     available = signals_of(recording)
-    return tuple(name for name in model.inputs if name not in available)
+    return tuple(name for name in compiled(model).model.inputs if name not in available)
 
 
-def respond(model: WrenchModel, recording: Recording, theta: Array) -> Response:
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A summand of a reading: value (n, p) and derivative (n, p, k) of one repeat (`steady`) or of the whole record."""
+
+    value: Array
+    derivative: Array
+    steady: bool
+
+    def over(self, repeats: int) -> Part:
+        """The same over the whole record."""
+        if not self.steady:
+            return self
+        return Part(np.tile(self.value, (repeats, 1)), np.tile(self.derivative, (repeats, 1, 1)), steady=False)
+
+
+def respond(model: WrenchModel, recording: Recording, theta: Array, *, derivative: bool = True) -> Response:
     """Prediction of a recording at the parameters theta (k,), in the model's order and units.
 
-    Raises InputError when the recording lacks a signal that the model needs.
+    With `derivative` False there is none: arrays (n, p, 0). Raises InputError when the recording lacks a signal that
+    the model needs.
     """
-    prediction, signals = compiled(model), signals_of(recording)
-    n, once, size = recording.samples, recording.samples_per_repeat, (len(model.channels), len(theta))
-    periodic = (np.zeros((once, size[0])), np.zeros((once, *size)))
-    whole = None
-    for emitted, remembers in ((prediction.load, prediction.remembers), (prediction.zero, False)):
-        steady = repeats_with_motion(emitted.inputs, recording)
-        part = emitted.tangent(signals, theta, once if steady else n)
-        if remembers:
-            part = _remembered(prediction, recording, *part, theta)
-        if steady:
-            periodic = (periodic[0] + part[0], periodic[1] + part[1])
-        else:
-            whole = part if whole is None else (whole[0] + part[0], whole[1] + part[1])
-    return Response(periodic, whole, recording.repeats)
+    prediction = compiled(model)
+    load = _part(prediction.load, recording, theta, derivative=derivative, bend=prediction.bend)
+    if prediction.play is not None or prediction.remembers:
+        load = Passage(prediction, recording, theta, load.value).read(load)
+    parts = [load, _part(prediction.zero, recording, theta, derivative=derivative)]
+    if prediction.level is not None:
+        parts = [clipped(parts, prediction.level, theta, recording.repeats)]
+    whole = [part for part in parts if not part.steady]
+    once, k = recording.samples_per_repeat, load.derivative.shape[2]
+    none = (np.zeros((once, len(model.channels))), np.zeros((once, len(model.channels), k)))
+    return Response(
+        periodic=_sum([part for part in parts if part.steady]) or none,
+        whole=_sum(whole),
+        repeats=recording.repeats,
+    )
+
+
+def _sum(parts: Sequence[Part]) -> tuple[Array, Array] | None:
+    if not parts:
+        return None
+    return sum(part.value for part in parts), sum(part.derivative for part in parts)  # type: ignore[return-value]
+
+
+def _part(
+    emitted: Emitted, recording: Recording, theta: Array, *, derivative: bool, bend: BentLoad | None = None
+) -> Part:
+    """An instantaneous function of the recording's signals."""
+    steady = repeats_with_motion(emitted.inputs, recording)
+    samples = recording.samples_per_repeat if steady else recording.samples
+    signals = signals_of(recording)
+    if bend is not None:
+        return _bent(bend, recording, theta, derivative=derivative)
+    if derivative:
+        return Part(*emitted.tangent(signals, theta, samples), steady=steady)
+    return Part(emitted.value(signals, theta, samples), np.zeros((samples, len(emitted.expression), 0)), steady=steady)
+
+
+def _bent(bend: BentLoad, recording: Recording, theta: Array, *, derivative: bool) -> Part:
+    """The load of a tool that bends: in its steady state where the motion repeats, from rest in every single run."""
+    steady = repeats_with_motion(bend.inputs, recording)
+    samples = recording.samples_per_repeat if steady else recording.samples
+    known = {name: values[:samples] for name, values in signals_of(recording).items()}
+    clock = Clock(recording.dt, periodic=recording.repeats > 1 and recording.continuous)
+    runs = {name: _separate(recording, values) for name, values in known.items()}
+    several = [dict(zip(runs, run, strict=True)) for run in zip(*runs.values(), strict=True)]
+    each = samples // len(several)
+    parts = [bend.tangent(run, theta, each, clock, derivative=derivative) for run in several]
+    value, slopes = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Part(value, slopes, steady)
+
+
+def clipped(parts: Sequence[Part], level: Emitted, theta: Array, repeats: int) -> Part:
+    """The sum of the parts, no further from zero than the level (p,); where it is clipped only the level moves it."""
+    if not all(part.steady for part in parts):
+        parts = [part.over(repeats) for part in parts]
+    value, derivative = sum(part.value for part in parts), sum(part.derivative for part in parts)
+    limit, slope = (array[0] for array in level.tangent({}, theta, 1))
+    outside = np.abs(value) > limit
+    sign = np.sign(value)
+    held = sign[:, :, None] * slope if np.shape(derivative)[2] else derivative
+    value = np.where(outside, sign * limit, value)
+    return Part(value, np.where(outside[:, :, None], held, derivative), steady=parts[0].steady)
 
 
 def repeats_with_motion(inputs: Iterable[str], recording: Recording) -> bool:
@@ -92,15 +163,63 @@ def predicted(model: WrenchModel, recording: Recording, theta: Array) -> Array:
     return respond(model, recording, theta).value
 
 
-def _remembered(
-    prediction: Prediction, recording: Recording, value: Array, derivative: Array, theta: Array
-) -> tuple[Array, Array]:
-    """Load and its derivative through the transfer function: dy = H dload + dH load."""
-    reading = through_memory(prediction, recording, value, theta)
-    tangent = through_memory(prediction, recording, derivative, theta)
-    for number, index in enumerate(prediction.memory_parameters):
-        tangent[:, :, index] += through_memory(prediction, recording, value, theta, slope=number)
-    return reading, tangent
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """What a load passes on its way to the reading: play, then H(s), at theta (k,) and around one load (n, p)."""
+
+    prediction: Prediction
+    recording: Recording
+    theta: Array
+    load: Array
+
+    @cached_property
+    def _runs(self) -> tuple[Played, ...]:
+        """The play in each run by itself; one where they follow each other without pause."""
+        from modeling.operators.play import Played
+
+        if self.prediction.play is None:
+            return ()
+        width = self.prediction.play.value({}, self.theta, 1)[0]
+        periodic = self.recording.repeats > 1 and self.recording.continuous
+        return tuple(
+            Played.of(run, width, periodic=periodic, smooth=not self.recording.at_rest)
+            for run in _separate(self.recording, self.load)
+        )
+
+    def read(self, load: Part) -> Part:
+        """The load read, with its derivative: through play y = P(x; w) and memory, dy = H dP + dH P."""
+        value, derivative = load.value, load.derivative
+        if self.prediction.play is not None:
+            value, derivative = np.concatenate([run.reading for run in self._runs]), self._played(derivative)
+            if derivative.shape[2]:
+                by_width = np.concatenate([run.by_width for run in self._runs])
+                derivative = derivative + by_width[:, :, None] * self.prediction.play.tangent({}, self.theta, 1)[1]
+        reading, tangent = (self._remembered(series) for series in (value, derivative))
+        for number, index in enumerate(self.prediction.memory_parameters if tangent.shape[2] else ()):
+            tangent[:, :, index] += self._remembered(value, slope=number)
+        return Part(reading, tangent, load.steady)
+
+    def through(self, series: Array) -> Array:
+        """What a small addition (n, p, ...) to the load becomes."""
+        return self._remembered(self._played(series))
+
+    def _played(self, series: Array) -> Array:
+        if not self._runs:
+            return series
+        pieces = zip(self._runs, _separate(self.recording, series), strict=True)
+        return np.concatenate([run.through(piece) for run, piece in pieces])
+
+    def _remembered(self, series: Array, slope: int | None = None) -> Array:
+        if not series.size:
+            return series
+        return through_memory(self.prediction, self.recording, series, self.theta, slope)
+
+
+def _separate(recording: Recording, series: Array) -> list[Array]:
+    """A series (n, ...) in its separate runs, or whole where nothing separates them."""
+    if recording.continuous or len(series) <= recording.samples_per_repeat:
+        return [series]
+    return np.split(series, recording.repeats)
 
 
 def through_memory(
@@ -113,8 +232,8 @@ def through_memory(
     """
     if not prediction.remembers or recording.dt is None:
         return series if slope is None else np.zeros_like(series)
-    if not recording.continuous and len(series) > recording.samples_per_repeat:
-        runs = np.split(series, recording.repeats)
+    runs = _separate(recording, series)
+    if len(runs) > 1:
         return np.concatenate([through_memory(prediction, recording, run, theta, slope) for run in runs])
     periodic = recording.repeats > 1 and recording.continuous
     pad = 0 if periodic else min(len(series) - 1, max(64, len(series) // 8))

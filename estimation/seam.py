@@ -52,13 +52,23 @@ def _without(rows: Array, seam: Array) -> Array:
     return np.asarray(kept * np.sqrt(len(rows) / (len(rows) - seam.shape[1]))).reshape(rows.shape)
 
 
-def seamless(plain: LineWhitener, spectra: tuple[Spectrum, ...], dt: float) -> LineWhitener:
-    """The whitener less the noise that begins at the seam: its answer to each of the first shocks."""
+def seamless(
+    plain: LineWhitener, spectra: tuple[Spectrum, ...], dt: float, tones: Array | None = None, judged: int = 0
+) -> LineWhitener:
+    """The whitener less the noise that begins at the seam: its answer to each of the first shocks.
+
+    Less the series `tones` (n, p, k) too, whatever their amount; the first `judged` of them only on the motion's lines,
+    so that between those they can be seen.
+    """
     once = plain.samples // plain.repeats
     steady = plain.steady(shocks_of(spectra, once, dt))
     rest = np.zeros((0, 1))
     if len(plain.between):
         rest = plain.series(shocks_of(spectra, plain.samples, dt))[plain.steady_rows :]
+    if tones is not None and tones.size:
+        rows = plain.series(tones)
+        steady = np.hstack([steady, rows[: plain.steady_rows]])
+        rest = np.hstack([rest, rows[plain.steady_rows :, judged:]])
     fields = (plain.samples, plain.repeats, plain.motion, plain.between, plain.root)
     return SeamlessWhitener(*fields, np.linalg.qr(steady)[0], np.linalg.qr(rest)[0])
 

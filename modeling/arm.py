@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -12,8 +12,9 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from modeling.emission import casadi_expressions, numpy_function
-from modeling.kinematics import Arm
+from modeling.kinematics import Arm, Calculus, Frames
 from modeling.space import Space
+from modeling.steps import Steps
 
 POSE_SIGNALS = ("phi", "dphi", "ddphi", "px", "py", "vx", "vy", "ax", "ay")
 
@@ -42,13 +43,17 @@ class PlanarArm(Arm):
 
     @cached_property
     def kinematics(self) -> Mapping[str, sp.Expr]:
-        """Pose signals as expressions in `q1.., dq1.., ddq1..`.
+        """Pose signals as expressions in `q1.., dq1.., ddq1..`: 22.2 and its time derivatives, taken by SymPy."""
+        return forward_kinematics(tuple(sp.Float(length) for length in self.link_lengths))
 
-        The sensor origin is Ps = sum_k l_k (sin, cos)(q1 + .. + qk) (equation 22.2) and the tip's angle
-        phi = q1 + .. + qn. Velocity and acceleration (the Ps'' of 22.4) are its time derivatives, taken by SymPy.
-        """
-        lengths = tuple(sp.Float(length) for length in self.link_lengths)
-        return forward_kinematics(lengths)
+    def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: Calculus) -> Frames:
+        """The sensor origin Ps = sum_k l_k (sin, cos)(q1 + .. + qk) (22.2), the tip's angle phi = q1 + .. + qn."""
+        lengths = [length + error for length, error in zip(self.link_lengths, errors, strict=True)]
+        return chained(lengths, q, calculus)
+
+    def derived(self, pose: Sequence[sp.Expr], steps: Steps) -> dict[str, sp.Expr]:
+        """phi, px, py with their velocities and accelerations (the Ps'' of 22.4)."""
+        return pose_signals(pose, steps)
 
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
         """The pose signals as CasADi expressions of q, dq, ddq (n,)."""
@@ -71,19 +76,33 @@ class PlanarArm(Arm):
         return {name: np.broadcast_to(v, (len(q),)).astype(float) for name, v in zip(POSE_SIGNALS, values, strict=True)}
 
 
+def chained(lengths: Sequence[Any], q: Sequence[Any], calculus: Calculus) -> Frames:
+    """Links of these lengths one after the other from the origin, each turned clockwise against the one before."""
+    angle, x, y = 0, 0, 0
+    origins = []
+    for length, turn in zip(lengths, q, strict=True):
+        origins.append((x, y, 0))
+        angle = calculus.let(angle + turn)
+        x, y = (calculus.let(at + length * part(angle)) for at, part in ((x, calculus.sin), (y, calculus.cos)))
+    return Frames(tuple(origins), ((0, 0, -1),) * len(origins), (angle, x, y))
+
+
+def pose_signals(pose: Sequence[sp.Expr], steps: Steps) -> dict[str, sp.Expr]:
+    """phi, px, py and their first and second rates, under the names of POSE_SIGNALS."""
+    first = [steps.rate(part) for part in pose]
+    second = [steps.rate(part) for part in first]
+    (phi, x, y), (dphi, vx, vy), (ddphi, ax, ay) = pose, first, second
+    return dict(zip(POSE_SIGNALS, (phi, dphi, ddphi, x, y, vx, vy, ax, ay), strict=True))
+
+
+def joint_rates(joints: int) -> dict[sp.Symbol, sp.Symbol]:
+    """The rate of each joint signal: q1 -> dq1, dq1 -> ddq1 and so on."""
+    q, dq, ddq = (joint_symbols(joints, prefix) for prefix in ("q", "dq", "ddq"))
+    return dict(zip((*q, *dq), (*dq, *ddq), strict=True))
+
+
 def forward_kinematics(lengths: tuple[sp.Expr, ...]) -> dict[str, sp.Expr]:
     """Pose signals of an arm with symbolic or numeric link lengths (22.2 and its time derivatives)."""
-    time = sp.Symbol("t")
-    n = len(lengths)
-    angles = [sp.Function(f"q{j}")(time) for j in range(1, n + 1)]
-    absolute = [sum(angles[: k + 1], sp.S.Zero) for k in range(n)]
-    x = sum((length * sp.sin(a) for length, a in zip(lengths, absolute, strict=True)), sp.S.Zero)
-    y = sum((length * sp.cos(a) for length, a in zip(lengths, absolute, strict=True)), sp.S.Zero)
-    phi = absolute[-1]
-    moving = {"phi": phi, "dphi": phi.diff(time), "ddphi": phi.diff(time, 2), "px": x, "py": y}
-    moving |= {"vx": x.diff(time), "vy": y.diff(time), "ax": x.diff(time, 2), "ay": y.diff(time, 2)}
-    q, dq, ddq = (joint_symbols(n, prefix) for prefix in ("q", "dq", "ddq"))
-    frozen: dict[sp.Expr, sp.Symbol] = {}
-    for angle, q_j, dq_j, ddq_j in zip(angles, q, dq, ddq, strict=True):
-        frozen |= {angle.diff(time, 2): ddq_j, angle.diff(time): dq_j, angle: q_j}
-    return {name: expression.subs(frozen) for name, expression in moving.items()}
+    steps = Steps(joint_rates(len(lengths)), named=False)
+    frames = chained(lengths, joint_symbols(len(lengths), "q"), Calculus(sin=sp.sin, cos=sp.cos))
+    return pose_signals(frames.pose, steps)

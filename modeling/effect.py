@@ -5,13 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import sympy as sp
 
 from modeling.chain import Chain, Stage
 from modeling.parameter import Parameter
 from modeling.space import Space
+
+if TYPE_CHECKING:
+    from modeling.kinematics import Arm
 
 Values = dict[str, float]
 
@@ -24,6 +27,10 @@ class Extent:
     start, end  the time of the first and last sample, s
     reach       how far along the tip a force may act, m
     events      intervals (s) in which the recording was seen to differ from its other repeats
+    tones       frequencies (Hz) in the residual that are not the motion's, loudest first
+    largest     per channel the largest |reading|, N or N m
+    swing       per channel half of the peak-to-peak of the predicted load, N or N m
+    inertia     of the tool about the sensor, kg m²
     """
 
     low: tuple[float, ...] = ()
@@ -32,6 +39,10 @@ class Extent:
     end: float = 0.0
     reach: float = 0.5
     events: tuple[tuple[float, float], ...] = ()
+    tones: tuple[float, ...] = ()
+    largest: tuple[float, ...] = ()
+    swing: tuple[float, ...] = ()
+    inertia: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -39,8 +50,9 @@ class Effect(ABC):
     """A missing piece of physics. Everything else (column, refit, design, text, code) follows from `perturb`.
 
     Subclasses state their equation, sign and units in the docstring; `id` is stable, `advice` says what to look at
-    on the rig. `per_recording` effects (events, a wandering zero) do not carry over to another recording;
-    `needs_repeats` are those that a single run of a motion cannot tell from slow physics.
+    on the rig, `confused_with` what looks alike. `per_recording` effects (events, a wandering zero) do not carry over
+    to another recording; `needs_repeats` are those that a single run of a motion cannot tell from slow physics,
+    `needs_joints` those that act on joints or links.
     """
 
     id: ClassVar[str]
@@ -48,9 +60,20 @@ class Effect(ABC):
     stage: ClassVar[Stage]
     equation: ClassVar[str]
     advice: ClassVar[str]
+    confused_with: ClassVar[str] = ""
     spaces: ClassVar[tuple[Space, ...]] = (Space.PLANE, Space.SPACE)
     per_recording: ClassVar[bool] = False
     needs_repeats: ClassVar[bool] = False
+    needs_joints: ClassVar[bool] = False
+
+    @property
+    def designable(self) -> bool:
+        """Whether motions can be designed for it.
+
+        It lasts from one recording to the next, and what it does is a function of the motion of one instant, or linear
+        in the motion's past.
+        """
+        return not self.per_recording and self.stage not in (Stage.BEND, Stage.PLAY, Stage.SATURATION)
 
     @abstractmethod
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
@@ -61,8 +84,17 @@ class Effect(ABC):
         """The chain with this effect in it; `p` holds the expressions of the parameters by their own names."""
 
     def nuisance_grid(self, extent: Extent) -> tuple[Values, ...]:
-        """Values of the nuisance parameters from which a search starts; one empty set when there are none."""
+        """Values from which a search starts; one empty set when there is nothing to search.
+
+        Each names every nuisance parameter, and those amplitudes (the same ones each time) that have no useful
+        derivative at their nominal value: what these do is then taken from the difference between the value named and
+        the nominal.
+        """
         return ({},)
+
+    def fitting(self, arm: Arm | None) -> Self:
+        """The effect for a model of that arm."""
+        return self
 
     def qualified(self, space: Space) -> tuple[Parameter, ...]:
         """The parameters under their full names, `<id>.<name>`."""
@@ -73,6 +105,7 @@ class Effect(ABC):
                 nominal=p.nominal,
                 bounds=p.bounds,
                 nuisance=p.nuisance,
+                start=p.start,
             )
             for p in self.parameters(space)
         )

@@ -11,7 +11,7 @@ import sympy as sp
 
 def shared(expressions: Sequence[sp.Expr]) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
     """Common subexpressions `(symbol, expression)` in order, and the expressions written with them."""
-    replacements, reduced = sp.cse(list(expressions), symbols=sp.numbered_symbols("shared_"), order="none")
+    replacements, reduced = sp.cse(list(expressions), symbols=sp.numbered_symbols("shared_", real=True), order="none")
     return replacements, list(reduced)
 
 
@@ -34,11 +34,11 @@ def casadi_expressions(values: dict[sp.Symbol, Any], expressions: Sequence[sp.Ex
     replacements, reduced = shared(expressions)
     known = dict(values)
     for symbol, expression in replacements:
-        known[symbol] = _to_casadi(expression, known)
-    return [_to_casadi(expression, known) for expression in reduced]
+        known[symbol] = casadi_expression(known, expression)
+    return [casadi_expression(known, expression) for expression in reduced]
 
 
-def _to_casadi(expression: sp.Expr, known: dict[sp.Symbol, Any]) -> Any:
+def casadi_expression(known: dict[sp.Symbol, Any], expression: sp.Expr) -> Any:
     """One expression as a CasADi graph, node by node; a node that has no CasADi counterpart is an error."""
     import casadi as ca
 
@@ -46,7 +46,7 @@ def _to_casadi(expression: sp.Expr, known: dict[sp.Symbol, Any]) -> Any:
         return known[expression]
     if expression.is_number:
         return ca.DM(float(expression))
-    arguments = [_to_casadi(a, known) for a in expression.args]
+    arguments = [casadi_expression(known, a) for a in expression.args]
     return _casadi_operations(ca)[expression.func](*arguments)
 
 
@@ -69,5 +69,6 @@ def _casadi_operations(ca: Any) -> dict[Any, Callable[..., Any]]:
         sp.Abs: ca.fabs,
         sp.Max: lambda *a: reduce(ca.fmax, a),
         sp.Min: lambda *a: reduce(ca.fmin, a),
+        sp.atan: ca.atan,
         sp.atan2: ca.atan2,
     }

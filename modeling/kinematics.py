@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -13,8 +14,31 @@ from numpy.typing import NDArray
 
 from modeling.emission import casadi_expressions
 from modeling.space import Space
+from modeling.steps import Steps
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calculus:
+    """What expressions are made with: SymPy, CasADi or numbers. `let` gives an expression a name, where that helps."""
+
+    sin: Callable[[Any], Any]
+    cos: Callable[[Any], Any]
+    let: Callable[[Any], Any] = lambda expression: expression
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Where the joints of an arm and its sensor are, in the world.
+
+    origins, axes   per joint a point on it (m) and the unit vector about which it turns, or along which it slides
+    pose            of the sensor: phi, px, py in the plane, qx, qy, qz, qw, px, py, pz in space
+    """
+
+    origins: tuple[Sequence[Any], ...]
+    axes: tuple[Sequence[Any], ...]
+    pose: tuple[Any, ...]
 
 
 class Arm(ABC):
@@ -32,6 +56,14 @@ class Arm(ABC):
     def units(self) -> tuple[str, ...]:
         """The unit of each joint's coordinate: rad, or m where it slides."""
         return ("rad",) * self.joints
+
+    @abstractmethod
+    def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: Calculus) -> Frames:
+        """Where everything is at the coordinates q (n), each link longer than described by `errors` (n), m."""
+
+    @abstractmethod
+    def derived(self, pose: Sequence[sp.Expr], steps: Steps) -> dict[str, sp.Expr]:
+        """The signals by name, in the order of `names`, from a pose and its rates in time."""
 
     @abstractmethod
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:

@@ -9,12 +9,15 @@ from itertools import permutations, product
 
 import sympy as sp
 
+from modeling.actual_arm import ActualArm
 from modeling.chain import Chain, Stage, rigid_chain
 from modeling.effect import Effect
 from modeling.errors import InputError
+from modeling.kinematics import Arm
 from modeling.parameter import Parameter
 from modeling.rig import STANDARD_GRAVITY, Convention, Rig
 from modeling.space import Space
+from modeling.steps import Definitions, needed
 from modeling.tip import body_parameters
 
 QuarterTurns = tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, int, int]]
@@ -39,11 +42,12 @@ QUARTER_TURNS = _quarter_turns()
 class WrenchModel:
     """What a wrist sensor reads when a rigid tool with the given effects moves.
 
-    reading = H(s) load(signals; parameters) + zero(signals; parameters); planar and six-axis models are two
-    instances (`space`). `convention` is the sign of the readings: ON_TOOL is F = m (a - g) (22.8 in the plane),
-    ON_SENSOR its negative, AUTO is decided from the data before a fit. `mirror_y` turns the y channel round.
-    `mounting` are the rows of the rotation by quarter turns from the axes of the motion to those of the readings;
-    smaller angles are an effect (`sensor_rotation`).
+    reading = clip(H(s) play(load(signals; parameters)) + zero(signals; parameters)), most of it absent in most models;
+    planar and six-axis models are two instances (`space`). `convention` is the sign of the readings: ON_TOOL is
+    F = m (a - g) (22.8 in the plane), ON_SENSOR its negative, AUTO is decided from the data before a fit. `mirror_y`
+    turns the y channel round. `mounting` are the rows of the rotation by quarter turns from the axes of the motion to
+    those of the readings; smaller angles are an effect (`sensor_rotation`). `arm` is what effects of joints and links
+    act on.
     """
 
     space: Space
@@ -52,6 +56,7 @@ class WrenchModel:
     mirror_y: bool = False
     mounting: QuarterTurns = ALIGNED
     effects: tuple[Effect, ...] = ()
+    arm: Arm | None = None
 
     def __add__(self, effect: Effect | Iterable[Effect]) -> WrenchModel:
         """The model with one more effect (or several) in its chain."""
@@ -69,11 +74,17 @@ class WrenchModel:
                     where="effect id",
                     remedy="add each effect once",
                 )
-        return replace(self, effects=self.effects + added)
+        return replace(self, effects=self.effects + tuple(new.fitting(self.arm) for new in added))
 
     def without(self, effect_id: str) -> WrenchModel:
         """The model less that effect."""
         return replace(self, effects=tuple(e for e in self.effects if e.id != effect_id))
+
+    def of_arm(self, arm: Arm | None) -> WrenchModel:
+        """The model with that arm, unless it has one."""
+        if self.arm is not None or arm is None or arm.space is not self.space:
+            return self
+        return replace(self, arm=arm, effects=tuple(effect.fitting(arm) for effect in self.effects))
 
     @property
     def base(self) -> WrenchModel:
@@ -84,6 +95,11 @@ class WrenchModel:
     def lasting(self) -> WrenchModel:
         """The model less the effects that belong to one recording (a push, a wandering zero)."""
         return replace(self, effects=tuple(e for e in self.effects if not e.per_recording))
+
+    @property
+    def designable(self) -> WrenchModel:
+        """The model less the effects for which no motion can be designed."""
+        return replace(self, effects=tuple(e for e in self.effects if e.designable))
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -115,8 +131,15 @@ class WrenchModel:
         sign = -1 if self.convention is Convention.ON_SENSOR else 1
         signs = tuple(-sign if self.mirror_y and c == "fy" else sign for c in self.channels)
         zero = sp.Matrix([p.symbol for p in self.biases])
-        mounting = sp.Matrix(self.mounting)
-        chain = rigid_chain(self.space, gravity=self.gravity, sign=signs, zero=zero, mounting=mounting)
+        jointed = self.arm is not None and any(effect.needs_joints for effect in self.effects)
+        chain = rigid_chain(
+            self.space,
+            gravity=self.gravity,
+            sign=signs,
+            zero=zero,
+            mounting=sp.Matrix(self.mounting),
+            arm=ActualArm.as_described(self.arm) if jointed and self.arm is not None else None,
+        )
         stages = list(Stage)
         for effect in sorted(self.effects, key=lambda e: stages.index(e.stage)):
             chain = effect.applied(chain)
@@ -124,8 +147,13 @@ class WrenchModel:
 
     @cached_property
     def load(self) -> sp.Matrix:
-        """The reading before memory and zero, (p, 1)."""
+        """The reading before play, memory and zero, (p, 1), in the signals that `definitions` explain."""
         return self.chain.load()
+
+    @cached_property
+    def definitions(self) -> Definitions:
+        """Steps in order that say what signals are in terms of those of the joints; mostly none."""
+        return self.chain.definitions()
 
     @property
     def zero(self) -> sp.Matrix:
@@ -137,16 +165,34 @@ class WrenchModel:
         """Transfer function in s from load to reading."""
         return self.chain.memory
 
+    @property
+    def direct(self) -> bool:
+        """Whether load, memory and zero are all: no play, no bend, no clipping, no arm in between."""
+        chain = self.chain
+        return chain.play is None and chain.bend is None and chain.level is None and chain.arm is None
+
+    def require_direct(self, where: str) -> None:
+        """Raise InputError, naming the effects at fault, when the model is not `direct`."""
+        if not self.direct:
+            stages = (Stage.JOINTS, Stage.KINEMATICS, Stage.BEND, Stage.PLAY, Stage.SATURATION)
+            names = ", ".join(e.id for e in self.effects if e.stage in stages)
+            raise InputError(what=f"it cannot be done with {names}", where=where, remedy="leave that effect out")
+
     def inputs_of(self, expression: sp.Matrix) -> tuple[str, ...]:
-        """Names of the signals in an expression of this model, sorted."""
-        own = {p.symbol for p in self.parameters}
-        return tuple(sorted(s.name for s in expression.free_symbols - own if isinstance(s, sp.Symbol)))
+        """Names of the signals that an expression of this model is made of in the end, sorted."""
+        used = set(expression.free_symbols)
+        for symbol, step in needed(self.definitions, expression):
+            used = (used - {symbol}) | step.free_symbols
+        own = {p.symbol for p in self.parameters} | {symbol for symbol, _ in self.definitions}
+        bend = () if self.chain.bend is None else self.chain.bend.signals
+        return tuple(sorted(s.name for s in used - own - set(bend) if isinstance(s, sp.Symbol)))
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
         """Names of all signals that the prediction needs."""
-        needed = set(self.inputs_of(self.load)) | set(self.inputs_of(self.zero))
-        return tuple(sorted(needed | ({"time"} if self.memory != 1 else set())))
+        needs = set(self.inputs_of(self.load)) | set(self.inputs_of(self.zero))
+        needs |= set(self.inputs_of(self.chain.equilibrium()))
+        return tuple(sorted(needs | ({"time"} if self.memory != 1 else set())))
 
 
 def planar(rig: Rig | None = None) -> WrenchModel:
@@ -165,7 +211,7 @@ def spatial(rig: Rig | None = None) -> WrenchModel:
 def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
     if rig is None:
         return WrenchModel(space=space, convention=default)
-    sensor = rig.sensor
+    sensor, arm = rig.sensor, rig.arm if rig.arm is not None and rig.arm.space is space else None
     stated = sensor.convention if sensor is not None and sensor.convention is not None else default
     mirror = bool(sensor is not None and sensor.mirror_y)
-    return WrenchModel(space=space, gravity=rig.gravity, convention=stated, mirror_y=mirror)
+    return WrenchModel(space=space, gravity=rig.gravity, convention=stated, mirror_y=mirror, arm=arm)

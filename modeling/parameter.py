@@ -13,7 +13,8 @@ import sympy as sp
 class Parameter:
     """One unknown of a model.
 
-    `nominal` is the value at which an effect's parameter leaves the model unchanged, or where a fit starts;
+    `nominal` is the value at which an effect's parameter leaves the model unchanged; a fit starts there, or at `start`
+    where no fit can (a stiffness without end, a push of no duration);
     `bounds` are the physical ones (inclusive), in the same `unit`. A `nuisance`
     parameter means nothing while the effect's amplitudes vanish (an anchor, a time): it is searched, not tested.
     """
@@ -23,6 +24,7 @@ class Parameter:
     nominal: float = 0.0
     bounds: tuple[float, float] = (-inf, inf)
     nuisance: bool = False
+    start: float | None = None
 
     @cached_property
     def symbol(self) -> sp.Symbol:

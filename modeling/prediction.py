@@ -5,28 +5,38 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
 from modeling.chain import LAPLACE
-from modeling.emission import casadi_expressions, numpy_function
+from modeling.emission import casadi_expression, casadi_expressions, numpy_function
 from modeling.errors import InputError
 from modeling.model import WrenchModel
+from modeling.steps import Definitions, needed
+
+if TYPE_CHECKING:
+    from modeling.operators.clock import Clock
+    from modeling.operators.equilibrium import Equilibrium
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, Array]
+Slopes = tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
 class Emitted:
-    """One symbolic column as a CasADi function of (signals, parameters), mapped over samples."""
+    """One symbolic column as a CasADi function of (signals, parameters), mapped over samples.
+
+    `definitions` are the steps, in order, that say what symbols of the expression are in terms of the inputs.
+    """
 
     expression: sp.Matrix
     inputs: tuple[str, ...]
     parameters: tuple[sp.Symbol, ...]
+    definitions: Definitions = ()
 
     @cached_property
     def symbols(self) -> tuple[Any, Any]:
@@ -43,15 +53,20 @@ class Emitted:
         u, theta = self.symbols
         known: dict[sp.Symbol, Any] = {sp.Symbol(n, real=True): u[i] for i, n in enumerate(self.inputs)}
         known |= {symbol: theta[i] for i, symbol in enumerate(self.parameters)}
+        for symbol, step in needed(self.definitions, self.expression):
+            known[symbol] = casadi_expression(known, step)
         return ca.densify(ca.vertcat(*casadi_expressions(known, list(self.expression))))
 
     @cached_property
     def active(self) -> tuple[int, ...]:
         """Which parameters the expression depends on."""
-        free = self.expression.free_symbols
+        free = set(self.expression.free_symbols)
+        for _, step in needed(self.definitions, self.expression):
+            free |= step.free_symbols
         return tuple(i for i, symbol in enumerate(self.parameters) if symbol in free)
 
-    def _samples(self, signals: Signals, samples: int) -> Array:
+    def samples(self, signals: Signals, samples: int) -> Array:
+        """The inputs of the first samples, (samples, m)."""
         for name in self.inputs:
             if name not in signals:
                 raise InputError(
@@ -63,21 +78,21 @@ class Emitted:
         return np.stack(columns, axis=1) if columns else np.zeros((samples, 0))
 
     def value(self, signals: Signals, theta: Array, samples: int) -> Array:
-        """Value (samples, p)."""
-        (value,) = _mapped(self, None, samples)(self._samples(signals, samples), theta)
+        """Value (samples, p), at the parameters (k,) or at others for each sample (samples, k)."""
+        (value,) = _mapped(self, None, samples)(self.samples(signals, samples), theta)
         return value
 
     def tangent(self, signals: Signals, theta: Array, samples: int) -> tuple[Array, Array]:
         """Value (samples, p) and derivative (samples, p, k) in all k parameters."""
         p, k, active = len(self.expression), len(self.parameters), self.active
-        value, flat = _mapped(self, active, samples)(self._samples(signals, samples), theta)
+        value, flat = _mapped(self, active, samples)(self.samples(signals, samples), theta)
         derivative = np.zeros((samples, p, k))
         derivative[:, :, list(active)] = flat.reshape(samples, len(active), p).transpose(0, 2, 1)
         return value, derivative
 
     def slopes(self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int) -> Array:
         """Derivative (samples, p, g, len(which)) in some parameters only, at each of g parameter sets theta (g, k)."""
-        function, inputs = _mapped(self, which, samples), self._samples(signals, samples)
+        function, inputs = _mapped(self, which, samples), self.samples(signals, samples)
         p, count = len(self.expression), len(which)
         columns = [function(inputs, row)[1].reshape(samples, count, p) for row in theta]
         return np.stack(columns, axis=1).transpose(0, 3, 1, 2)
@@ -97,15 +112,17 @@ def _function(emitted: Emitted, which: tuple[int, ...] | None) -> Any:
 
 @lru_cache(maxsize=512)
 def _mapped(emitted: Emitted, which: tuple[int, ...] | None, samples: int) -> Callable[[Array, Array], list[Array]]:
-    """The function mapped over samples, without a copy: inputs (samples, m), theta (k,), results (samples, .)."""
+    """The function mapped over samples: inputs (samples, m), theta (k,) or (samples, k), results (samples, .)."""
     function = _function(emitted, which).map(samples)
     widths = [function.size1_out(i) for i in range(function.n_out())]
 
     def run(inputs: Array, theta: Array) -> list[Array]:
-        if np.shape(theta) != (len(emitted.parameters),):
-            raise ValueError(f"{len(emitted.parameters)} parameters were expected, not an array {np.shape(theta)}")
+        count = len(emitted.parameters)
+        if np.shape(theta) not in ((count,), (samples, count)):
+            raise ValueError(f"{count} parameters were expected, not an array {np.shape(theta)}")
         buffer, evaluate = function.buffer()
-        repeated = np.tile(np.asarray(theta, dtype=float), (samples, 1))
+        repeated = np.tile(theta, (samples, 1)) if np.ndim(theta) == 1 else theta
+        repeated = np.ascontiguousarray(repeated, dtype=float)
         results = [np.zeros((samples, width)) for width in widths]
         for place, values in enumerate((np.ascontiguousarray(inputs), repeated)):
             if values.size:
@@ -117,6 +134,43 @@ def _mapped(emitted: Emitted, which: tuple[int, ...] | None, samples: int) -> Ca
         return results
 
     return run
+
+
+@dataclass(frozen=True, eq=False)
+class BentLoad:
+    """The load of a tool that bends, and the equilibrium of the bend, both in signals and (theta (k,), bend (3 d,))."""
+
+    load: Emitted
+    equilibrium: Emitted
+    size: int
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The signals that either takes."""
+        return self.load.inputs
+
+    @cached_property
+    def equation(self) -> Equilibrium:
+        """What the bend obeys, for `modeling.operators.bending.solve`."""
+        from modeling.operators.equilibrium import Equilibrium
+
+        u, both = self.equilibrium.symbols
+        return Equilibrium(graph=self.equilibrium.graph, u=u, bend=both[self.size :], theta=both[: self.size])
+
+    def tangent(self, signals: Signals, theta: Array, samples: int, clock: Clock, *, derivative: bool) -> Slopes:
+        """Value (samples, p) and derivative (samples, p, k), that of the bend included; (samples, p, 0) when not asked.
+
+        With b(theta) the bend over the series, d load = dload/dtheta + dload/db db/dtheta.
+        """
+        from modeling.operators.bending import solve
+
+        bent = solve(self.equation, self.load.samples(signals, samples), theta, clock, derivative=derivative)
+        both = np.hstack([np.tile(theta, (samples, 1)), bent.values])
+        if not derivative:
+            value = self.load.value(signals, both, samples)
+            return value, np.zeros((*value.shape, 0))
+        value, slopes = self.load.tangent(signals, both, samples)
+        return value, slopes[:, :, : self.size] + slopes[:, :, self.size :] @ bent.slopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +186,50 @@ class Prediction:
 
     @cached_property
     def load(self) -> Emitted:
-        """The instantaneous part before memory."""
-        return Emitted(self.model.load, self.model.inputs_of(self.model.load), self.symbols)
+        """The instantaneous part before play and memory."""
+        return self._emitted(self.model.load)
 
     @cached_property
     def zero(self) -> Emitted:
         """What is added after memory."""
-        return Emitted(self.model.zero, self.model.inputs_of(self.model.zero), self.symbols)
+        return self._emitted(self.model.zero)
+
+    @cached_property
+    def play(self) -> Emitted | None:
+        """Half-widths (p,) of the play between load and memory, functions of parameters alone; None without."""
+        return None if self.model.chain.play is None else self._emitted(self.model.chain.play)
+
+    @cached_property
+    def level(self) -> Emitted | None:
+        """Levels (p,) at which readings are clipped, functions of parameters alone; None without."""
+        return None if self.model.chain.level is None else self._emitted(self.model.chain.level)
+
+    @cached_property
+    def bend(self) -> BentLoad | None:
+        """The load of a tool on a spring, and what its bend obeys; None where it does not bend."""
+        bend = self.model.chain.bend
+        if bend is None:
+            return None
+        parts = (self.model.load, self.model.chain.equilibrium())
+        inputs = self.model.inputs_of(sp.Matrix.vstack(*parts))
+        load, equilibrium = (self._emitted(part, inputs, bend.signals) for part in parts)
+        return BentLoad(load, equilibrium, len(self.symbols))
+
+    def _emitted(
+        self, expression: sp.Matrix, inputs: tuple[str, ...] | None = None, bend: tuple[sp.Symbol, ...] = ()
+    ) -> Emitted:
+        own = self.model.inputs_of(expression) if inputs is None else inputs
+        return Emitted(expression, own, self.symbols + bend, self.model.definitions)
 
     @property
     def remembers(self) -> bool:
-        """Whether a sample's reading depends on earlier samples."""
+        """Whether there is a transfer function."""
         return bool(self.model.memory != 1)
+
+    @property
+    def instantaneous(self) -> bool:
+        """Whether a reading is load + zero of its own instant."""
+        return not self.remembers and self.play is None and self.bend is None and self.level is None
 
     @cached_property
     def memory_parameters(self) -> tuple[int, ...]:
@@ -164,7 +250,7 @@ class Prediction:
         return wide[0], wide[1:]
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=1024)
 def compiled(model: WrenchModel) -> Prediction:
     """The compiled prediction of a model, once per model."""
     return Prediction(model)

@@ -16,6 +16,7 @@ def regressor(model: WrenchModel) -> sp.Matrix:
 
     Raises InputError when the model is not linear in its parameters, or remembers.
     """
+    model.require_direct("regressor")
     symbols = [p.symbol for p in model.parameters]
     prediction = (model.load + model.zero).applyfunc(sp.expand)
     phi = prediction.jacobian(symbols)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import hypot
 from typing import Any, ClassVar
 
 import numpy as np
+import sympy as sp
 from numpy.typing import NDArray
 
 from modeling.joint import UNMOVED, Joint, JointKind, Placement, moved
-from modeling.kinematics import Arm
+from modeling.kinematics import Arm, Calculus, Frames
 from modeling.quaternion import COMPONENTS, conjugate, product, rotated
 from modeling.space import Space
+from modeling.steps import Steps
 
 Array = NDArray[np.float64]
 
@@ -51,27 +55,45 @@ class SpatialArm(Arm):
         """
         import casadi as ca
 
-        x = ca.vertcat(*self._pose([q[j] for j in range(self.joints)]))
+        frames = self.frames([q[j] for j in range(self.joints)], [0.0] * self.joints, Calculus(sin=ca.sin, cos=ca.cos))
+        x = ca.vertcat(*frames.pose)
         v = ca.jtimes(x, q, dq)
         a = ca.jtimes(x, q, ddq) + ca.jtimes(v, q, dq)
         (s, p), (ds, dp), (dds, ddp) = ((ca.vertsplit(y)[:4], ca.vertsplit(y)[4:]) for y in (x, v, a))
         omega, alpha = ([2 * c for c in product(conjugate(s), rate)[:3]] for rate in (ds, dds))
         return dict(zip(self.names, (*s, *omega, *alpha, *p, *dp, *ddp), strict=True))
 
-    def _pose(self, q: list[Any]) -> tuple[Any, ...]:
-        """s and p (7,): the placements of the joints and their motions, one after the other."""
-        import casadi as ca
+    def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: Calculus) -> Frames:
+        """The placements of the joints and their motions, one after the other.
 
+        The error of a joint is that of the way from it to the next joint, or to the sensor, in its own direction.
+        """
         s, p = UNMOVED.quaternion, UNMOVED.position
-        for joint, angle in zip(self.chain, q, strict=True):
-            p = moved(p, rotated(s, joint.placement.position))
-            s = product(s, joint.placement.quaternion)
+        origins, axes = [], []
+        longer: list[Any] = [0.0, *errors]
+        for joint, coordinate, error in zip(self.chain, q, longer[:-1], strict=True):
+            p = _named(calculus, moved(p, rotated(s, _lengthened(joint.placement.position, error))))
+            s = _named(calculus, product(s, joint.placement.quaternion))
+            axis = _named(calculus, rotated(s, joint.axis))
+            origins.append(p)
+            axes.append(axis)
             if joint.kind is JointKind.PRISMATIC:
-                p = moved(p, [angle * c for c in rotated(s, joint.axis)])
+                p = _named(calculus, moved(p, [coordinate * c for c in axis]))
             else:
-                s = product(s, (*(c * ca.sin(angle / 2) for c in joint.axis), ca.cos(angle / 2)))
-        p = moved(p, rotated(s, self.sensor.position))
-        return (*product(s, self.sensor.quaternion), *p)
+                half = calculus.let(coordinate / 2)
+                turn = (*(c * calculus.sin(half) for c in joint.axis), calculus.cos(half))
+                s = _named(calculus, product(s, _named(calculus, turn)))
+        p = _named(calculus, moved(p, rotated(s, _lengthened(self.sensor.position, longer[-1]))))
+        s = _named(calculus, product(s, self.sensor.quaternion))
+        return Frames(tuple(origins), tuple(axes), (*s, *p))
+
+    def derived(self, pose: Sequence[sp.Expr], steps: Steps) -> dict[str, sp.Expr]:
+        """The signals from s and p as in `graph`: omega = 2 vec(conj(s) ⊗ ds/dt), alpha = 2 vec(conj(s) ⊗ d²s/dt²)."""
+        first = [steps.rate(part) for part in pose]
+        second = [steps.rate(part) for part in first]
+        s, ds, dds = pose[:4], first[:4], second[:4]
+        omega, alpha = ([2 * c for c in product(conjugate(s), rate)[:3]] for rate in (ds, dds))
+        return dict(zip(self.names, (*s, *omega, *alpha, *pose[4:], *first[4:], *second[4:]), strict=True))
 
     @property
     def position_limits(self) -> Array:
@@ -86,3 +108,13 @@ class SpatialArm(Arm):
         """
         values = np.array(self.function(q.T, dq.T, ddq.T))
         return dict(zip(self.names, values, strict=True))
+
+
+def _lengthened(way: Sequence[float], error: Any) -> tuple[Any, ...]:
+    """A way (m), longer by `error` (m) in its own direction; one of no length has none."""
+    length = hypot(*way)
+    return tuple(way) if length == 0 else tuple(part + error * (part / length) for part in way)
+
+
+def _named(calculus: Calculus, parts: Sequence[Any]) -> tuple[Any, ...]:
+    return tuple(calculus.let(part) for part in parts)

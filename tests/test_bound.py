@@ -20,7 +20,7 @@ from design.motion.series import Motion
 from design.random_feasible import random_feasible
 from modeling.arm import PlanarArm
 from modeling.effects.body import GravityTilt
-from modeling.effects.sensor import SensorLag
+from modeling.effects.late import SensorLag
 from modeling.errors import InputError
 from modeling.model import planar
 from tests.bound_cases import (

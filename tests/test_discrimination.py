@@ -42,8 +42,9 @@ from estimation.recording import Recording
 from estimation.response import predicted
 from estimation.stream.noise_model import NoiseModel
 from modeling import effects
-from modeling.chain import Chain, Stage
+from modeling.chain import Chain
 from modeling.effect import Effect
+from modeling.effects.joints import JointOffset
 from modeling.errors import InputError
 from modeling.model import WrenchModel, planar
 from modeling.parameter import Parameter
@@ -87,25 +88,17 @@ SPECTRUM = ColouredNoise.of_spectra(
 
 
 @dataclass(frozen=True)
-class FirstJointOffset(Effect):
+class FirstJointOffset(JointOffset):
     """The first joint stands `offset` (rad) clockwise of its angle: the whole motion is turned about the base."""
 
     id = "first_joint_offset"
-    title = "offset of the first joint"
-    stage = Stage.TIP_BODY
-    equation = "q1 -> q1 + offset"
-    advice = "-"
     spaces = (Space.PLANE,)
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         return (Parameter(name="offset", unit="rad", bounds=(-pi / 4, pi / 4)),)
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
-        phi, ax, ay = sp.symbols("phi ax ay", real=True)
-        angle = p["offset"]
-        moved = {phi: phi + angle}
-        moved |= {ax: ax * sp.cos(angle) + ay * sp.sin(angle), ay: ay * sp.cos(angle) - ax * sp.sin(angle)}
-        return replace(chain, pose={**chain.pose, **moved})
+        return replace(chain, arm=replace(self.arm_of(chain), offsets=(p["offset"], sp.S.Zero, sp.S.Zero)))
 
 
 def values(*ids: str) -> dict[str, float]:
@@ -113,7 +106,7 @@ def values(*ids: str) -> dict[str, float]:
 
 
 def direction(true: Effect, rival: Effect) -> Direction:
-    truth = planar() + true
+    truth = planar(RIG) + true
     return Direction(Hypothesis.of(truth, values(true.id)), in_place_of(truth, true.id, rival))
 
 

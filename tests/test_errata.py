@@ -1,7 +1,7 @@
 """The errata of the chapter (PHYSICS.md), each against a derivation.
 
-22.5, 22.14 and 22.16 are not quoted in full there: they are typed from its description alone, and every reading that
-the description leaves open is tried.
+22.5, 22.14 and 22.16 are not quoted in full there: `modeling.chapter` types them from its description alone, and every
+reading that the description leaves open is tried.
 """
 
 from __future__ import annotations
@@ -20,6 +20,10 @@ from design.motion.fourier import CHAPTER_OPTIMUM_DEGREES, PaperSeries
 from design.motion.series import Motion
 from modeling import effects
 from modeling.arm import PlanarArm
+from modeling.chapter import contact as printed_contact
+from modeling.chapter.path import AX, AY, DDPHI, DPHI, L_G, PHI
+from modeling.chapter.wrench import CONSTANTS, I_G, IN_PARTS, INERTIA, MASS, MLG, PRINTED_22_5
+from modeling.chapter.wrench import G as GRAVITY
 from modeling.model import planar
 from modeling.regressor import motions, regressor
 
@@ -27,10 +31,7 @@ Array = NDArray[np.float64]
 
 MODEL = planar()
 G = sp.Float(9.806)
-PHI, DPHI, DDPHI, AX, AY = sp.symbols("phi dphi ddphi ax ay", real=True)
-MASS, MLG, INERTIA = sp.symbols("m mlg I", real=True)
-L_G, I_G = sp.symbols("l_g I_G", positive=True)
-IN_PARTS = {MLG: MASS * L_G, INERTIA: I_G + MASS * L_G**2}
+ROW_1, ROW_2, ROW_3 = (tuple(row.subs(GRAVITY, G) for row in rows) for rows in PRINTED_22_5)
 # a_G of 22.4 along x' and y'
 A_GX = AX * sp.cos(PHI) - AY * sp.sin(PHI) + L_G * DDPHI
 A_GY = AX * sp.sin(PHI) + AY * sp.cos(PHI) - L_G * DPHI**2
@@ -56,25 +57,28 @@ def test_derived_wrench_is_newtons_and_eulers_about_the_centre_of_mass() -> None
     assert zero(tau - (I_G * DDPHI + L_G * along_x))
 
 
-@pytest.mark.parametrize("overall", [1, -1])
-def test_row_1_of_22_5_has_the_sign_of_acceleration_reversed_against_gravity(overall: int) -> None:
-    printed = overall * MASS * (-A_GX - G * sp.sin(PHI))
-    derived = MODEL.load[0].subs(IN_PARTS)
+@pytest.mark.parametrize(("reading", "left"), [(0, -2 * MASS * A_GX), (1, 2 * MASS * G * sp.sin(PHI))])
+def test_row_1_of_22_5_has_the_sign_of_acceleration_reversed_against_gravity(reading: int, left: sp.Expr) -> None:
+    printed, derived = ROW_1[reading], MODEL.load[0].subs(IN_PARTS)
+    assert zero(printed - (1 - 2 * reading) * MASS * (-A_GX - G * sp.sin(PHI)))
     assert not zero(printed - derived)
     # What differs is twice the acceleration, or twice the weight, and nothing else.
-    assert zero(printed - derived - (-2 * MASS * A_GX if overall == 1 else 2 * MASS * G * sp.sin(PHI)))
+    assert zero(printed - derived - left)
 
 
 def test_row_2_of_22_5_is_that_of_22_8() -> None:
-    printed = -MASS * (A_GY + G * sp.cos(PHI))
+    (printed,) = ROW_2
     row = (regressor(MODEL)[1, 3:] * sp.Matrix([MASS, MLG, INERTIA]))[0]
+    assert zero(printed + MASS * (A_GY + G * sp.cos(PHI)))
     assert zero(printed - row.subs(IN_PARTS))
 
 
 def test_row_3_of_22_5_cannot_be_derived() -> None:
     """No constants make I ddphi, m l_g a_Gx' sin phi and m l_g g sin phi into the torque: least squares leaves some."""
     rng = np.random.default_rng(0)
-    columns = sp.Matrix([[DDPHI, A_GX * sp.sin(PHI), sp.sin(PHI), MODEL.load[2].subs(IN_PARTS)]])
+    (row,) = ROW_3
+    columns = sp.Matrix([[*(row.diff(c) for c in CONSTANTS), MODEL.load[2].subs(IN_PARTS)]])
+    assert columns[:, :3] == sp.Matrix([[DDPHI, A_GX * sp.sin(PHI), sp.sin(PHI)]])
     columns = columns.subs({MASS: 0.9, L_G: 0.07, I_G: 0.0085})
     values = sp.lambdify([PHI, DPHI, DDPHI, AX, AY], columns, "numpy")
     rows = np.array([values(*rng.uniform(-3, 3, 5))[0] for _ in range(200)])
@@ -112,14 +116,23 @@ def test_every_body_is_physically_consistent(particles: list[tuple[float, float,
 # ------------------------------------------------------------------------- 3, 4 and 7: the contact
 
 
+SIZE, ANGLE, D = printed_contact.SIZE, printed_contact.ANGLE, printed_contact.D
+CHANNELS = sp.lambdify([SIZE, ANGLE, D], list(printed_contact.PRINTED_22_14), "numpy")
+FRACTION = sp.lambdify([*printed_contact.CONTACT, D], sp.fraction(printed_contact.PRINTED_22_16), "numpy")
+"""Numerator and denominator of 22.16's tangent, so that a quarter turn is no special case."""
+
+
 def channels_of_22_14(size: float, angle: float, d: float) -> Array:
     """22.14: (-R sin, -R cos, -R d sin), the only signs under which errata 3 and 7 both hold."""
-    return -size * np.array([np.sin(angle), np.cos(angle), d * np.sin(angle)])
+    channels = np.array(CHANNELS(size, angle, d), dtype=float)
+    typed = -size * np.array([np.sin(angle), np.cos(angle), d * np.sin(angle)])
+    np.testing.assert_allclose(channels, typed, rtol=1e-14, atol=1e-300)  # rounding, and that of the smallest floats
+    return channels
 
 
 def solved_22_14(wrench: Array, d: float) -> tuple[float, float]:
     """R and the angle of 22.14 by linear least squares in (R sin, R cos)."""
-    matrix = -np.array([[1.0, 0.0], [0.0, 1.0], [d, 0.0]])
+    matrix = np.array(printed_contact.ARM_22_14.subs(D, d), dtype=float)
     sine, cosine = np.linalg.lstsq(matrix, wrench, rcond=None)[0]
     return float(np.hypot(sine, cosine)), float(np.arctan2(sine, cosine))
 
@@ -152,8 +165,10 @@ def test_22_16_has_the_wrong_sign_and_the_corrected_one_inverts_22_14(size: floa
     fcx, fcy, tau = channels_of_22_14(size, angle, d)
     rounding = 1e-9
     assert solved_22_14(np.array([fcx, fcy, tau]), d) == pytest.approx((size, angle), rel=rounding, abs=rounding)
-    corrected, printed = ((fcx + sign * tau * d) * np.cos(angle) for sign in (1, -1))
-    # tan as a product, so that a quarter turn is no special case
+    corrected = (fcx + tau * d) * np.cos(angle)
+    numerator, denominator = FRACTION(fcx, fcy, tau, d)
+    assert denominator == pytest.approx(fcy * (1 + d**2))
+    printed = numerator * np.cos(angle)
     assert corrected == pytest.approx(fcy * (1 + d**2) * np.sin(angle), abs=rounding * size)
     wrong_by = abs(printed - fcy * (1 + d**2) * np.sin(angle))
     assert wrong_by == pytest.approx(2 * d**2 * size * abs(np.sin(angle) * np.cos(angle)), abs=rounding * size)
@@ -163,8 +178,8 @@ def test_22_16_has_the_wrong_sign_and_the_corrected_one_inverts_22_14(size: floa
 def test_22_16_solves_the_torque_with_the_opposite_sign(size: float, angle: float, d: float) -> None:
     fcx, fcy, _ = channels_of_22_14(size, angle, d)
     tau = size * d * np.sin(angle)
-    printed = (fcx - tau * d) * np.cos(angle)
-    assert printed == pytest.approx(fcy * (1 + d**2) * np.sin(angle), abs=1e-9 * size)  # rounding
+    numerator, denominator = FRACTION(fcx, fcy, tau, d)
+    assert numerator * np.cos(angle) == pytest.approx(denominator * np.sin(angle), abs=1e-9 * size)  # rounding
 
 
 @given(sizes, directions.filter(lambda b: abs(np.cos(b)) > 0.01), arms)

@@ -249,6 +249,55 @@ CASES: list[Case] = [  # space, effect, what is hidden, its true amounts, where 
         {"start": 7.0, "end": 9.0, "fcx": 4.0, "fcy": 2.0, "tauc": 0.3},
         {"start": 6.999, "end": 9.002},  # a sample on each edge, 10 ms long; the next ones are 20 ms away
     ),
+    (PLANE, effects.joint_offset(), simulated.JointOffset(offset=0.2), {"offset_2": 0.2, "offset_3": 0.0}, {}),
+    (
+        PLANE,
+        effects.joint_elasticity(),
+        simulated.JointElasticity(),
+        {"compliance_1": 1e-3, "compliance_2": 1.5e-3, "compliance_3": 2e-3},
+        {},
+    ),
+    (
+        PLANE,
+        effects.joint_backlash(),
+        simulated.JointBacklash(width=(0.05, 0.05, 0.05)),
+        {"width_1": 0.05, "width_2": 0.05},
+        {},
+    ),
+    (PLANE, effects.link_length_error(), simulated.LinkLengthError(), {"error_1": 0.0, "error_2": 0.03}, {}),
+    (PLANE, effects.coulomb_friction(), simulated.CoulombFriction(), {"level": 0.03}, {}),
+    (
+        PLANE,
+        effects.tip_flexibility(),
+        simulated.TipFlexibility(),
+        {"stiffness": 50.0, "damping": 0.1},
+        {"stiffness": 80.0, "damping": 0.3},
+    ),
+    (
+        PLANE,
+        effects.payload_change(),
+        simulated.PayloadChange(mass=0.2, time=7.0),
+        {"mass": 0.2, "d": 0.12},
+        {"time": 6.998, "d": 0.1},
+    ),
+    (PLANE, effects.sensor_gain(), simulated.SensorGain(), {"fy": 1.03}, {}),
+    (
+        PLANE,
+        effects.gain_nonlinearity(),
+        simulated.GainNonlinearity(cubic=1e-4),
+        {"fx_2": 1.5e-3, "fx_3": 1e-4, "fy_2": 1.5e-3, "tau_2": 0.0},
+        {},
+    ),
+    (PLANE, effects.sensor_hysteresis(), simulated.SensorHysteresis(), {"fx": 0.25, "tau": 0.01}, {"fx": 0.1}),
+    (
+        PLANE,
+        effects.line_interference(),
+        simulated.LineInterference(),
+        {"frequency": 17.317},
+        {"frequency": 17.31},
+    ),
+    (SPACE, effects.coulomb_friction(), simulated.CoulombFriction(), {"level": 0.03}, {}),
+    (SPACE, effects.sensor_gain(), simulated.SensorGain(), {"fy": 1.03, "tz": 1.0}, {}),
     (SPACE, effects.gravity_tilt(), simulated.GravityTilt(tilt_x=-0.02), {"tilt_x": -0.02, "tilt_y": 0.03}, {}),
     (
         SPACE,
@@ -269,8 +318,8 @@ CASES: list[Case] = [  # space, effect, what is hidden, its true amounts, where 
     (SPACE, effects.sensor_lag(), simulated.SensorLag(), {"time_constant": 0.02}, {}),
     (SPACE, effects.time_delay(), simulated.TimeDelay(), {"delay": 0.012}, {}),
 ]
-OWN_SHAPE = {"bias_drift"}
-"""Effects that the simulator gives another curve on purpose; test_effects has them."""
+OWN_SHAPE = {"bias_drift", "saturation"}
+"""Effects that the simulator gives another curve, or a level that the case finds out; others test these."""
 
 
 def test_every_effect_is_refitted() -> None:

@@ -26,12 +26,16 @@ from truewrench.simulated_rig import (
     ContactEvent,
     GravityTilt,
     HiddenEffect,
+    JointOffset,
+    LineInterference,
     PlanarRig,
     QuadraticDrag,
     SensorCrosstalk,
+    SensorHysteresis,
     SensorLag,
     SpatialRig,
     TimeDelay,
+    TipFlexibility,
     ViscousDrag,
     simulate,
 )
@@ -89,6 +93,12 @@ FOUND = {
     "quadratic_drag": Hidden(PlanarRig(), QuadraticDrag(c=0.08, d=0.12), {"c": 0.08, "d": 0.12}),
     "sensor_crosstalk": Hidden(PlanarRig(), SensorCrosstalk(leaks=(("fy", "fx", 0.04),)), {"fy_fx": 0.04}),
     "sensor_lag": Hidden(PlanarRig(), SensorLag(time_constant=0.02), {"time_constant": 0.02}),
+    "joint_offset": Hidden(PlanarRig(), JointOffset(joint=2, offset=0.02), {"offset_2": 0.02, "offset_3": 0.0}),
+    "tip_flexibility": Hidden(PlanarRig(), TipFlexibility(stiffness=50.0), {"stiffness": 50.0}),
+    "sensor_hysteresis": Hidden(
+        PlanarRig(), SensorHysteresis(force=0.25, torque=0.01), {"fx": 0.25, "fy": 0.25, "tau": 0.01}
+    ),
+    "line_interference": Hidden(PlanarRig(), LineInterference(frequency=17.317), {"frequency": 17.317}),
     "contact_event": Hidden(PlanarRig(), ContactEvent(), {"fcx": 4.0, "fcy": 2.0, "tauc": 0.3}),
     "gravity_tilt, six axes": Hidden(
         SpatialRig(), GravityTilt(tilt_x=0.02, tilt_y=0.03), {"tilt_x": 0.02, "tilt_y": 0.03}
@@ -120,6 +130,15 @@ def test_error_that_can_be_explained_falls_on_another_motion(case: str) -> None:
         limit = (after.noise_floor[channel] / 10) ** 2 + 2 * after.explainable_std[channel]
         assert rms**2 <= limit, channel
     assert max(before.explainable_rms[c] / before.noise_floor[c] for c in before.explainable_rms) > 1
+
+
+def test_offset_of_the_first_joint_is_a_tilted_base() -> None:
+    """No motion of a planar arm tells them apart: the simpler one is named, the other said to do as well."""
+    result = diagnosed(Hidden(PlanarRig(), JointOffset(joint=1, offset=0.02)))
+    assert result.added == ("gravity_tilt",), str(result)
+    assert "joint_offset" in result.findings[0].confusable_with
+    tilt = result.findings[0].parameters["angle"]
+    assert abs(tilt.value + 0.02) < STANDARD_DEVIATIONS * tilt.std
 
 
 def test_what_has_no_name_is_not_given_one() -> None:

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import lsim
 
-from estimation.contact.running_memory import RunningMemory
 from modeling import effects
 from modeling.chain import LAPLACE
 from modeling.errors import InputError
 from modeling.memory import Memory, Transfer
 from modeling.model import planar
+from modeling.running_memory import RunningMemory
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from estimation.noise import NoiseSource
 from estimation.reading import from_columns
 from modeling.effect import Effect
 from modeling.effects import catalogue
-from modeling.effects.body import ViscousDrag
-from modeling.effects.time import BiasDrift
+from modeling.effects.drag import ViscousDrag
+from modeling.effects.zero import BiasDrift
 from modeling.errors import InputError
 from modeling.model import WrenchModel, planar
 from modeling.rig import Convention, Rig
@@ -33,6 +33,11 @@ RIG = Rig.from_data(
         "sensor": {"noise": {"fx": 0.1, "fy": 0.2, "tau": 0.01}, "convention": "on_tool"},
     }
 )
+ELBOW = Path(__file__).parent / "urdf" / "elbow.urdf"
+RIGS = {
+    Space.PLANE: RIG,
+    Space.SPACE: Rig.from_data({"robot": {"urdf": str(ELBOW), "sensor_frame": "tool0"}}),
+}
 
 
 def every_effect(space: Space) -> tuple[Effect, ...]:
@@ -43,7 +48,7 @@ def every_effect(space: Space) -> tuple[Effect, ...]:
 def model_file(space: Space, *, effects: tuple[Effect, ...] | None = None, unseen: int | None = None) -> ModelFile:
     """A file with these effects (all of that space) in it, random values and a random covariance."""
     effects = every_effect(space) if effects is None else effects
-    model = WrenchModel(space=space, convention=Convention.ON_SENSOR, effects=effects)
+    model = WrenchModel(space=space, convention=Convention.ON_SENSOR, arm=RIGS[space].arm) + effects
     size, rng = len(model.parameters), np.random.default_rng(1)
     root = rng.standard_normal((size, 2 * size))
     covariance = root @ root.T
@@ -53,7 +58,7 @@ def model_file(space: Space, *, effects: tuple[Effect, ...] | None = None, unsee
     std = np.sqrt(np.diag(covariance))
     return ModelFile(
         model=model,
-        rig=RIG if space is Space.PLANE else None,
+        rig=RIGS[space],
         parameters={
             p.name: Estimate(p.name, float(v), float(s), p.unit)
             for p, v, s in zip(model.parameters, rng.standard_normal(size), std, strict=True)

@@ -6,6 +6,7 @@ import runpy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from diagnosis.verdict import RecordVerdict
@@ -60,10 +61,65 @@ def designed_motion(names: dict[str, Any]) -> None:
     assert abs(found / expected - 1) < 0.3
 
 
+def the_chapter_checked(names: dict[str, Any]) -> None:
+    """Verdicts come of differences: zero where an equation agrees, what is left where an erratum is; the figures."""
+    marks = {f"{e.number} {e.states}": e.mark for e in names["equations"]}
+    agreeing = {name for name, mark in marks.items() if mark == "agrees"}
+    assert agreeing == {
+        *("22.2 Ps", "22.2 P", "22.3 G", "22.4 a_G", "22.5 fy - bias", "22.6 theta"),
+        *("22.7 Y - V", "22.8 Phi", "22.9 M1 .. M4", "22.10 q1 .. q3"),
+    }
+    assert {name: mark for name, mark in marks.items() if name not in agreeing} == {
+        "22.3 v_G": "open, not quoted",
+        "22.5 fx - bias": "erratum 1",
+        "22.5 tau - bias": "not derivable, erratum 1",
+        "22.6 I": "erratum 2",
+        "22.13 fc": "open",
+        "22.14 fc of R, b": "erratum 7",
+        "22.15 R": "open, not quoted",
+        "22.16 tan b": "erratum 3",
+    }
+    for equation in names["equations"]:
+        zero = [all(entry == 0 for entry in difference) for difference in equation.differences]
+        assert any(zero) is (equation.mark == "agrees"), equation
+    assert [erratum.number for erratum in names["all_errata"]] == list(range(1, 9))
+    for erratum in names["all_errata"]:
+        assert all(all(entry == 0 for entry in p.difference) is p.equal for p in erratum.proofs), erratum
+        assert erratum.number in (5, 6) or any(not p.equal for p in erratum.proofs)
+    assert names["in_degrees"].round().tolist() == [42, 44, 35]
+    assert (names["in_radians"] > 2000).all()
+    decades = [round(value, 1) for value in names["determinant"].values()]
+    assert decades[:2] == [25.5, 31.5]
+    assert abs(decades[2] - 42) < 0.5
+    assert abs(names["returned"] - 2.84) < 5e-3
+    for name, figures in {"noise": [0.655, 2.632], "remainder": [0.123, 0.149], "error": [0.005, 0.018]}.items():
+        assert names[name].round(3).tolist() == figures
+    for name, spread in names["spread"].items():
+        assert abs(spread / names["expected"][name] - 1) < 0.15  # 400 draws: 3.5 %, one in 50 000 beyond
+
+
+def own_effect(names: dict[str, Any]) -> None:
+    """Unexplained, and the residual points at the magnet; six lines name it, and the error goes down to the floor."""
+    assert names["unknown"].verdict is RecordVerdict.UNEXPLAINED
+    assert len(names["text"].strip().splitlines()) == 6
+    assert (names["found"].verdict, names["found"].added) == (RecordVerdict.EXPLAINED, ("magnet",))
+    for name, true in names["hidden"].items():
+        assert abs(names["estimates"][name].value - true) < 4 * names["estimates"][name].std  # four: one in 4000 beyond
+    last = names["found"].steps[-1]
+    for comparison in (*last.training, *last.validation):
+        explainable, floor = comparison.explainable_rms, comparison.noise_floor
+        assert all(explainable[c] < 0.3 * floor[c] for c in floor)  # 4 repeats of 150: what noise leaves, and more
+    strongest = np.argmax(np.hypot(*names["force"]))
+    way, force = np.array([names["x"], names["y"]]) - names["path"][:, strongest], names["force"][:, strongest]
+    assert way @ force > 0.95 * np.hypot(*way) * np.hypot(*force)  # the rigid fit has taken in some of the force
+
+
 CLAIMS = {
     "contact_force": contact_force,
     "designed_motion": designed_motion,
     "from_recording_to_missing_effect": missing_effect,
+    "own_effect": own_effect,
+    "the_chapter_checked": the_chapter_checked,
 }
 
 

@@ -50,7 +50,7 @@ def diagnosed(seed: int) -> Diagnosis:
 
 def with_drag(recording: Recording) -> tuple[Candidate, Candidate]:
     """The rigid tip, and the same with the drag that was hidden."""
-    base = Candidate(fit(planar(recording.rig), recording))
+    base = Candidate(fit(planar(recording.rig), recording), among=len(FEW))
     return base, extended(base, screen(base.fit, [viscous_drag()])[0])
 
 

@@ -40,7 +40,10 @@ if TYPE_CHECKING:
     from modeling import effects
     from modeling.errors import InputError, TruewrenchError
     from modeling.model import WrenchModel, planar, spatial
+    from modeling.own.writing import own_effect
     from modeling.rig import Rig
+    from modeling.space import signals
+    from truewrench.effects_file import read_effects
 
 _HOMES = {
     "AOptimal": "design.criterion",
@@ -84,10 +87,13 @@ _HOMES = {
     "errors_in_variables_fit": "estimation.noisy_motion.errors_in_variables",
     "fit": "estimation.fit",
     "intervals": "estimation.interval",
+    "own_effect": "modeling.own.writing",
     "planar": "modeling.model",
     "read": "estimation.reading",
     "read_chunks": "estimation.stream.long_log",
+    "read_effects": "truewrench.effects_file",
     "robust_fit": "estimation.robust.robust_fit",
+    "signals": "modeling.space",
     "spatial": "modeling.model",
     "tell_apart": "design.discrimination",
     "upper_bound": "design.bound",
@@ -136,10 +142,13 @@ __all__ = [
     "errors_in_variables_fit",
     "fit",
     "intervals",
+    "own_effect",
     "planar",
     "read",
     "read_chunks",
+    "read_effects",
     "robust_fit",
+    "signals",
     "spatial",
     "tell_apart",
     "upper_bound",

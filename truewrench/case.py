@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import degrees
@@ -52,7 +53,7 @@ class Case:
 
 def labels(paths: Sequence[Path]) -> list[str]:
     """A name for each file: its own, with as many of the folders before it as tell it from the others."""
-    full = [p.resolve().parts for p in paths]
+    full = [_real(p).parts for p in paths]
     names = []
     for parts in full:
         others = [o for o in full if o != parts]
@@ -61,13 +62,18 @@ def labels(paths: Sequence[Path]) -> list[str]:
     return names
 
 
+def _real(path: Path) -> Path:
+    """The path without links; one that leads in a circle stays, and is refused when it is read."""
+    return Path(os.path.realpath(path))
+
+
 def _require_different(paths: Sequence[Path]) -> None:
     seen = set()
     for path in paths:
-        if path.resolve() in seen:
+        if _real(path) in seen:
             what = "the recording is given twice"
             raise InputError(what=what, where=str(path), remedy="give each once; validate with another motion")
-        seen.add(path.resolve())
+        seen.add(_real(path))
 
 
 def _require_one_sensor(recordings: Sequence[Recording]) -> None:

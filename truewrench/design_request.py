@@ -56,18 +56,18 @@ class DesignRequest:
     def model(self) -> WrenchModel:
         """The model file's, else the rigid tool of the rig; a sign that is still open does not matter here."""
         if self.saved is not None:
-            return self.saved.model.lasting
+            return self.saved.model.designable
         model = (planar if self.arm.space is Space.PLANE else spatial)(self.rig)
         return replace(model, convention=Convention.ON_TOOL) if model.convention is Convention.AUTO else model
 
     @property
     def left_out(self) -> list[str]:
-        """Effects of the model file that belong to one recording."""
-        return [] if self.saved is None else [e.id for e in self.saved.model.effects if e.per_recording]
+        """Effects of the model file for which no motion can be designed."""
+        return [] if self.saved is None else [e.id for e in self.saved.model.effects if not e.designable]
 
     @property
     def values(self) -> dict[str, float] | None:
-        """The parameters in the model file, those of effects of one recording left out."""
+        """The parameters in the model file, those of effects left out excepted."""
         if self.saved is None:
             return None
         return {p.name: self.saved.parameters[p.name].value for p in self.model.parameters}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import reduce
 from math import isclose, isfinite
 from operator import add
@@ -22,7 +22,9 @@ from estimation.stream.streaming import StreamedFit
 from modeling.effect import Effect
 from modeling.effects import named
 from modeling.errors import InputError
+from modeling.kinematics import Arm
 from modeling.model import QUARTER_TURNS, QuarterTurns, WrenchModel
+from modeling.own.formula_effect import FormulaEffect
 from modeling.rig import Convention, Rig
 from modeling.space import Space
 
@@ -115,9 +117,10 @@ class ModelFile:
         except ValidationError as error:
             raise _refusal(error, where) from None
         rig = None if table.rig is None else Rig.from_data(table.rig, where=f"{where}: rig")
-        parameters, covariance = _numbers(table, _model(table, where), where)
+        model = _model(table, where, None if rig is None else rig.arm)
+        parameters, covariance = _numbers(table, model, where)
         return cls(
-            model=_model(table, where),
+            model=model,
             rig=rig,
             parameters=parameters,
             covariance=covariance,
@@ -137,7 +140,7 @@ class ModelFile:
             "mirror_y": self.model.mirror_y,
             "mounting": [list(row) for row in self.model.mounting],
             "channels": list(self.model.channels),
-            "effects": [{"id": e.id, "options": asdict(e)} for e in self.model.effects],
+            "effects": [_effect_data(effect) for effect in self.model.effects],
             "parameters": {
                 e.name: {"value": e.value, "std": _finite(e.std), "unit": e.unit} for e in self.parameters.values()
             },
@@ -196,6 +199,7 @@ class _Table(BaseModel):
 class _Effect(_Table):
     id: str
     options: dict[str, int] = Field(default_factory=dict)
+    definition: dict[str, Any] | None = None
 
 
 class _Estimate(_Table):
@@ -246,7 +250,7 @@ def _mounting(rows: list[list[int]], where: str) -> QuarterTurns:
     raise InputError(what="mounting is no rotation by quarter turns", where=where, remedy=REMEDY)
 
 
-def _model(table: _Model, where: str) -> WrenchModel:
+def _model(table: _Model, where: str, arm: Arm | None) -> WrenchModel:
     space = BASES[table.base]
     _require_names(table.channels, space.channels, "channels", where)
     _require_names(table.noise_floor, space.channels, "noise_floor", where)
@@ -257,25 +261,48 @@ def _model(table: _Model, where: str) -> WrenchModel:
         convention=Convention(table.convention),
         mirror_y=table.mirror_y,
         mounting=_mounting(table.mounting, where),
-    )
+    ).of_arm(arm)
     try:
         model = reduce(add, (_effect(effect, len(table.parameters)) for effect in table.effects), bare)
     except InputError as error:
-        raise InputError(what=f"effects: {error.what}", where=where, remedy=error.remedy) from None
+        place = "" if error.where in ("effects", "effect id") else f"{error.where}: "
+        raise InputError(what=f"effects: {place}{error.what}", where=where, remedy=error.remedy) from None
+    if arm is None and any(effect.needs_joints for effect in model.effects):
+        raise InputError(what="effects: joints are named, and rig has no arm", where=where, remedy=REMEDY)
     _require_names(table.parameters, [p.name for p in model.parameters], "parameters", where)
     return model
 
 
 def _effect(table: _Effect, most: int) -> Effect:
-    """The effect of that id with its options, each a whole number that counts some of the file's parameters."""
+    """The effect of that id with its options, each a whole number that counts some of the file's parameters.
+
+    One of a user's own comes with its definition, whose formulas are parsed as those of an effects file are.
+    """
+    if table.definition is not None:
+        own = FormulaEffect.from_data(table.definition, where=table.id[:40])
+        if own.id != table.id or table.options:
+            raise InputError(what=f"{table.id[:40]} is defined as '{own.id}'", where="effects", remedy=REMEDY)
+        return own
     effect = named(table.id)
-    known = {field.name for field in fields(effect)}
+    known = _options(effect)
     for name, value in table.options.items():
         if name not in known:
             raise InputError(what=f"{table.id} has no option '{name[:40]}'", where="effects", remedy=REMEDY)
         if not 0 < value <= most:
             raise InputError(what=f"{table.id} cannot have {name} = {value:.3g}", where="effects", remedy=REMEDY)
     return type(effect)(**table.options)
+
+
+def _effect_data(effect: Effect) -> dict[str, Any]:
+    """Its id, with its options, or with the table that a user wrote."""
+    if isinstance(effect, FormulaEffect):
+        return {"id": effect.id, "definition": effect.to_data()}
+    return {"id": effect.id, "options": _options(effect)}
+
+
+def _options(effect: Effect) -> dict[str, int]:
+    """Its options, whole numbers; the rest follows from the arm."""
+    return {name: value for name, value in asdict(effect).items() if isinstance(value, int)}
 
 
 def _require_names(came: Iterable[str], expected: Iterable[str], what: str, where: str) -> None:

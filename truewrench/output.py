@@ -29,6 +29,18 @@ def folder(path: Path) -> Path:
     return path
 
 
+def require_folder(path: Path) -> None:
+    """Refuse a folder that cannot be written or made, before any work is done for it.
+
+    Raises InputError.
+    """
+    there = next(place for place in (path.absolute(), *path.absolute().parents) if os.path.lexists(place))
+    if not there.is_dir():
+        raise InputError(what="is no folder", where=str(there), remedy="give --out another place")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(what="nothing can be written there", where=str(there), remedy="give --out another place")
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A path beside `path` to write to: it takes the place of `path` when the block ends well, else it goes.

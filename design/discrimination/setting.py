@@ -101,10 +101,14 @@ class Setting:
         known = {*signal_names(self.arm), *CLOCK}
         for model in models:
             passing = [e.id for e in model.effects if e.per_recording]
+            strange = [e.id for e in model.effects if not e.designable]
             missing = [name for name in model.inputs if name not in known]
             if passing:
                 what, remedy = f"{passing[0]} belongs to one recording, and no motion brings it back", "leave it out"
                 raise InputError(what=what, where="effects to be told apart", remedy=remedy)
+            if strange:
+                what = f"{strange[0]} is neither of one instant nor linear in the past, and no design can count on it"
+                raise InputError(what=what, where="effects to be told apart", remedy="leave it out")
             if missing:
                 what = f"'{missing[0]}' is needed by {' + '.join(e.id for e in model.effects)}"
                 what += ", and no motion of the joints gives it"

@@ -114,6 +114,7 @@ def tell_apart(
     values that give the truth no more than a rival has.
     """
     setting = Setting.of(rig, series=series, samples=samples, noise=noise)
+    truth, *rivals = (model.of_arm(setting.arm) for model in (truth, *rivals))
     setting.require([truth, *rivals])
     randoms = [setting.random((seed, 0, number)) for number in range(TYPICAL)]
     probes = tuple(setting.view(motion, setting.coarse) for motion in randoms[:PROBES])

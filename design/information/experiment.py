@@ -17,6 +17,7 @@ from design.information.state import signal_names, signals_along
 from design.information.term import Term, sensitivity_terms
 from design.information.values import Values, values_of
 from design.motion.series import Motion
+from modeling.chain import Stage
 from modeling.errors import InputError
 from modeling.kinematics import Arm
 from modeling.model import WrenchModel
@@ -85,6 +86,11 @@ class Experiment:
                 where="experiment",
                 remedy="take a planar model with a planar arm, a spatial one with a spatial arm",
             )
+        model = model.of_arm(arm)
+        strange = [e.id for e in model.effects if e.stage in (Stage.BEND, Stage.PLAY, Stage.SATURATION)]
+        if strange:
+            what = f"{strange[0]} is neither of one instant nor linear in the past"
+            raise InputError(what=what, where="experiment", remedy="leave that effect out of the design")
         size, terms = len(model.parameters), list[Term]()
         for place, theta in enumerate(thetas):
             terms += sensitivity_terms(model, values_of(model, theta), place * size)

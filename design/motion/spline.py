@@ -15,6 +15,8 @@ from modeling.errors import InputError
 SMOOTH = 2
 """Least degree: then the acceleration is constant between knots, as of a motion that always uses all it may. From
 degree 3 on it is continuous, from 4 on the jerk too."""
+HIGHEST = 9
+"""Highest degree: beyond, a spline is as good as a Fourier series, and its coefficients are hardly told apart."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +25,7 @@ class SplineSeries(Series):
 
     Coefficients joint by joint, in the coordinate's unit; the functions are nowhere negative and add up to one, so
     that a spline stays between its coefficients. period in s. Raises InputError for a period that is not positive, a
-    degree below 2 or no more knots than the degree.
+    degree below 2 or above 9, or no more knots than the degree.
     """
 
     joints: int
@@ -33,8 +35,8 @@ class SplineSeries(Series):
 
     def __post_init__(self) -> None:
         positive(self.period, name="period", where="SplineSeries")
-        if not SMOOTH <= self.degree < self.knots:
-            what = f"a degree from {SMOOTH} on and more knots were expected, and {self.degree} and {self.knots} came"
+        if not SMOOTH <= self.degree <= min(HIGHEST, self.knots - 1):
+            what = f"a degree of {SMOOTH} to {HIGHEST} and more knots expected, and {self.degree} and {self.knots} came"
             raise InputError(what=what, where="SplineSeries", remedy="give for instance degree 5 and 20 knots")
 
     def __str__(self) -> str:

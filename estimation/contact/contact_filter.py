@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from estimation.contact.calibration import Calibration
 from estimation.contact.local_polynomial import LocalPolynomial
 from estimation.contact.row_motion import RowMotion, Tap
-from estimation.contact.running_memory import RunningMemory
 from estimation.fit import Fit
 from estimation.linear.estimate import table
 from modeling.contact import components
@@ -22,6 +21,7 @@ from modeling.contact_gain import contact_gain_at, lateness
 from modeling.errors import InputError
 from modeling.memory import Memory
 from modeling.rig import Rig
+from modeling.running_memory import RunningMemory
 
 Array = NDArray[np.float64]
 Row = Mapping[str, float] | ArrayLike
@@ -59,6 +59,7 @@ class ContactFilter:
         self.calibration = (fitted if isinstance(fitted, Calibration) else Calibration.of(fitted)).lasting
         self.window = window
         model, theta = self.calibration.model, self.calibration.theta
+        model.require_direct("contact filter")
         biases = len(model.biases)
         self.zero = np.array(theta[:biases] if zero is None else zero, dtype=float)
         if self.zero.shape != (biases,) or not np.isfinite(self.zero).all():

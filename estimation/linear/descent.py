@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimation.linear.least_squares import Sight, Solution
 from estimation.linear.square_root import EPS, SquareRoot
+from modeling.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -50,14 +51,15 @@ def minimise(information: Callable[[Array], SquareRoot], start: Array, bounds: t
 
     Gauss-Newton steps with Levenberg's damping on columns of unit length; a step that would leave the bounds is
     cut at them. A linear model takes one step, and a second one that refines it with the residual in the data.
+    Where a trial has no prediction (a spring too soft to carry its tool) the step is taken for one that gains nothing.
     """
     theta, damping = np.clip(start, *bounds), 0.0
     here = information(theta)
     for _ in range(MOST_STEPS):
         trial = np.clip(theta + damped_step(here, theta, bounds, damping), *bounds)
-        there = information(trial)
-        gain = here.cost - there.cost
-        if gain > 0:
+        there = _informed(information, trial)
+        gain = -np.inf if there is None else here.cost - there.cost
+        if there is not None and gain > 0:
             theta, here = trial, there
             damping = damping / 10 if damping > 1e-9 else 0.0
         else:
@@ -66,6 +68,14 @@ def minimise(information: Callable[[Array], SquareRoot], start: Array, bounds: t
         if abs(gain) < STEP_TOLERANCE + 4 * EPS * here.cost or damping > 1e6:
             return Minimum.at(theta, here, True)
     return Minimum.at(theta, here, False)
+
+
+def _informed(information: Callable[[Array], SquareRoot], trial: Array) -> SquareRoot | None:
+    """The information at a trial, None where the model predicts nothing."""
+    try:
+        return information(trial)
+    except InputError:
+        return None
 
 
 def damped_step(here: SquareRoot, theta: Array, bounds: tuple[Array, Array], damping: float) -> Array:

@@ -98,6 +98,8 @@ def _repeated(recordings: Sequence[Recording]) -> Recording:
 
 
 def _refuse_memory(fitted: Fit) -> None:
+    for own in fitted.layout.models:
+        own.require_direct("errors_in_variables_fit")
     if any(compiled(own).remembers for own in fitted.layout.models):
         raise InputError(
             what="noise of the motion is not followed through a lag or a delay",

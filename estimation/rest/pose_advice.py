@@ -114,6 +114,7 @@ class PoseAdvice:
 
 def whitened(fitted: Fit, number: int, poses: RestPoses) -> Array:
     """Derivative (n, p, k) of the readings at poses in all unknowns of a fit, over the noise floor of a recording."""
+    fitted.layout.models[number].require_direct("pose advice")
     index, model = fitted.layout.index[number], compiled(fitted.layout.models[number])
     parts = (e.tangent(poses.signals, fitted.theta[index], len(poses))[1] for e in (model.load, model.zero))
     rows = np.zeros((len(poses), len(fitted.recordings[number].channels), fitted.layout.size))

@@ -64,7 +64,7 @@ def require_channels(part: Part, model: WrenchModel, noise: NoiseModel) -> None:
 
 def _series(part: Part, model: WrenchModel, noise: NoiseModel, theta: Array | None) -> Iterator[tuple[Array, int]]:
     """Derivative in each parameter and, last, measured minus predicted, (k + 1, p, n), stretch by stretch."""
-    if compiled(model).remembers:
+    if not compiled(model).instantaneous:
         yield from _remembered(part, model, theta)
         return
     size = PIECE // noise.block * noise.block + noise.block  # not below the memory either
@@ -93,7 +93,7 @@ def _remembered(part: Part, model: WrenchModel, theta: Array | None) -> Iterator
     """Of a recording whose model remembers: its whole series at once, and separate runs apart."""
     if isinstance(part, Chunk):
         what = "the model remembers what came before a chunk, and a chunk does not carry it"
-        raise InputError(what=what, where=part.run, remedy="give whole recordings, or leave lag and delay out")
+        raise InputError(what=what, where=part.run, remedy="give whole recordings, or leave that effect out")
     response = respond(model, part, np.zeros(len(model.parameters)) if theta is None else theta)
     rows = _stacked(part.wrench, response.value, response.derivative)
     for run in np.split(rows, 1 if part.continuous else part.repeats, axis=-1):

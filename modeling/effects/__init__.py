@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from modeling.effect import Effect
-from modeling.effects.body import CableSpring, CentreOfMassOffset, GravityTilt, QuadraticDrag, ViscousDrag
-from modeling.effects.sensor import SensorCrosstalk, SensorLag, SensorRotation, TimeDelay
-from modeling.effects.time import BiasDrift, ContactEvent, ThermalDrift
+from modeling.effects.body import CentreOfMassOffset, GravityTilt
+from modeling.effects.cable import CableSpring
+from modeling.effects.channels import GainNonlinearity, Saturation, SensorCrosstalk, SensorGain, SensorRotation
+from modeling.effects.drag import CoulombFriction, QuadraticDrag, ViscousDrag
+from modeling.effects.events import ContactEvent, PayloadChange
+from modeling.effects.joints import JointBacklash, JointElasticity, JointOffset, LinkLengthError
+from modeling.effects.late import SensorLag, TimeDelay
+from modeling.effects.remembering import SensorHysteresis, TipFlexibility
+from modeling.effects.zero import BiasDrift, LineInterference, ThermalDrift
 from modeling.errors import InputError
 from modeling.space import Space
 
@@ -13,30 +19,54 @@ __all__ = ["CATALOGUE", "BiasDrift", "Effect", "catalogue", "named"]
 
 com_offset = CentreOfMassOffset
 gravity_tilt = GravityTilt
+joint_offset = JointOffset
+joint_elasticity = JointElasticity
+joint_backlash = JointBacklash
+link_length_error = LinkLengthError
+sensor_rotation = SensorRotation
 viscous_drag = ViscousDrag
 quadratic_drag = QuadraticDrag
+coulomb_friction = CoulombFriction
 cable_spring = CableSpring
-sensor_rotation = SensorRotation
+tip_flexibility = TipFlexibility
+payload_change = PayloadChange
+contact_event = ContactEvent
+sensor_gain = SensorGain
 sensor_crosstalk = SensorCrosstalk
+gain_nonlinearity = GainNonlinearity
+sensor_hysteresis = SensorHysteresis
 sensor_lag = SensorLag
 time_delay = TimeDelay
+saturation = Saturation
 bias_drift = BiasDrift
 thermal_drift = ThermalDrift
-contact_event = ContactEvent
+line_interference = LineInterference
 
 CATALOGUE: tuple[type[Effect], ...] = (
     CentreOfMassOffset,
     GravityTilt,
+    JointOffset,
+    JointElasticity,
+    JointBacklash,
+    LinkLengthError,
     SensorRotation,
-    SensorCrosstalk,
     ViscousDrag,
     QuadraticDrag,
+    CoulombFriction,
     CableSpring,
+    TipFlexibility,
+    PayloadChange,
+    ContactEvent,
+    SensorGain,
+    SensorCrosstalk,
+    GainNonlinearity,
+    SensorHysteresis,
     SensorLag,
     TimeDelay,
+    Saturation,
     BiasDrift,
     ThermalDrift,
-    ContactEvent,
+    LineInterference,
 )
 
 

@@ -57,8 +57,10 @@ def run(arguments: argparse.Namespace) -> None:
     from estimation.contact.contact import compensate
     from estimation.reading import read
     from truewrench.model_file import ModelFile
-    from truewrench.output import progress_line, replacing
+    from truewrench.output import progress_line, replacing, require_folder
 
+    if arguments.out is not None:
+        require_folder(arguments.out.parent)
     saved = ModelFile.read(arguments.model)
     recording = read(arguments.recording, rig=saved.rig)
     with progress_line() as progress:

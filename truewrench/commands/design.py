@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> None:
         return
     print(found)
     if request.left_out:
-        print(f"left out, because they belong to one recording: {', '.join(request.left_out)}")
+        print(f"left out, because no motion can be designed for them: {', '.join(request.left_out)}")
     if written:
         print(f"\nWritten: {arguments.out} and {picture_beside(arguments.out)}")
 

@@ -8,10 +8,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_recordings, add_repeatable
+from truewrench.commands.options import Subcommands, add_own_effects, add_recordings, add_repeatable
 
 if TYPE_CHECKING:
     from diagnosis.diagnosis import Diagnosis
+    from modeling.effect import Effect
     from truewrench.case import Case
 
 FILES = ("report.html", "result.json", "model.json")
@@ -23,6 +24,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command = commands.add_parser("diagnose", help="find what the model is missing", description=text)
     add_recordings(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
+    add_own_effects(command)
     command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
     command.set_defaults(run=run)
@@ -31,11 +33,14 @@ def add_to(commands: Subcommands[Any]) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the files, print."""
     from truewrench.case import Case, sign_data, sign_sentence
-    from truewrench.output import folder
+    from truewrench.output import folder, require_folder
+    from truewrench.own_candidates import own_candidates
     from truewrench.summary import summary
 
+    if arguments.out is not None:
+        require_folder(arguments.out)
     case = Case.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
-    found = diagnosed(case)
+    found = diagnosed(case, own_candidates(arguments.effects, case))
     out = None if arguments.out is None else folder(arguments.out)
     data = found.to_data() | ({} if case.sign is None else {"sign": sign_data(case.sign)})
     if out is not None:
@@ -50,16 +55,23 @@ def run(arguments: argparse.Namespace) -> None:
         print("\nWritten: " + ", ".join(str(out / name) for name in FILES))
 
 
-def diagnosed(case: Case) -> Diagnosis:
-    """The diagnosis of a case.
+def diagnosed(case: Case, own: tuple[Effect, ...] = ()) -> Diagnosis:
+    """The diagnosis of a case; the user's own effects are candidates beside those of the catalogue.
 
     Raises InputError when the mass comes out negative.
     """
     from diagnosis.diagnosis import diagnose
+    from modeling.effects import catalogue
     from truewrench.output import progress_line
 
     with progress_line() as progress:
-        return diagnose(case.model, case.training, validate=case.validation, progress=progress)
+        return diagnose(
+            case.model,
+            case.training,
+            validate=case.validation,
+            effects=(*catalogue(case.model.space), *own),
+            progress=progress,
+        )
 
 
 def write(found: Diagnosis, data: dict[str, Any], out: Path) -> None:

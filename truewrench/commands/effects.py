@@ -49,7 +49,10 @@ def description(effect: Effect) -> str:
         lines.append("It belongs to one recording and is not carried over to another.")
     for space in effect.spaces:
         lines += ["", f"Parameters, {_sensors((space,))}:", *parameter_lines(effect.parameters(space))]
-    return "\n".join([*lines, "", f"On the rig: {effect.advice}."])
+    lines += ["", f"On the rig: {effect.advice}."]
+    if effect.confused_with:
+        lines.append(f"Easily taken for it: {effect.confused_with}.")
+    return "\n".join(lines)
 
 
 def parameter_lines(parameters: Iterable[Parameter]) -> list[str]:

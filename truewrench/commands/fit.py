@@ -7,11 +7,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_recordings, add_repeatable
+from truewrench.commands.options import Subcommands, add_own_effects, add_recordings, add_repeatable
 
 if TYPE_CHECKING:
     from estimation.constrained import Constraints
     from estimation.recording import Recording
+    from modeling.effect import Effect
     from modeling.model import WrenchModel
     from truewrench.fit_summary import FitSummary
 
@@ -23,6 +24,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     add_recordings(command)
     add_repeatable(command, "--add", metavar="ID", text="effect to add")
     add_repeatable(command, "--drop", metavar="ID", text="effect to leave out again")
+    add_own_effects(command)
     command.add_argument("--robust", action="store_true", help="let outliers count less (Huber's loss)")
     command.add_argument("--bounds", type=Path, metavar="FILE", help="TOML with intervals, m = [0.1, 3.0]")
     command.add_argument("--physical", action="store_true", help="only tools that some distribution of mass can be")
@@ -37,11 +39,14 @@ def run(arguments: argparse.Namespace) -> None:
     """Fit, write the model, print."""
     from truewrench.case import Case
     from truewrench.model_file import ModelFile
-    from truewrench.output import progress_line, replacing
+    from truewrench.output import progress_line, replacing, require_folder
+    from truewrench.own_candidates import own_candidates
 
+    if arguments.out is not None:
+        require_folder(arguments.out.parent)
     constraints = constraints_of(arguments)
     case = Case.read(arguments.recordings, rig=arguments.rig)
-    model = changed(case.model, arguments.add, arguments.drop)
+    model = changed(case.model, arguments.add, arguments.drop, own_candidates(arguments.effects, case))
     with progress_line() as progress:
         progress("fit")
         found = estimated(model, case.training, constraints, robust=arguments.robust)
@@ -64,13 +69,14 @@ def estimated(
 
     Raises InputError when both a loss and constraints are asked for.
     """
+    from diagnosis.start import start_values
     from estimation.fit import fit
     from estimation.robust.robust_fit import robust_fit
     from modeling.errors import InputError
     from truewrench.fit_summary import FitSummary
 
     if not robust:
-        fitted = fit(model, recordings, constraints=constraints)
+        fitted = fit(model, recordings, start=start_values(model, recordings), constraints=constraints)
         return FitSummary(fitted, fitted.intervals())
     if constraints is not None:
         what = "a robust loss and constraints cannot be had together"
@@ -92,19 +98,35 @@ def constraints_of(arguments: argparse.Namespace) -> Constraints | None:
     )
 
 
-def changed(model: WrenchModel, add: list[str], drop: list[str]) -> WrenchModel:
-    """The model with and without the effects of these ids.
+def wanted(effect_id: str, own: tuple[Effect, ...] = ()) -> Effect:
+    """The effect of that id, one of the user's own or of the catalogue.
 
-    Raises InputError for ids that are unknown, added twice, or dropped without being in the model.
+    Raises InputError, naming both, when there is none.
     """
     from modeling.effects import named
     from modeling.errors import InputError
 
+    for effect in own:
+        if effect.id == effect_id:
+            return effect
+    try:
+        return named(effect_id)
+    except InputError as error:
+        also = f", or of your own {', '.join(effect.id for effect in own)}" if own else ""
+        raise InputError(what=error.what, where=error.where, remedy=error.remedy + also) from None
+
+
+def changed(model: WrenchModel, add: list[str], drop: list[str], own: tuple[Effect, ...] = ()) -> WrenchModel:
+    """The model with and without the effects of these ids, of the catalogue or the user's own.
+
+    Raises InputError for ids that are unknown, added twice, or dropped without being in the model.
+    """
+    from modeling.errors import InputError
+
     for effect_id in add:
-        model = model + named(effect_id)
+        model = model + wanted(effect_id, own)
     for effect_id in drop:
-        effect = named(effect_id)
-        if effect not in model.effects:
+        if effect_id not in [effect.id for effect in model.effects]:
             remedy = "drop only what --add has added"
             raise InputError(what=f"'{effect_id}' is not in the model", where="--drop", remedy=remedy)
         model = model.without(effect_id)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 Subcommands = argparse._SubParsersAction  # argparse has no public name for what add_subparsers returns
 
@@ -11,6 +12,11 @@ def add_recordings(command: argparse.ArgumentParser) -> None:
     """Add the options that say what was recorded, on which rig."""
     command.add_argument("recordings", nargs="+", metavar="REC", help="recording (CSV or Parquet), one rig and tool")
     command.add_argument("--rig", metavar="RIG", help="rig file (TOML); joint angles need one")
+
+
+def add_own_effects(command: argparse.ArgumentParser) -> None:
+    """Add the option that names a file with effects of the user's own."""
+    command.add_argument("--effects", type=Path, metavar="FILE", help="effects of your own, formulas in TOML")
 
 
 def add_repeatable(command: argparse.ArgumentParser, option: str, *, metavar: str, text: str) -> None:

@@ -4,6 +4,8 @@ It is the oracle of this project and shares no equation with `modeling`. A motio
 inverse dynamics give what a force and a torque sensor at the wrist feel. Loads on the tool (drag, tether,
 magnet) are computed from MuJoCo's own position and velocity of the point that they attack, and put on the
 tool's body as an external wrench, because MuJoCo's forces in joint space never reach a force sensor.
+Joints that give way are moved by what MuJoCo says of the tool's weight, and a tip on a spring swings so that
+the torque that the sensor feels is the spring's.
 
 World: z up, the plane is x right and z up. The tool's frame is the sensor's: in the plane e1 = x', e2 = -y',
 e3 = e1 x e2, into the page, so that positive rotation is clockwise and the tip points along -e2; in six axes
@@ -14,14 +16,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from truewrench.simulated_rig.experiment import (
-    PeriodicMotion,
-    felt_wrench,
-    placed,
-    rest_poses,
-    simulate,
-    write_recording,
-)
+from truewrench.simulated_rig.drive import Drive, PeriodicMotion
+from truewrench.simulated_rig.experiment import placed, rest_poses, simulate, write_recording
+from truewrench.simulated_rig.flexible_tip import TipFlexibility
 from truewrench.simulated_rig.hidden import (
     Clock,
     Event,
@@ -32,6 +29,7 @@ from truewrench.simulated_rig.hidden import (
     ToolLoad,
     ZeroShift,
 )
+from truewrench.simulated_rig.joint_shifts import JointBacklash, JointElasticity, JointShift, weight_torques
 from truewrench.simulated_rig.loads import (
     CONTACT_EDGE,
     Buoyancy,
@@ -74,6 +72,7 @@ from truewrench.simulated_rig.sensor_effects import (
     ThermalDrift,
     TimeDelay,
 )
+from truewrench.simulated_rig.true_wrench import felt_wrench, true_wrench
 
 __all__ = [
     "CONTACT_EDGE",
@@ -88,11 +87,15 @@ __all__ = [
     "Clock",
     "ContactEvent",
     "CoulombFriction",
+    "Drive",
     "Event",
     "GainNonlinearity",
     "GravityTilt",
     "HiddenEffect",
+    "JointBacklash",
+    "JointElasticity",
     "JointOffset",
+    "JointShift",
     "LineInterference",
     "LinkLengthError",
     "Magnet",
@@ -118,6 +121,7 @@ __all__ = [
     "StudentNoise",
     "ThermalDrift",
     "TimeDelay",
+    "TipFlexibility",
     "ToolLoad",
     "Track",
     "ViscousDrag",
@@ -128,6 +132,8 @@ __all__ = [
     "placed",
     "rest_poses",
     "simulate",
+    "true_wrench",
+    "weight_torques",
     "write_recording",
 ]
 
@@ -135,6 +141,8 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = {
     effect.id: effect
     for effect in (
         JointOffset(),
+        JointElasticity(),
+        JointBacklash(),
         LinkLengthError(),
         CentreOfMassOffset(),
         GravityTilt(),
@@ -144,6 +152,7 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = {
         QuadraticDrag(),
         CoulombFriction(),
         CableSpring(),
+        TipFlexibility(),
         ContactEvent(),
         SensorGain(),
         SensorCrosstalk(),

@@ -6,17 +6,18 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from truewrench.simulated_rig.drive import Drive, PeriodicMotion
+from truewrench.simulated_rig.flexible_tip import FINEST, TipFlexibility
 from truewrench.simulated_rig.hidden import (
     Clock,
     Event,
     HiddenEffect,
-    SceneChange,
     SensorEffect,
     Signal,
     ToolLoad,
@@ -24,42 +25,12 @@ from truewrench.simulated_rig.hidden import (
 )
 from truewrench.simulated_rig.noise import NOISE_MODELS, NoiseModel
 from truewrench.simulated_rig.rigs import Rig
-from truewrench.simulated_rig.scene import Array, Scene, Track, mujoco_rows
+from truewrench.simulated_rig.scene import Array, States, Track, mujoco_rows
 from truewrench.simulated_rig.sensor_effects import Saturation, TimeDelay
+from truewrench.simulated_rig.true_wrench import true_wrench
 
 OVERSAMPLING = 10
 """Points to a sample when an effect has memory: a lag's input is taken as straight between them."""
-
-
-class PeriodicMotion(Protocol):
-    """A motion of the rig's coordinates that repeats; `design.motion.series.Motion` is one."""
-
-    @property
-    def period(self) -> float:
-        """Seconds."""
-
-    def evaluate(self, time: Array) -> tuple[Array, Array, Array]:
-        """q, dq, ddq, each (N, n), at the times (N,)."""
-
-
-def felt_wrench(scene: Scene, loads: Sequence[ToolLoad], time: Array, states: tuple[Array, Array, Array]) -> Array:
-    """The wrench (N, 6) that the sensor exerts on the tool, in the sensor's true axes, under the given loads.
-
-    The first run gives the state of each attacked point, the second one feels the loads. MuJoCo wants an
-    external wrench at the body's centre of mass.
-    """
-    points = [load.d for load in loads]
-    actual = (states[0] + scene.joint_offsets, states[1], states[2])
-    rows = mujoco_rows(scene, points, actual, None)
-    if not loads:
-        return rows[:, :6]
-    pushes = np.zeros((len(time), 6))
-    for place, load in enumerate(loads):
-        track = Track.of(rows, time, place)
-        force, torque = load.push(track)
-        pushes[:, :3] += force
-        pushes[:, 3:] += torque + np.cross(track.point - track.centre, force)
-    return mujoco_rows(scene, points, actual, pushes)[:, :6]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,20 +49,16 @@ class _Experiment:
         """The sum of all delays, s."""
         return float(sum(effect.delay for effect in self.of(TimeDelay)))
 
-    @property
-    def oversampling(self) -> int:
+    def oversampling(self, samples_per_period: int) -> int:
         """Points to a sample."""
-        return OVERSAMPLING if any(effect.has_memory for effect in self.of(SensorEffect)) else 1
+        memory = OVERSAMPLING if any(effect.has_memory for effect in self.of(SensorEffect)) else 1
+        swing = -(-FINEST // samples_per_period) if self.of(TipFlexibility) else 1
+        return max(memory, swing)
 
-    def wrench(self, time: Array, states: tuple[Array, Array, Array], events: Sequence[Event] = ()) -> Array:
+    def wrench(self, drive: Drive, events: Sequence[Event] = ()) -> Array:
         """The true wrench (N, p) in the signs of the readings, under lasting effects and the given events."""
-        present = [e for e in self.hidden if not isinstance(e, Event)] + list(events)
-        scene = self.rig.scene
-        for effect in present:
-            if isinstance(effect, SceneChange):
-                scene = effect.changed(scene)
-        loads = [effect for effect in present if isinstance(effect, ToolLoad)]
-        return self.rig.sign * felt_wrench(scene, loads, time, states)[:, self.rig.rows]
+        lasting = [effect for effect in self.hidden if not isinstance(effect, Event)]
+        return true_wrench(self.rig, [*lasting, *events], drive)
 
     def with_events(self, wrench: Array, time: Array, motion: PeriodicMotion) -> Array:
         """The wrench of the whole record, computed anew where an event is active."""
@@ -104,7 +71,7 @@ class _Experiment:
             if pattern.any():
                 here = (active == pattern).all(axis=1)
                 present = [event for event, on in zip(events, pattern, strict=True) if on]
-                wrench[here] = self.wrench(time[here], motion.evaluate(time[here]), present)
+                wrench[here] = self.wrench(Drive.along(motion, time[here]), present)
         return wrench
 
     def through_sensor(self, signal: Signal) -> Array:
@@ -157,12 +124,13 @@ def simulate(
     Raises ValueError when motion, effects or counts do not suit the rig.
     """
     _check_counts(rig, motion, repeats, samples_per_period)
+    _check_together(hidden)
     experiment = _Experiment(rig=rig, hidden=placed(rig, motion, hidden, repeats=repeats))
-    fine = experiment.oversampling
+    fine = experiment.oversampling(samples_per_period)
     step = motion.period / (samples_per_period * fine)
     seen = _ticks(repeats * samples_per_period * fine, step) - experiment.delay
     period = seen[: samples_per_period * fine]
-    before = experiment.wrench(period, motion.evaluate(period))
+    before = experiment.wrench(Drive.along(motion, period, whole_period=True))
     record = experiment.with_events(np.tile(before, (repeats, 1)), seen, motion)
     signal = Signal(channels=rig.channels, record=record, before=before, step=step)
     wrench = experiment.through_sensor(signal)[::fine]
@@ -197,10 +165,10 @@ def rest_poses(
     if q.ndim != 2 or q.shape[1] != rig.coordinates:
         raise ValueError(f"poses of this rig have {rig.coordinates} coordinates; got an array of shape {q.shape}")
     time = _ticks(len(q), seconds_per_pose)
-    states = (q, np.zeros_like(q), np.zeros_like(q))
-    known = tuple(_checked(rig, e).placed(_path(rig, e, time, states)) for e in hidden)
+    drive = Drive.resting(q, time)
+    known = tuple(_checked(rig, e).placed(_path(rig, e, time, drive.states)) for e in hidden)
     experiment = _Experiment(rig=rig, hidden=known)
-    record = experiment.wrench(time, states)
+    record = experiment.wrench(drive)
     signal = Signal(channels=rig.channels, record=record, before=record[:1], step=seconds_per_pose)
     wrench = experiment.through_sensor(signal)
     return _frame(experiment, rig.motion_columns(rig.quantised(q)), wrench, time, _noise(noise), seed)
@@ -248,7 +216,7 @@ def _checked(rig: Rig, effect: HiddenEffect) -> HiddenEffect:
     return effect
 
 
-def _path(rig: Rig, effect: HiddenEffect, time: Array, states: tuple[Array, Array, Array]) -> Track:
+def _path(rig: Rig, effect: HiddenEffect, time: Array, states: States) -> Track:
     """The path of the point that the effect attacks, or of the sensor origin."""
     point = effect.d if isinstance(effect, ToolLoad) else 0.0
     return Track.of(mujoco_rows(rig.scene, (point,), states, None), time)
@@ -273,3 +241,12 @@ def _check_counts(rig: Rig, motion: PeriodicMotion, repeats: int, samples_per_pe
     coordinates = motion.evaluate(np.zeros(1))[0].shape[1]
     if coordinates != rig.coordinates:
         raise ValueError(f"the rig has {rig.coordinates} coordinates, the motion {coordinates}")
+
+
+def _check_together(hidden: Sequence[HiddenEffect]) -> None:
+    """A tip that swings is known in its periodic state only, and swings once."""
+    tips = [effect for effect in hidden if isinstance(effect, TipFlexibility)]
+    events = [effect for effect in hidden if isinstance(effect, Event)]
+    if tips and (events or len(tips) > 1):
+        other = events[0].id if events else "another one"
+        raise ValueError(f"{tips[0].id} cannot be simulated together with {other}; hide one of them")

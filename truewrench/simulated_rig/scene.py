@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
+States = tuple[Array, Array, Array]
+"""Coordinates (N, n), their rates and their accelerations."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,6 +27,7 @@ class Scene:
     sensor_turn     rotation from the sensor's true axes to those that it should have
     payloads        (mass, distance along the tip) of point masses on the tool
     tip_axis        unit vector in the tool's frame
+    flexible        whether the tool turns on a ball joint at the sensor origin; the sensor is on the robot's side of it
     """
 
     links: tuple[float, ...]
@@ -36,18 +39,27 @@ class Scene:
     tip_axis: Array
     sensor_turn: Rotation = field(default_factory=Rotation.identity)
     payloads: tuple[tuple[float, float], ...] = ()
+    flexible: bool = False
 
     @property
     def planar(self) -> bool:
         """Whether the rig moves in the plane only."""
         return bool(self.links)
 
-    def xml(self, points: Sequence[float]) -> str:
-        """The MuJoCo model, with a site at each of `points`, distances along the tip in m."""
+    def xml(self, points: Sequence[float], frames: Sequence[tuple[str, str]] = ()) -> str:
+        """The MuJoCo model, with a site at each of `points`, distances along the tip in m.
+
+        `frames` names what is felt besides: place, velocity and acceleration of (a kind, an object).
+        """
         sites = "".join(f'<site name="p{i}" pos="{_numbers(d * self.tip_axis)}"/>' for i, d in enumerate(points))
         sensors = "".join(
             f'<framepos objtype="site" objname="p{i}"/><framelinvel objtype="site" objname="p{i}"/>'
             for i in range(len(points))
+        )
+        felt = "".join(
+            f'<{sensor} objtype="{kind}" objname="{name}"/>'
+            for kind, name in frames
+            for sensor in ("framepos", "framelinvel", "framelinacc")
         )
         return (
             f'<mujoco><compiler angle="radian"/><option gravity="{_numbers(self.gravity)}"/><worldbody>'
@@ -55,14 +67,15 @@ class Scene:
             + '</worldbody><sensor><force site="sensor"/><torque site="sensor"/>'
             '<framepos objtype="xbody" objname="tool"/><framequat objtype="xbody" objname="tool"/>'
             '<frameangvel objtype="xbody" objname="tool"/><framepos objtype="body" objname="tool"/>'
-            f"{sensors}</sensor></mujoco>"
+            f"{sensors}{felt}</sensor></mujoco>"
         )
 
     def _arm(self, sites: str) -> str:
         """Hinges about +y; at the end the tool, its axes e1 = x, e2 = -z, e3 = y of the last link."""
         starts = (0.0, *self.links[:-1])
         opened = "".join(
-            f'<body pos="0 0 {float(length)!r}"><joint type="hinge" axis="0 1 0"/>{_LINK_BODY}' for length in starts
+            f'<body name="link{j}" pos="0 0 {float(length)!r}"><joint type="hinge" axis="0 1 0"/>{_LINK_BODY}'
+            for j, length in enumerate(starts)
         )
         tool = self._tool(Rotation.from_euler("x", -np.pi / 2), (0.0, 0.0, self.links[-1]), sites)
         return opened + tool + "</body>" * len(self.links)
@@ -79,15 +92,17 @@ class Scene:
         about_centre = self.inertia - self.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         entries = about_centre[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         payloads = "".join(
-            f'<body pos="{_numbers(distance * self.tip_axis)}">'
+            f'<body name="payload{i}" pos="{_numbers(distance * self.tip_axis)}">'
             f'<inertial pos="0 0 0" mass="{float(mass)!r}" diaginertia="1e-12 1e-12 1e-12"/></body>'
-            for mass, distance in self.payloads
+            for i, (mass, distance) in enumerate(self.payloads)
         )
-        return (
-            f'<body name="tool" pos="{_numbers(position)}" quat="{_quaternion(turn)}">'
-            f'<inertial pos="{_numbers(centre)}" mass="{float(self.mass)!r}" fullinertia="{_numbers(entries)}"/>'
-            f'<site name="sensor" quat="{_quaternion(self.sensor_turn)}"/>{sites}{payloads}</body>'
-        )
+        hung = f'pos="{_numbers(position)}" quat="{_quaternion(turn)}"'
+        sensor = f'<site name="sensor" quat="{_quaternion(self.sensor_turn)}"/>'
+        matter = f'<inertial pos="{_numbers(centre)}" mass="{float(self.mass)!r}" fullinertia="{_numbers(entries)}"/>'
+        if self.flexible:
+            tool = f'<body name="tool"><joint type="ball"/>{matter}{sites}{payloads}</body>'
+            return f'<body name="plate" {hung}>{sensor}{tool}</body>'
+        return f'<body name="tool" {hung}>{matter}{sensor}{sites}{payloads}</body>'
 
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1")
@@ -142,15 +157,24 @@ class Track:
         return float(share * (self.time[-1] - self.time[0]))
 
 
-def mujoco_rows(
-    scene: Scene, points: Sequence[float], states: tuple[Array, Array, Array], pushes: Array | None
-) -> Array:
-    """MuJoCo's sensors, a row a sample, for prescribed q, dq, ddq and external wrenches (N, 6) on the
-    tool.
+def mujoco_rows(scene: Scene, points: Sequence[float], states: States, pushes: Array | None) -> Array:
+    """MuJoCo's sensors, a row a sample, for prescribed q, dq, ddq and external wrenches (N, 6) on the tool."""
+    return _sensed(scene.xml(points), states, pushes)
+
+
+def mujoco_frames(scene: Scene, frames: Sequence[tuple[str, str]], states: States) -> Array:
+    """Place, velocity and acceleration (m, m/s, m/s²; world) of (kind, object) `frames`, (N, frames, 3, 3).
+
+    MuJoCo counts gravity as an acceleration of everything upwards: only differences of accelerations mean something.
     """
+    rows = _sensed(scene.xml((), frames), states, None)
+    return rows[:, -9 * len(frames) :].reshape(len(rows), len(frames), 3, 3)
+
+
+def _sensed(xml: str, states: States, pushes: Array | None) -> Array:
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(scene.xml(points))
+    model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     tool = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "tool")
     rows: Array = np.empty((len(states[0]), model.nsensordata))

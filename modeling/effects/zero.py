@@ -1,16 +1,14 @@
-"""Effects in time: a zero that wanders or follows temperature, and somebody touching the tool."""
+"""Effects on the zero point, which wanders with time, temperature and the mains."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
+from math import inf
 
-import numpy as np
 import sympy as sp
 
 from modeling.chain import Chain, Stage
-from modeling.contact import applied, components
 from modeling.effect import Effect, Extent, Values
 from modeling.parameter import Parameter
 from modeling.space import Space, signals
@@ -31,6 +29,7 @@ class BiasDrift(Effect):
     stage = Stage.ZERO
     equation = "reading_i += sum_k b_ik P_k(progress)"
     advice = "let the sensor warm up, record a still pose for as long, zero it before each run"
+    confused_with = "thermal_drift, while the temperature rises steadily; payload_change that comes slowly"
     per_recording = True
     needs_repeats = True
 
@@ -62,6 +61,7 @@ class ThermalDrift(Effect):
     stage = Stage.ZERO
     equation = "reading_i += b_i (temperature - 20 °C)"
     advice = "warm the sensor up before use, or subtract the coefficient with the logged temperature"
+    confused_with = "bias_drift, while the temperature rises steadily"
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """One coefficient per channel, in the channel's unit per K."""
@@ -76,37 +76,34 @@ class ThermalDrift(Effect):
 
 
 @dataclass(frozen=True)
-class ContactEvent(Effect):
-    """Something pushes the tool with a constant wrench between start and end (s).
+class LineInterference(Effect):
+    """A tone of fixed frequency in the readings, not locked to the motion: the mains, a fan, a pump.
 
-    The wrench is the environment's on the tool: along x' and y' and clockwise about the sensor in the plane, in the
-    sensor frame in six axes. It rises and falls over 10 ms, so that the times have a derivative.
+    reading_i += sin_i sin(2 pi frequency time) + cos_i cos(2 pi frequency time), amplitudes in the channel's unit,
+    frequency in Hz. Its phase belongs to one recording.
     """
 
-    id = "contact_event"
-    title = "external push during an interval"
-    stage = Stage.TIP_BODY
-    equation = "F += Fc, T += Tc for start < time < end"
-    advice = "look at what touched the tool at that time; leave the interval out of the identification"
+    id = "line_interference"
+    title = "tone of a fixed frequency"
+    stage = Stage.ZERO
+    equation = "reading_i += s_i sin(2 pi frequency time) + c_i cos(2 pi frequency time)"
+    advice = "look for mains hum, fans and pumps at that frequency or its alias; check shielding and grounding"
+    confused_with = "a vibration of the tool, when its frequency goes with the robot's speed"
     per_recording = True
 
-    edge = sp.Rational(1, 100)
-
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """start and end in s, then the wrench in N and N m."""
-        times = tuple(Parameter(name=name, unit="s", nuisance=True) for name in ("start", "end"))
-        return times + tuple(Parameter(name=n, unit=u) for n, u in zip(components(space), space.units, strict=True))
+        """frequency in Hz, then sine and cosine of each channel in the channel's unit."""
+        named = zip(space.channels, space.units, strict=True)
+        waves = tuple(Parameter(name=f"{c}_{wave}", unit=u) for c, u in named for wave in ("sin", "cos"))
+        return (Parameter(name="frequency", unit="Hz", bounds=(0.0, inf), nuisance=True), *waves)
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
-        """Push the tool during the interval."""
+        """Add the tone to the zero."""
         (time,) = signals("time")
-        rising, falling = ((time - p["start"]) / self.edge, (p["end"] - time) / self.edge)
-        during = sp.Min(1, sp.Max(0, sp.Min(rising, falling) + sp.Rational(1, 2)))
-        force, torque = applied(chain.space, [p[name] for name in components(chain.space)])
-        return replace(chain, force=chain.force + during * force, torque=chain.torque + during * torque)
+        angle = 2 * sp.pi * p["frequency"] * time
+        tone = [p[f"{c}_sin"] * sp.sin(angle) + p[f"{c}_cos"] * sp.cos(angle) for c in chain.space.channels]
+        return replace(chain, zero=chain.zero + sp.Matrix(tone))
 
     def nuisance_grid(self, extent: Extent) -> tuple[Values, ...]:
-        """Intervals that were noticed, and those between the points of a grid of 17 times over the recording."""
-        times = np.linspace(extent.start, extent.end, 17)
-        windows = [*extent.events, *combinations(map(float, times), 2)]
-        return tuple({"start": start, "end": end} for start, end in windows)
+        """The tones that the residual has."""
+        return tuple({"frequency": frequency} for frequency in extent.tones)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,56 @@ FASTEST = 1e9
 """Poles times the step beyond which a lag is none: it dies away in the step by more than numbers can tell."""
 
 
+@dataclass(frozen=True, eq=False)
+class SampledMemory:
+    """H(s) in steps of dt, in numbers: of an input u that is straight between samples, its ratio of polynomials is
+
+    x' = A x + B u, y = C x + D u, with x = `rest` u where u has always been. The delay then takes the outputs from the
+    `first` on (0 is now) times `weights`, which gives the output of `wait` samples ago.
+
+    A (r, r), B (r,), C (r,), D, rest (r,), weights (1,) or (4,); of a wrong start less than FORGOTTEN is left after
+    `settling` outputs.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: float
+    rest: Array
+    wait: int
+    first: int
+    weights: Array
+    settling: int
+
+    @classmethod
+    def of(cls, transfer: Transfer, dt: float) -> Self:
+        """The transfer function in steps of dt (s)."""
+        a, b, c, d = _discretised(transfer, dt)
+        wait, first, weights = _line(transfer.delay / dt)
+        fading = int(np.ceil(-np.log(FORGOTTEN) * transfer.lasting / dt))
+        return cls(
+            A=a,
+            B=b[:, 0],
+            C=c[0],
+            D=float(d[0, 0]),
+            rest=np.asarray(np.linalg.solve(np.eye(len(a)) - a, b[:, 0]), dtype=float),
+            wait=wait,
+            first=first,
+            weights=weights,
+            settling=first + len(weights) - 1 + fading,
+        )
+
+    @property
+    def order(self) -> int:
+        """The number of states r."""
+        return len(self.B)
+
+    @property
+    def held(self) -> int:
+        """How many outputs of the ratio have to be kept for the delay, the one of now included."""
+        return self.first + len(self.weights)
+
+
 class RunningMemory:
     """H(s) in steps of dt, of input samples (p,) that are joined by straight lines.
 
@@ -31,22 +83,30 @@ class RunningMemory:
     """
 
     def __init__(self, transfer: Transfer, dt: float) -> None:
-        self._step = _discretised(transfer, dt)
-        self.wait, self._first, self._weights = _line(transfer.delay / dt)
-        self.settling = self._first + len(self._weights) - 1 + int(np.ceil(-np.log(FORGOTTEN) * transfer.lasting / dt))
+        self.sampled = SampledMemory.of(transfer, dt)
         self._state: Array | None = None
-        self._outputs: deque[Array] = deque(maxlen=self._first + len(self._weights))
+        self._outputs: deque[Array] = deque(maxlen=self.sampled.held)
+
+    @property
+    def wait(self) -> int:
+        """Samples by which the output is older than the input."""
+        return self.sampled.wait
+
+    @property
+    def settling(self) -> int:
+        """How many outputs depend on what was before the first input."""
+        return self.sampled.settling
 
     def step(self, value: Array) -> Array:
         """The output (p,) of `wait` samples ago, given the input (p,) of now."""
-        a, b, c, d = self._step
+        step = self.sampled
         if self._state is None:
-            self._state = np.asarray(np.linalg.solve(np.eye(len(a)) - a, b * value), dtype=float)
-            self._outputs.extend([(c @ self._state + d * value)[0]] * (self._first + len(self._weights)))
-        self._outputs.appendleft((c @ self._state + d * value)[0])
-        self._state = np.asarray(a @ self._state + b * value)
-        late = [self._outputs[self._first + i] for i in range(len(self._weights))]
-        return np.asarray(self._weights @ np.stack(late))
+            self._state = np.outer(step.rest, value)
+            self._outputs.extend([step.C @ self._state + step.D * value] * step.held)
+        self._outputs.appendleft(step.C @ self._state + step.D * value)
+        self._state = step.A @ self._state + np.outer(step.B, value)
+        late = [self._outputs[step.first + i] for i in range(len(step.weights))]
+        return np.asarray(step.weights @ np.stack(late))
 
 
 def _discretised(transfer: Transfer, dt: float) -> tuple[Array, Array, Array, Array]:

@@ -1,0 +1,1 @@
+"""Emission: models as source code and formulas that leave the project."""

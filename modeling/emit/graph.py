@@ -1,0 +1,72 @@
+"""Graph: programs and expressions as CasADi graphs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from modeling.emit.arithmetic import Arithmetic
+from modeling.emit.program import Program
+
+
+@dataclass(frozen=True)
+class Graph(Arithmetic[Any]):
+    """Expressions as CasADi graphs; `values` are the graphs of symbols."""
+
+    values: Mapping[sp.Symbol, Any]
+
+    def number(self, value: float) -> Any:
+        """A constant."""
+        import casadi as ca
+
+        return ca.SX(value)
+
+    def symbol(self, symbol: sp.Symbol) -> Any:
+        """Its graph."""
+        return self.values[symbol]
+
+    def add(self, left: Any, right: Any) -> Any:
+        """left + right."""
+        return left + right
+
+    def subtract(self, left: Any, right: Any) -> Any:
+        """left - right."""
+        return left - right
+
+    def multiply(self, left: Any, right: Any) -> Any:
+        """left * right."""
+        return left * right
+
+    def divide(self, left: Any, right: Any) -> Any:
+        """left / right."""
+        return left / right
+
+    def negate(self, value: Any) -> Any:
+        """-value."""
+        return -value
+
+    def power(self, base: Any, exponent: int) -> Any:
+        """base * base * .."""
+        product = base
+        for _ in range(exponent - 1):
+            product = product * base
+        return product
+
+    def call(self, name: str, *arguments: Any) -> Any:
+        """A function; CasADi knows them by C's names."""
+        import casadi as ca
+
+        if name == "step":
+            return 0.5 * (1 + ca.sign(*arguments))
+        return getattr(ca, "power" if name == "pow" else name)(*arguments)
+
+
+def graphs_of(program: Program, values: Mapping[sp.Symbol, Any]) -> list[Any]:
+    """The results of a program as graphs, given those of its inputs."""
+    known = dict(values)
+    for symbol, expression in program.steps:
+        known[symbol] = Graph(known).of(expression)
+    return [Graph(known).of(result) for result in program.results]

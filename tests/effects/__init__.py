@@ -1,0 +1,1 @@
+"""What every effect of the catalogue keeps; `checks` are the conditions, `cases` the effects in both spaces."""

@@ -1,0 +1,157 @@
+"""Every effect in every space that it exists in, with an amount of it and a recording that it shows in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.motion.random_motion import random_motion
+from estimation.reading import from_columns
+from estimation.recording import Recording
+from modeling.effect import Effect
+from modeling.effects import catalogue
+from modeling.joint import Joint, JointKind, Placement
+from modeling.model import WrenchModel, planar, spatial
+from modeling.parameter import Parameter
+from modeling.rig import Convention, Rig, SensorDescription
+from modeling.space import Space
+from modeling.spatial_arm import SpatialArm
+
+Array = NDArray[np.float64]
+
+
+def _joint(name: str, kind: JointKind, position: tuple[float, float, float], axis: tuple[float, float, float]) -> Joint:
+    return Joint(name=name, kind=kind, placement=Placement(position=position), axis=axis)
+
+
+WRIST = SpatialArm(
+    chain=(
+        _joint("slide", JointKind.PRISMATIC, (0.0, 0.0, 0.5), (0.6, 0.0, 0.8)),
+        _joint("lift", JointKind.REVOLUTE, (0.1, 0.2, 0.0), (0.0, 1.0, 0.0)),
+        _joint("roll", JointKind.REVOLUTE, (0.6, 0.2, 0.1), (1.0, 0.0, 0.0)),
+    ),
+    sensor=Placement(position=(0.05, 0.0, 0.1)),
+)
+"""As few joints as turn the sensor in all directions, and one that slides: checks cost by their number."""
+
+RIGS: Mapping[Space, Rig] = {
+    Space.PLANE: Rig(link_lengths=(1.0, 0.97, 0.4)),
+    Space.SPACE: Rig(spatial_arm=WRIST, sensor=SensorDescription(convention=Convention.ON_TOOL)),
+}
+TOOLS: Mapping[Space, Mapping[str, float]] = {
+    Space.PLANE: {"bias_fx": 1.5, "bias_fy": -0.8, "bias_tau": 0.12, "m": 0.9, "mlg": 0.063, "I": 0.0129},
+    Space.SPACE: dict(zip(("bias_fx", "bias_fy", "bias_fz"), (1.5, -0.8, 0.7), strict=True))
+    | dict(zip(("bias_tx", "bias_ty", "bias_tz"), (0.12, -0.2, 0.05), strict=True))
+    | {"m": 1.2, "mx": 0.010, "my": -0.018, "mz": 0.085}
+    | {"Ixx": 0.0125, "Ixy": 0.0004, "Ixz": -0.0009, "Iyy": 0.0117, "Iyz": 0.0011, "Izz": 0.0042},
+}
+
+PERIOD, SAMPLES, REPEATS = 2.5, 250, 2
+"""Steps of 10 ms, as long as an event takes to begin: one sample lies in each edge."""
+
+AMOUNTS: Mapping[str, Mapping[str, float]] = {
+    "com_offset": {"mlx": 0.01},
+    "gravity_tilt": {"rad": 0.05},
+    "joint_offset": {"rad": 0.02, "m": 0.02},
+    "joint_elasticity": {"rad/(N m)": 1e-3, "m/N": 1e-3},
+    "joint_backlash": {"rad": 0.01, "m": 0.01},
+    "link_length_error": {"m": 0.02},
+    "sensor_rotation": {"rad": 0.05},
+    "viscous_drag": {"c": 0.5, "d": 0.12},
+    "quadratic_drag": {"c": 0.3, "d": 0.12},
+    "coulomb_friction": {"level": 0.05},
+    "cable_spring": {"k": 10.0, "anchor_x": 1.0, "anchor_y": 1.2, "anchor_z": 0.9, "length": 0.8, "d": 0.12},
+    "tip_flexibility": {"stiffness": 50.0, "damping": 0.1},
+    "payload_change": {"mass": 0.1, "d": 0.12, "time": 2.003},
+    "contact_event": {"start": 1.203, "end": 2.204, "N": 2.0, "N m": 0.1},
+    "sensor_gain": {"1": 1.03},
+    "sensor_crosstalk": {"1": 0.03, "m": 0.003, "1/m": 0.3},
+    "gain_nonlinearity": {"1/N": 1e-3, "1/(N m)": 2e-2, "1/N²": 1e-4, "1/(N² m²)": 2e-2},
+    "sensor_hysteresis": {"N": 0.2, "N m": 0.01},
+    "sensor_lag": {"time_constant": 0.02},
+    "time_delay": {"delay": 0.012},
+    "saturation": {"N": 5.0, "N m": 0.2, "tz": 0.05},
+    "bias_drift": {"N": 0.2, "N m": 0.01},
+    "thermal_drift": {"N/K": 0.1, "N m/K": 0.01},
+    "line_interference": {"frequency": 7.3, "N": 0.3, "N m": 0.02},
+}
+"""By effect, how much of it there is: by a parameter's name, or by its unit. Each next one gets a tenth more."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """An effect in a space: alone in a model of the rigid tool."""
+
+    space: Space
+    effect: Effect
+
+    def __str__(self) -> str:
+        return f"{self.effect.id}-{self.space.name}"
+
+    @cached_property
+    def plain(self) -> WrenchModel:
+        """The rigid tool."""
+        return planar(RIGS[self.space]) if self.space is Space.PLANE else spatial(RIGS[self.space])
+
+    @cached_property
+    def model(self) -> WrenchModel:
+        """The tool with the effect."""
+        return self.plain + self.effect
+
+    @property
+    def own(self) -> tuple[Parameter, ...]:
+        """The effect's parameters, for the joints of the rig, by their full names."""
+        return self.model.parameters[self.model.base_size :]
+
+    @cached_property
+    def theta(self) -> Array:
+        """Every parameter of the model, with the effect in its amount."""
+        return np.array([TOOLS[self.space][p.name] for p in self.plain.parameters] + list(self.amounts().values()))
+
+    @cached_property
+    def nominal(self) -> Array:
+        """The same without any of the effect; its nuisance parameters are where they were."""
+        own = [amount if p.nuisance else p.nominal for p, amount in zip(self.own, self.amounts().values(), strict=True)]
+        return np.array([*self.theta[: self.model.base_size], *own])
+
+    def amounts(self) -> dict[str, float]:
+        """How much of each parameter of the effect there is."""
+        sizes = AMOUNTS[self.effect.id]
+        found = {}
+        for number, parameter in enumerate(self.own):
+            name = parameter.name.partition(".")[2]
+            found[name] = sizes[name] if name in sizes else sizes[parameter.unit] * (1 + number / 10)
+        return found
+
+    @property
+    def recording(self) -> Recording:
+        """A motion of the rig, with readings that nobody looks at."""
+        return moving(self.space)
+
+
+CASES = tuple(Case(space, effect) for space in Space for effect in catalogue(space))
+
+
+@cache
+def moving(space: Space) -> Recording:
+    """A periodic motion of all joints, run twice without pause, and a temperature that rises meanwhile."""
+    rig = RIGS[space]
+    assert rig.arm is not None
+    motion = random_motion(
+        joints=rig.arm.joints, position=0.8, velocity=2.5, acceleration=12.0, harmonics=3, period=PERIOD, seed=5
+    )
+    time = np.arange(SAMPLES * REPEATS) * (PERIOD / SAMPLES)
+    q = motion.evaluate(time)[0]
+    columns = {"time": time, "repeat": np.repeat(np.arange(REPEATS), SAMPLES).astype(float)}
+    columns |= {f"q{j}": angle for j, angle in enumerate(q.T, start=1)}
+    columns |= {channel: np.zeros(len(time)) for channel in space.channels}
+    return from_columns(columns | {"temperature": 24 - 3 * np.exp(-time / 3)}, rig=rig)
+
+
+def read_as(recording: Recording, wrench: Array) -> Recording:
+    """The recording with other readings (n, p)."""
+    return replace(recording, wrench=wrench)

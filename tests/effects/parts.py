@@ -1,0 +1,45 @@
+"""The parts of a model as functions of signals that nobody recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling.model import WrenchModel
+from modeling.prediction import Emitted, compiled
+from tests.effects.cases import Case
+
+Array = NDArray[np.float64]
+
+
+def part_units(case: Case) -> dict[str, tuple[str, ...]]:
+    """The parts of the model that there are, with the units of their elements."""
+    chain, units = case.model.chain, case.space.units
+    there = {"play": chain.play is not None, "level": chain.level is not None, "equilibrium": chain.bend is not None}
+    turns = ("rad",) * len(case.space.turns)
+    parts = {"load": units, "zero": units, "play": units, "level": units, "equilibrium": turns}
+    return {name: own for name, own in parts.items() if there.get(name, True)}
+
+
+@cache
+def part(model: WrenchModel, name: str) -> Emitted:
+    """A part of a model by name, as a function of signals and, where the tool bends, of the bend's as well."""
+    chain = model.chain
+    if chain.bend is None or name == "zero":
+        return cast(Emitted, getattr(compiled(model), name))
+    expression = chain.equilibrium() if name == "equilibrium" else model.load
+    own = (model.inputs_of(expression), tuple(s.name for s in chain.bend.signals))
+    return Emitted(expression, own[0] + own[1], tuple(p.symbol for p in model.parameters), model.definitions)
+
+
+def random_signals(case: Case, names: Sequence[str], samples: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Signals (samples,) by name: of 1 to 3 in their units either way, times off the edges of the case's events."""
+    found = {name: rng.choice([-1.0, 1.0], samples) * rng.uniform(1.0, 3.0, samples) for name in names}
+    turn = rng.normal(size=(4, samples))
+    found["progress"] = rng.uniform(-1.0, 1.0, samples)
+    found |= dict(zip(("qx", "qy", "qz", "qw"), turn / np.linalg.norm(turn, axis=0), strict=True))
+    return found | {"time": np.linspace(0.05, 4.55, samples)} | {n: 0.1 * found[n] for n in names if "bend" in n}

@@ -1,0 +1,19 @@
+"""Every effect against MuJoCo's physics."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.effects.cases import CASES, Case
+from tests.effects.same_physics import NEEDS_ARM, OWN_SHAPE, same_physics_as_mujoco, simulated_too
+
+pytest.importorskip("mujoco")
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if simulated_too(case)], ids=str)
+def test_effect_is_that_of_the_simulated_rig(case: Case) -> None:
+    same_physics_as_mujoco(case)
+
+
+def test_every_effect_is_simulated_but_those_that_are_named() -> None:
+    assert {case.effect.id for case in CASES if not simulated_too(case)} == {*OWN_SHAPE, *NEEDS_ARM}

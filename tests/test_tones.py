@@ -1,0 +1,101 @@
+"""Tones beside the motion's lines: found where they are, nowhere else, and paid for over all frequencies.
+
+Every draw has a fixed seed, so that a test fails always or never.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import binom, chi2
+
+from diagnosis.price import frequencies_tried
+from estimation.fit import fit
+from estimation.reading import from_columns
+from estimation.recording import Recording
+from estimation.tones import find_tones, sinusoids, without
+from modeling.model import planar
+from modeling.rig import Rig
+from truewrench.simulated_rig import LineInterference, PlanarRig, simulate
+
+pytest.importorskip("mujoco")
+
+Array = NDArray[np.float64]
+
+RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
+SAMPLES = 1000
+
+
+@cache
+def recorded(force: float = 0.0) -> Recording:
+    hidden = (LineInterference(force=force, torque=force / 20),) if force else ()
+    motion = PlanarRig().random_motion(seed=1)
+    frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=4, samples_per_period=SAMPLES // 4, seed=1)
+    return from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=RIG)
+
+
+def noise(seed: int) -> Array:
+    return np.random.default_rng(seed).standard_normal((SAMPLES, 3))
+
+
+@pytest.mark.parametrize(("frequency", "amplitude"), [(17.317, 1.0), (3.03, 0.5), (9.99, 2.0)])
+def test_tone_is_found_to_a_part_of_the_spacing_of_lines(frequency: float, amplitude: float) -> None:
+    """Its frequency has the std sqrt(6 / n) / (pi A T) in white noise of unit variance (Rife and Boorstyn 1974).
+
+    Four of them, and twice that for a motion whose lines are left out; three channels only make it better.
+    """
+    recording = recorded()
+    duration = SAMPLES * (recording.dt or 1.0)
+    wave = amplitude * sinusoids(recording, [frequency])[:, :1]
+    found = find_tones(recording, noise(3) + wave)
+    std = np.sqrt(6 / SAMPLES) / (np.pi * amplitude * duration)
+    assert found[0] == pytest.approx(frequency, abs=8 * std)
+    assert len(found) == 1
+
+
+def test_noise_push_and_drift_are_no_tones() -> None:
+    """At 1 in 1000 a record of noise has one; in 20 with probability 2 %."""
+    recording = recorded()
+    push = np.zeros((SAMPLES, 1))
+    push[420:560] = 5.0
+    drift = 5 * np.linspace(-1, 1, SAMPLES)[:, None] ** 3
+    assert not [seed for seed in range(20) if find_tones(recording, noise(seed))]
+    assert find_tones(recording, noise(0) + push) == ()
+    assert find_tones(recording, noise(0) + drift) == ()
+
+
+def test_tones_taken_out_leave_the_noise() -> None:
+    recording = recorded()
+    tones = [5.13, 17.3]
+    loud = noise(1) + 3 * sinusoids(recording, tones).sum(axis=1, keepdims=True)
+    left = without(loud, recording, tones)
+    # Four sinusoids of 1000 samples take 0.4 % of the noise's power, give or take as much.
+    assert left.var(axis=0) == pytest.approx(noise(1).var(axis=0), rel=0.02)
+
+
+def test_noise_is_the_same_beside_a_tone() -> None:
+    """Whose leakage into the neighbouring lines would otherwise be taken for noise, a thousand times as loud."""
+    loud, quiet = (fit(planar(RIG), recorded(force)).noise[0] for force in (2.0, 0.0))
+    assert len(loud.tones) == 1
+    for spectrum, reference in zip(loud.spectra, quiet.spectra, strict=True):
+        ratio = spectrum(quiet.frequency) / reference(quiet.frequency)
+        # Of a dozen free coefficients each follows some 80 ordinates: a few lines less move it by some per cent.
+        assert np.abs(np.log(ratio)).max() < 0.2
+
+
+def test_search_over_all_frequencies_is_paid_for() -> None:
+    """The supremum over frequency of white noise's power exceeds its 5 % limit in 5 % of records, or somewhat less.
+
+    The bound counts crossings from below; the limits are the 0.1 % points of the binomial, for 5 % and for 2 %.
+    """
+    n, records = 256, 1000
+    rows = np.random.default_rng(5).standard_normal((records, n))
+    rows -= rows.mean(axis=1, keepdims=True)
+    power = np.abs(np.fft.rfft(rows, n=16 * n, axis=1)[:, 16:-16]) ** 2 * 2 / n
+    supremum = power.max(axis=1)
+    p_values = np.array([frequencies_tried(float(u), n) * chi2.sf(u, 2) for u in supremum])
+    alarms = int((p_values < 0.05).sum())
+    assert binom.ppf(0.001, records, 0.02) <= alarms <= binom.ppf(0.999, records, 0.05)
