@@ -1,11 +1,11 @@
-# make demo | test | check | bench | clean
+# make demo | test | study | check | bench | clean
 # The first run creates .venv with the versions pinned in constraints.txt.
 
 BIN := .venv/bin
 STAMP := .venv/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
-.PHONY: demo test check bench clean
+.PHONY: demo test study check bench clean
 .DEFAULT_GOAL := test
 
 demo: $(STAMP)
@@ -13,6 +13,9 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest
+
+study: $(STAMP)
+	$(BIN)/python -m pytest -m study
 
 check: $(STAMP)
 	$(BIN)/ruff check .

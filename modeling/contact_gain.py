@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modeling.contact import applied, components
 from modeling.emission import numpy_function
+from modeling.errors import InputError
 from modeling.model import WrenchModel
 
 Array = NDArray[np.float64]
@@ -20,11 +21,19 @@ def contact_gain(model: WrenchModel) -> sp.Matrix:
     """What one unit of each contact component adds to the reading before memory and zero, (p, p), symbolic.
 
     The sensor carries the tool's motion less what the environment does (22.1): reading = G (wrench - contact), so that
-    the matrix is -G, in terms of the parameters of mounting and gain. For 22.8 it is diag(-1, 1, -1).
+    the matrix is -G, in terms of the parameters of mounting and gain. For 22.8 it is diag(-1, 1, -1). Where the gain
+    depends on the load it is that of small loads. Raises InputError when it depends on a signal.
     """
     symbols = [sp.Symbol(name, real=True) for name in components(model.space)]
     force, torque = applied(model.space, symbols)
-    return sp.Matrix(model.chain.reading(-force, -torque).jacobian(symbols))
+    gain = sp.Matrix(model.chain.reading(-force, -torque).jacobian(symbols))
+    if changing := model.inputs_of(gain):
+        raise InputError(
+            what=f"what the sensor makes of a contact changes with '{changing[0]}', and one gain is not enough",
+            where="contact",
+            remedy="leave out the effect by which the gain follows a signal",
+        )
+    return gain
 
 
 def contact_gain_at(model: WrenchModel, theta: Array) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ def shared(expressions: Sequence[sp.Expr]) -> tuple[list[tuple[sp.Symbol, sp.Exp
 def numpy_function(inputs: Sequence[sp.Symbol], expressions: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
     """A NumPy function of the inputs (arrays that broadcast) returning the list of values of the expressions.
 
-    The expressions are the project's own derivations, never text from a user.
+    The expressions are the project's own derivations, or built node by node from users' formulas: never text.
     """
     return _numpy_function(tuple(inputs), tuple(expressions))
 

@@ -119,8 +119,8 @@ def diagnosed(bench: Bench) -> Diagnosed:
     printed, kept = io.StringIO(), []
     original = diagnose_command.diagnosed
 
-    def keep(case: Any) -> Diagnosis:
-        kept.append(original(case))
+    def keep(case: Any, own: Any) -> Diagnosis:
+        kept.append(original(case, own))
         return kept[0]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -198,7 +198,7 @@ def test_the_text_starts_with_the_verdict_and_says_what_to_check(diagnosed: Diag
 def test_the_command_prints_the_summary(
     bench: Bench, diagnosed: Diagnosed, run: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(diagnose_command, "diagnosed", lambda case: diagnosed.found)
+    monkeypatch.setattr(diagnose_command, "diagnosed", lambda _case, _own: diagnosed.found)
     outcome = run("diagnose", bench.training, "--rig", bench.rig)
     assert outcome == Outcome(0, summary(diagnosed.found) + "\n", "")
 
@@ -414,7 +414,7 @@ BAD_USAGE: dict[str, tuple[str, str]] = {
     "dropped, not added": ("fit {train} --rig {rig} --drop com_offset", "not in the model"),
     "unknown effect": ("effects ghost", "'ghost'"),
     "unknown effect to hide": ("demo --effect ghost --out {folder}/demo", "'ghost'"),
-    "a file as folder": ("diagnose {train} --rig {rig} --out {train}", "File exists"),
+    "a file as folder": ("diagnose {train} --rig {rig} --out {train}", "is no folder"),
     "a folder as file": ("fit {train} --rig {rig} --out {folder}", "Is a directory"),
     "a folder within a file": ("fit {train} --rig {rig} --out {train}/model.json", "{train}"),
 }
@@ -494,11 +494,11 @@ def test_a_full_disk_is_one_line() -> None:
 
 
 def test_a_fault_is_one_line_for_a_user_and_an_exception_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
-    spoilt = "import truewrench.commands.effects as e; e.listing = lambda: 1 // 0; " + PROGRAM
+    spoilt = "import truewrench.commands.effects as e; e.listing = lambda _: 1 // 0; " + PROGRAM
     done = subprocess.run([sys.executable, "-c", spoilt, "effects"], text=True, capture_output=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "ZeroDivisionError" in done.stderr
-    monkeypatch.setattr(effects, "listing", lambda: 1 // 0)
+    monkeypatch.setattr(effects, "listing", lambda _: 1 // 0)
     with pytest.raises(ZeroDivisionError):
         main(["effects"])
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from modeling import effects
+from modeling.chain import Stage
 from modeling.effect import Effect
 from modeling.effects import catalogue
 from modeling.emission import casadi_expressions, numpy_function, shared
@@ -25,7 +26,13 @@ from modeling.space import Space
 
 Array = NDArray[np.float64]
 
-CASES = [(space, effect) for space in Space for effect in catalogue(space)]
+
+def expressed(space: Space) -> tuple[Effect, ...]:
+    """Effects that are expressions of the motion's signals as they stand; tests/effects has those of arm and bend."""
+    return tuple(e for e in catalogue(space) if not e.needs_joints and e.stage is not Stage.BEND)
+
+
+CASES = [(space, effect) for space in Space for effect in expressed(space)]
 every_effect = pytest.mark.parametrize(("space", "effect"), CASES, ids=[f"{e.id}-{s.name}" for s, e in CASES])
 seeds = st.integers(0, 2**32 - 1)
 ROUNDING = 1e-12
@@ -53,6 +60,8 @@ def random_theta(model: WrenchModel, rng: np.random.Generator) -> Array:
     place = {p.name: i for i, p in enumerate(model.parameters)}
     if "contact_event.start" in place:
         theta[[place["contact_event.start"], place["contact_event.end"]]] = np.sort(rng.uniform(0, 10, 2))
+    if "payload_change.time" in place:
+        theta[place["payload_change.time"]] = rng.uniform(0, 10)
     return theta
 
 
@@ -109,7 +118,7 @@ def test_numpy_casadi_and_sympy_agree(space: Space, effect: Effect, seed: int) -
 
 @pytest.mark.parametrize("space", list(Space))
 def test_all_effects_together(space: Space) -> None:
-    rng, model = np.random.default_rng(0), base(space) + catalogue(space)
+    rng, model = np.random.default_rng(0), base(space) + expressed(space)
     assert_one_truth(model, random_signals(model.inputs, 16, rng), random_theta(model, rng), in_sympy=0)
 
 
@@ -119,7 +128,7 @@ def test_all_effects_together(space: Space) -> None:
 @cache
 def at_rest(space: Space) -> dict[str, Array]:
     """One sample of a tool upright at rest at the world's origin."""
-    names = {n for e in catalogue(space) for n in (base(space) + e).inputs}
+    names = {n for e in expressed(space) for n in (base(space) + e).inputs}
     return {name: np.array([1.0 if name == "qw" else 0.0]) for name in sorted(names)}
 
 
@@ -202,6 +211,8 @@ def test_derivatives_are_those_of_central_differences(space: Space, effect: Effe
     """
     rng, model, samples, h = np.random.default_rng(seed), base(space) + effect, 60, 1e-5
     signals, theta = random_signals((*model.inputs, "time"), samples, rng), random_theta(model, rng)
+    if effect.id == "line_interference":
+        signals["time"] = signals["time"] / 10  # phases of order 1, not of 60 turns
     theta += 3 * h * np.isclose(theta, [p.bounds[0] for p in model.parameters])  # off a bound
     for emitted in parts(model):
         value, derivative = emitted.tangent(signals, theta, samples)

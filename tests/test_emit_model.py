@@ -30,6 +30,7 @@ from modeling.emit.numpy_model import numpy_model
 from modeling.model import WrenchModel, planar
 from modeling.operators.clock import Clock
 from modeling.operators.play import Played
+from modeling.own.writing import own_effect
 from modeling.parameter import Parameter
 from modeling.prediction import compiled
 from modeling.rig import Convention, Rig
@@ -473,3 +474,16 @@ def test_names_and_titles_cannot_become_code() -> None:
         np.testing.assert_allclose(c.predict(row), expected, rtol=1e-12)
         np.testing.assert_allclose(found.numpy.predict(state, row), expected, rtol=1e-12)
     assert balanced(latex_model(found.fitted, "test"))
+
+
+def test_a_force_at_a_place_of_ones_own_is_emitted() -> None:
+    """Steps of the derivative keep their names when what they share gets names too."""
+    pull = own_effect(id="pull", title="spring to a wall", parameters={"k": "N/m"}, tip_body={"force_x": "-k*tip_x"})
+    model = planar() + pull
+    fitted = FittedModel.of(model, np.array([0.1, 0.2, 0.3, 1.0, 0.1, 0.02, 5.0]))
+    library, running = Library(c_model(fitted, "test")), RunningModel(model, fitted.theta)
+    u = samples(fitted, 3)[:3]
+    for row in u:
+        np.testing.assert_allclose(CFilter(library, 3).predict(row), running.predict(row), rtol=1e-12, atol=1e-12)
+    jacobian = library.matrix("sensitivity", u[0], (3, 7))
+    np.testing.assert_allclose(jacobian @ fitted.theta, running.predict(u[0]), rtol=1e-12, atol=1e-12)

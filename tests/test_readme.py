@@ -31,7 +31,8 @@ def blocks(language: str) -> list[str]:
 @pytest.fixture
 def rig_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to work in, with the README's rig and recordings that go with it."""
-    (tmp_path / "rig.toml").write_text(blocks("toml")[0], encoding="utf-8")
+    for name, text in zip(("rig.toml", "effects.toml"), blocks("toml"), strict=True):
+        (tmp_path / name).write_text(text, encoding="utf-8")
     rig = PlanarRig()
     assert Rig.read(tmp_path / "rig.toml").link_lengths == rig.link_lengths
     drag = HIDDEN_EFFECTS["viscous_drag"]
@@ -47,7 +48,7 @@ def rig_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_commands_run(rig_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = [line for block in blocks("sh") for line in block.splitlines()]
-    assert {shlex.split(line)[1] for line in lines} == {"compensate", "design", "diagnose", "effects", "fit"}
+    assert {shlex.split(line)[1] for line in lines} == {"compensate", "design", "diagnose", "effects", "emit", "fit"}
     for line in lines:
         program, *arguments = shlex.split(line)
         assert program == "truewrench"

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from modeling.emission import numpy_function
+
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
@@ -110,6 +112,8 @@ def printed_direction(wrench: Array, distance: float) -> Array:
 
     It solves tauc = +R d sin(.) against 22.14's sign (erratum 3), loses the quadrant and weighs N like N m (erratum 4).
     """
-    across, along, torque = wrench.T
+    from modeling.chapter.contact import FCX, FCY, PRINTED_22_16, TAUC, D
+
+    tangent = numpy_function((FCX, FCY, TAUC, D), [PRINTED_22_16])
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.arctan((across - torque * distance) / (along * (1 + distance**2))))
+        return np.asarray(np.arctan(tangent(*wrench.T, distance)[0]))

@@ -108,9 +108,7 @@ class JointBacklash(JointEffect):
     id = "joint_backlash"
     title = "play in the joints"
     equation = "q_j = recorded_j + width_j/2 sign(T_j(weight))"
-    advice = (
-        "hold the joints and shake the tool by hand; easily taken for joint_elasticity where the load hardly changes"
-    )
+    advice = "hold the joints and shake the tool by hand: it moves without a load before the joint gives way"
     confused_with = (
         "joint_elasticity, where the load hardly changes; sensor_hysteresis, which follows the load at the sensor"
     )

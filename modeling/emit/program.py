@@ -43,7 +43,8 @@ class Program:
     def shared(self) -> Program:
         """The same with every subexpression that occurs twice as a step, and no step that nothing is made of."""
         named, own = [symbol for symbol, _ in self.steps], [expression for _, expression in self.steps]
-        names = sp.numbered_symbols("shared_", real=True)
+        taken = set(named)  # cse spares the names that occur in what it is given, and not those of the steps
+        names = (symbol for symbol in sp.numbered_symbols("shared_", real=True) if symbol not in taken)
         common, reduced = sp.cse([*own, *self.results], symbols=names, order="canonical")
         found = dict(common) | dict(zip(named, reduced, strict=False))
         same = _same(found)

@@ -85,9 +85,9 @@ RESERVED = frozenset(
     name
     for space in Space
     for name in (*(p.name for p in body_parameters(space)), *(f"bias_{c}" for c in space.channels), *space.channels)
-) | {"order", "pi"}
-"""Names that mean something else in a model: the rigid tool's parameters and the readings."""
-_INNER = re.compile(r"(step|shared)_[0-9]+|d{0,2}bend(_[xyz])?")
+) | {"order", "pi", "reading", "contact", "state", "next_state", "prediction", "change", "derivative"}
+"""Names that mean something else in a model or in what is emitted of it: the rigid tool's parameters, the readings."""
+_INNER = re.compile(r"(step|shared|turned)_[0-9]+|d{0,2}bend(_[xyz])?")
 
 
 def is_reserved(name: str) -> bool:

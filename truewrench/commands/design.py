@@ -130,7 +130,8 @@ def told_apart(request: DesignRequest) -> Distinction:
     from truewrench.output import progress_line
 
     asked, values = request.options, request.values
-    one, other = (named(effect_id) for effect_id in asked.tell)
+    known = {effect.id: effect for effect in request.model.effects}  # the user's own among them
+    one, other = (known.get(effect_id) or named(effect_id) for effect_id in asked.tell)
     if asked.averaged or asked.criterion != "d":
         what = "--criterion and --averaged are not for --tell, which has a criterion of its own"
         raise InputError(what=what, where="--tell", remedy="leave them out")

@@ -9,7 +9,7 @@ from itertools import groupby
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands
+from truewrench.commands.options import Subcommands, add_own_effects
 
 if TYPE_CHECKING:
     from modeling.effect import Effect
@@ -22,22 +22,28 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "List the physical effects that a diagnosis knows, or describe one in full."
     command = commands.add_parser("effects", help="the catalogue of physical effects", description=text)
     command.add_argument("id", nargs="?", metavar="ID", help="effect to describe")
+    add_own_effects(command)
     command.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Print the table, or the one effect."""
-    from modeling.effects import named
+    from modeling.effects import catalogue, named
+    from truewrench.effects_file import read_effects
 
-    print(listing() if arguments.id is None else description(named(arguments.id)))
+    own = () if arguments.effects is None else read_effects(arguments.effects)
+    if arguments.id is None:
+        print(listing((*catalogue(), *own)))
+        return
+    written = {effect.id: effect for effect in own}
+    print(description(written.get(arguments.id) or named(arguments.id)))
 
 
-def listing() -> str:
+def listing(effects: Iterable[Effect]) -> str:
     """Id, title, stage of the chain and the sensors that each effect applies to."""
     from estimation.fit import table
-    from modeling.effects import catalogue
 
-    rows = [(e.id, e.title, e.stage.value, _sensors(e.spaces)) for e in catalogue()]
+    rows = [(e.id, e.title, e.stage.value, _sensors(e.spaces)) for e in effects]
     return table(("id", "what", "stage", "sensor"), rows)
 
 

@@ -43,8 +43,10 @@ def rate(text: str) -> float:
 def run(arguments: argparse.Namespace) -> None:
     """Write the code, and what it takes: on standard error where the code itself is on standard output."""
     from modeling.emit.code import Language
-    from truewrench.output import replacing
+    from truewrench.output import replacing, require_folder
 
+    if arguments.out is not None:
+        require_folder(arguments.out.parent)
     code = code_of(arguments.model, Language(arguments.to), arguments.rate)
     text = code.text if code.text.endswith("\n") else code.text + "\n"
     if arguments.out is None:
@@ -63,10 +65,14 @@ def code_of(model: str, language: Language, rate: float | None) -> Code:
     from modeling.emit.base import BaseRegressor
     from modeling.emit.code import Code
     from modeling.emit.fitted import FittedModel
+    from modeling.errors import InputError
     from modeling.space import Space
     from truewrench.model_file import ModelFile
 
     source = f"truewrench {version('truewrench')}"
+    if model not in BASES and not Path(model).is_file():
+        remedy = "give planar, spatial, or the path of a model file"
+        raise InputError(what="no base model and no file is called that", where=model or "MODEL", remedy=remedy)
     if model in BASES:
         space = Space.PLANE if model == "planar" else Space.SPACE
         return Code.of_base(BaseRegressor(space), language, source)
