@@ -71,7 +71,9 @@ def test_the_hand_is_found_and_not_taken_for_a_heavier_tool(names: tuple[str, ..
     assert parameters["m"].value == pytest.approx(KNOWN_MASS, abs=0.03 if len(names) == 1 else 0.005)
 
 
-@pytest.mark.parametrize("name", ["calibration_poses", "baseline", pytest.param("vibrations", marks=pytest.mark.study)])
+@pytest.mark.parametrize(
+    "name", ["calibration_poses", *(pytest.param(n, marks=pytest.mark.study) for n in ("baseline", "vibrations"))]
+)
 def test_what_the_others_hold_has_no_name_in_the_catalogue(name: str) -> None:
     """A force that depends on the pose, interference and hammer taps: nothing to add, and it is said where they are."""
     found = diagnosed(name)

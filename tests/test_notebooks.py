@@ -127,7 +127,15 @@ def test_every_notebook_has_its_claims() -> None:
     assert {path.stem for path in NOTEBOOKS} == set(CLAIMS)
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+LONG = ("designed_motion",)
+"""Two minutes; what it is made of has tests of its own."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=[pytest.mark.study] * (p.stem in LONG)) for p in NOTEBOOKS],
+    ids=lambda path: path.stem,
+)
 def test_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In an empty folder, warnings as errors (pytest's setting here as everywhere)."""
     monkeypatch.chdir(tmp_path)
