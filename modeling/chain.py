@@ -34,6 +34,11 @@ class Stage(Enum):
     ZERO = "zero"
     SATURATION = "saturation"
 
+    @property
+    def adds(self) -> bool:
+        """Whether its effects show in the terms of load, memory and zero alone: no bend, no play, no clipping."""
+        return self not in (Stage.BEND, Stage.PLAY, Stage.SATURATION)
+
 
 @dataclass(frozen=True)
 class Chain:

@@ -73,7 +73,7 @@ class Effect(ABC):
         It lasts from one recording to the next, and what it does is a function of the motion of one instant, or linear
         in the motion's past.
         """
-        return not self.per_recording and self.stage not in (Stage.BEND, Stage.PLAY, Stage.SATURATION)
+        return not self.per_recording and self.stage.adds
 
     @abstractmethod
     def parameters(self, space: Space) -> tuple[Parameter, ...]:

@@ -174,8 +174,7 @@ class WrenchModel:
     def require_direct(self, where: str) -> None:
         """Raise InputError, naming the effects at fault, when the model is not `direct`."""
         if not self.direct:
-            stages = (Stage.JOINTS, Stage.KINEMATICS, Stage.BEND, Stage.PLAY, Stage.SATURATION)
-            names = ", ".join(e.id for e in self.effects if e.stage in stages)
+            names = ", ".join(e.id for e in self.effects if e.needs_joints or not e.stage.adds)
             raise InputError(what=f"it cannot be done with {names}", where=where, remedy="leave that effect out")
 
     def inputs_of(self, expression: sp.Matrix) -> tuple[str, ...]:

@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from modeling.effects.remembering import TipFlexibility
 from modeling.errors import InputError
 from modeling.model import planar, spatial
-from modeling.operators.bend_stepper import BendStepper
 from modeling.operators.bending import BendSeries, solve
 from modeling.operators.clock import Clock
 from modeling.operators.play import Played
 from modeling.prediction import BentLoad, compiled
+from modeling.running_bend import RunningBend
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -307,8 +307,8 @@ def test_one_sample_at_a_time() -> None:
     tool, errors = bent("plane"), []
     for samples in (200, 400):
         times, dt = grid(samples, 1.0)
-        stepper = BendStepper(tool.equation, vector("plane", values), dt)
         rows = tool.load.samples(turn(times), samples)
+        stepper = RunningBend(tool.equation, rows.shape[1], vector("plane", values), dt)
         found = np.array([stepper.step(row) for row in rows])
         expected = integrated(60.0, 0.3, np.array([at_first(60.0), 0.0]), times)
         errors.append(np.max(np.abs(found[:, 0] - expected[:, 0])))

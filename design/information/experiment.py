@@ -17,7 +17,6 @@ from design.information.state import signal_names, signals_along
 from design.information.term import Term, sensitivity_terms
 from design.information.values import Values, values_of
 from design.motion.series import Motion
-from modeling.chain import Stage
 from modeling.errors import InputError
 from modeling.kinematics import Arm
 from modeling.model import WrenchModel
@@ -87,7 +86,7 @@ class Experiment:
                 remedy="take a planar model with a planar arm, a spatial one with a spatial arm",
             )
         model = model.of_arm(arm)
-        strange = [e.id for e in model.effects if e.stage in (Stage.BEND, Stage.PLAY, Stage.SATURATION)]
+        strange = [e.id for e in model.effects if not e.stage.adds]
         if strange:
             what = f"{strange[0]} is neither of one instant nor linear in the past"
             raise InputError(what=what, where="experiment", remedy="leave that effect out of the design")
