@@ -129,6 +129,11 @@ class SquareRoot:
         return cls(factors.root, coordinates, float(rest @ rest), len(target), factors.method)
 
     @classmethod
+    def of_triangle(cls, rows: Array, count: int) -> SquareRoot:
+        """Of `count` rows that have shrunk already: `rows` (m, k + 1) of R and z, with all that they left in them."""
+        return _triangle(rows, 0.0, count, Method.CHOLESKY)
+
+    @classmethod
     def nothing(cls, size: int) -> Self:
         """Of no rows: what is added to changes nothing."""
         return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0, Method.CHOLESKY)

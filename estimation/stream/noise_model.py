@@ -90,6 +90,11 @@ class NoiseModel:
         """Samples of context that a stretch needs before its first row."""
         return len(self.coefficients) * self.block
 
+    @property
+    def is_white(self) -> bool:
+        """Whether every sample is a row by itself: no memory and no block."""
+        return not len(self.coefficients) and self.block == 1
+
     @cached_property
     def root(self) -> Array:
         """Inverse Cholesky factor (p, p) of the innovations' covariance."""

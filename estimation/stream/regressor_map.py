@@ -2,63 +2,97 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
-from modeling.emission import numpy_function
-from modeling.errors import InputError
+from estimation.linear.square_root import SquareRoot
+from estimation.linear.tall_root import BLOCK, Columns, tall_root
 from modeling.model import WrenchModel
-from modeling.regressor import regressor
+from modeling.regressor_form import RegressorForm, regressor_form
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class RegressorMap:
-    """Prediction Phi theta + offset of a model that is linear in its parameters, emitted to NumPy.
+class MotionAndReadings(Columns):
+    """The d functions of the motion and, below them, the p readings of every sample.
 
-    `entries` are Phi' (k, p) and below it the offset, the prediction at theta = 0. Each different entry is evaluated
-    once for all samples. Samples come last: a channel's series is contiguous, for filters, and so is a column of all
-    channels, for products. That is some ten times quicker than sample by sample through CasADi.
+    signals  (n,) each, in the order of the form's inputs; `wrench` (n, p)
     """
 
-    entries: sp.Matrix
-    inputs: tuple[str, ...]
+    def __init__(self, form: RegressorForm, signals: tuple[Array, ...], wrench: Array) -> None:
+        self.form, self.signals, self.wrench = form, signals, wrench
+        self.functions = form.weights.shape[2]
+        self.samples, self.width = len(wrench), self.functions + wrench.shape[1]
+        self.scratch = form.functions.scratch(min(self.samples, BLOCK))
 
-    @cached_property
-    def _different(self) -> tuple[sp.Expr, ...]:
-        return tuple(dict.fromkeys(self.entries))
+    def rows(self, start: int, end: int, out: Array) -> None:
+        """Functions and readings from start to end."""
+        self._write([signal[start:end] for signal in self.signals], self.wrench[start:end], self.scratch, out)
 
-    @cached_property
-    def _places(self) -> tuple[int, ...]:
-        number = {entry: i for i, entry in enumerate(self._different)}
-        return tuple(number[entry] for entry in self.entries)
+    def at(self, index: NDArray[np.intp]) -> Array:
+        """Functions and readings of these samples."""
+        out = np.empty((self.width, len(index)))
+        scratch = self.form.functions.scratch(len(index))
+        self._write([signal[index] for signal in self.signals], self.wrench[index], scratch, out)
+        return out
 
-    @cached_property
-    def _function(self) -> Callable[..., list[Any]]:
-        return numpy_function([sp.Symbol(name, real=True) for name in self.inputs], self._different)
+    def _write(self, signals: list[Array], wrench: Array, scratch: Array, out: Array) -> None:
+        self.form.functions.into(out[: self.functions], signals, scratch)
+        out[self.functions :] = wrench.T
+
+
+@dataclass(frozen=True, eq=False)
+class RegressorMap:
+    """Prediction Phi theta + offset of a model that is linear in its parameters, evaluated by NumPy.
+
+    Samples come last: a channel's series is contiguous, for filters, and so is a column of all channels, for products.
+    Either the whole of Phi is laid out, or, under white noise, none of it (`information`).
+    """
+
+    form: RegressorForm
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The signals that the model takes."""
+        return self.form.inputs
 
     def __call__(self, signals: Mapping[str, Array], samples: int) -> Array:
         """Phi' of every sample, and the offset in the last place: (k + 1, p, n)."""
-        values = self._function(*(signals[name] for name in self.inputs))
-        rows = np.empty((len(self._places), samples))
-        for row, place in zip(rows, self._places, strict=True):
-            row[:] = values[place]
-        return rows.reshape(*self.entries.shape, samples)
+        functions = np.empty((self.form.weights.shape[2], samples))
+        tape = self.form.functions
+        tape.into(functions, [np.asarray(signals[n], dtype=np.float64) for n in self.inputs], tape.scratch(samples))
+        unknowns, channels, _ = self.form.weights.shape
+        rows = np.zeros((unknowns, channels, samples))
+        for i, c in np.argwhere(self.form.weights.any(axis=2)):
+            for j in np.flatnonzero(self.form.weights[i, c]):
+                rows[i, c] += self.form.weights[i, c, j] * functions[j]
+        return rows
+
+    def information(self, signals: Mapping[str, Array], wrench: Array, root: Array) -> SquareRoot:
+        """What n samples of readings (n, p) say of the parameters, under white noise with the inverse factor (p, p).
+
+        A whitened row of channel c is l_c' b, with b (d + p) the functions of the motion and the readings of its
+        sample, and l_c = sum_e root_ce (weights_e; -1 for the reading e) the same for all samples: one column for each
+        parameter and one for measured minus predicted. With B = Q R of all samples, the rows of channel c have the
+        triangle of R l_c: the samples are gone through for B alone, and Phi is never there.
+        """
+        columns = tuple(np.asarray(signals[n], dtype=np.float64) for n in self.inputs)
+        triangle = tall_root(MotionAndReadings(self.form, columns, wrench))
+        size, channels = len(self.form.weights) - 1, len(root)
+        if not np.isfinite(triangle).all():
+            return SquareRoot(np.full((size, size), np.nan), np.full(size, np.nan), np.nan, wrench.size)
+        made = np.concatenate([self.form.weights, np.zeros((size + 1, channels, channels))], axis=2)
+        made[-1] = np.concatenate([-self.form.weights[-1], np.eye(channels)], axis=1)
+        rows = np.einsum("ab,ce,ieb->cai", triangle, root, made).reshape(-1, size + 1)
+        return SquareRoot.of_triangle(rows, wrench.size)
 
 
 @lru_cache(maxsize=128)
 def linear(model: WrenchModel) -> RegressorMap | None:
     """The map of a model without memory that is linear in its parameters, None of any other; derived once per model."""
-    try:
-        phi = regressor(model)
-    except InputError:
-        return None
-    offset = (model.load + model.zero).subs({p.symbol: 0 for p in model.parameters})
-    return RegressorMap(sp.Matrix.vstack(phi.T, offset.T), model.inputs)
+    form = regressor_form(model)
+    return None if form is None else RegressorMap(form)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from estimation.recording import Recording
 from estimation.response import respond
 from estimation.stream.chunk import Chunk, chunks
 from estimation.stream.noise_model import NoiseModel
-from estimation.stream.regressor_map import linear
+from estimation.stream.regressor_map import RegressorMap, linear
 from modeling.errors import InputError
 from modeling.model import WrenchModel
 from modeling.prediction import compiled
@@ -31,11 +31,17 @@ def information_of(part: Part, model: WrenchModel, noise: NoiseModel, theta: Arr
     history for the noise, or a value that is not finite.
     """
     require_channels(part, model, noise)
+    map_ = linear(model) if theta is None else None
     total = SquareRoot.nothing(len(model.parameters))
-    for rows, history in _series(part, model, noise, theta):
-        white = noise.whitened(rows, history)
-        if white.shape[-1]:
-            total = total + SquareRoot.of(white[:-1].reshape(len(white) - 1, -1).T, white[-1].ravel())
+    if map_ is not None and noise.is_white:
+        for run in _runs(part):
+            _require_signals(run, map_.inputs)
+            total = total + map_.information(run.signals, run.wrench, noise.root)
+    else:
+        for rows, history in _series(part, model, noise, theta, map_):
+            white = noise.whitened(rows, history)
+            if white.shape[-1]:
+                total = total + SquareRoot.of(white[:-1].reshape(len(white) - 1, -1).T, white[-1].ravel())
     if not np.isfinite(total.cost + total.root.sum()):
         what = "a signal or a reading is not finite"
         raise InputError(what=what, where=name_of(part), remedy="leave such rows out, or begin a new run after them")
@@ -62,29 +68,46 @@ def require_channels(part: Part, model: WrenchModel, noise: NoiseModel) -> None:
         raise InputError(what=what, where=part.run, remedy=f"cut chunks with an overlap of {noise.memory}")
 
 
-def _series(part: Part, model: WrenchModel, noise: NoiseModel, theta: Array | None) -> Iterator[tuple[Array, int]]:
+def _runs(part: Part) -> Iterator[Chunk]:
+    """The samples after the history, each run of a recording at once."""
+    if isinstance(part, Chunk):
+        yield part.part(part.history, len(part.wrench)) if part.history else part
+    else:
+        yield from chunks(part, part.samples)
+
+
+def _series(
+    part: Part, model: WrenchModel, noise: NoiseModel, theta: Array | None, map_: RegressorMap | None
+) -> Iterator[tuple[Array, int]]:
     """Derivative in each parameter and, last, measured minus predicted, (k + 1, p, n), stretch by stretch."""
-    if not compiled(model).instantaneous:
+    if map_ is None and not compiled(model).instantaneous:
         yield from _remembered(part, model, theta)
         return
     size = PIECE // noise.block * noise.block + noise.block  # not below the memory either
     size = max(size, noise.memory)
     cut = part.pieces(size, noise.memory) if isinstance(part, Chunk) else chunks(part, size, noise.memory)
     for piece in cut:
-        yield _rows(piece, model, theta), piece.history
+        if map_ is not None:
+            _require_signals(piece, map_.inputs)
+            rows = map_(piece.signals, len(piece.wrench))
+            rows[-1] = piece.wrench.T - rows[-1]
+            yield rows, piece.history
+        else:
+            yield _rows(piece, model, theta), piece.history
 
 
-def _rows(piece: Chunk, model: WrenchModel, theta: Array | None) -> Array:
-    samples, map_ = len(piece.wrench), linear(model) if theta is None else None
-    for name in model.inputs:
+def _require_signals(piece: Chunk, inputs: Iterable[str]) -> None:
+    """Raise InputError when a chunk lacks one of these signals."""
+    for name in inputs:
         if name not in piece.signals:
             remedy = "record it, or leave the effect out"
             raise InputError(what=f"the model needs the signal '{name}'", where=piece.run, remedy=remedy)
-    if map_ is not None:
-        rows = map_(piece.signals, samples)
-        rows[-1] = piece.wrench.T - rows[-1]
-        return rows
-    at, prediction = np.zeros(len(model.parameters)) if theta is None else theta, compiled(model)
+
+
+def _rows(piece: Chunk, model: WrenchModel, theta: Array | None) -> Array:
+    samples, prediction = len(piece.wrench), compiled(model)
+    _require_signals(piece, model.inputs)
+    at = np.zeros(len(model.parameters)) if theta is None else theta
     parts = [e.tangent(piece.signals, at, samples) for e in (prediction.load, prediction.zero)]
     return _stacked(piece.wrench, parts[0][0] + parts[1][0], parts[0][1] + parts[1][1])
 

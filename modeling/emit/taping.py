@@ -1,0 +1,79 @@
+"""Taping: expressions written on a tape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+from modeling.emit.arithmetic import Arithmetic
+from modeling.emit.program import Program
+from modeling.tape import UFUNCS, Operand, Step, Tape
+
+
+@dataclass(frozen=True)
+class Taping(Arithmetic[Operand]):
+    """Expressions as values on a tape that grows; what is made of numbers alone is a number at once."""
+
+    known: dict[sp.Symbol, Operand]
+    inputs: int
+    steps: list[Step] = field(default_factory=list)
+
+    def _step(self, operation: str, *operands: Operand) -> Operand:
+        if not any(isinstance(operand, int) for operand in operands):
+            return float(UFUNCS[operation](*operands))
+        self.steps.append(Step(operation, operands))
+        return self.inputs + len(self.steps) - 1
+
+    def number(self, value: float) -> Operand:
+        """A constant, always a float."""
+        return float(value)
+
+    def symbol(self, symbol: sp.Symbol) -> Operand:
+        """The value that the symbol stands for."""
+        return self.known[symbol]
+
+    def add(self, left: Operand, right: Operand) -> Operand:
+        """left + right."""
+        return self._step("add", left, right)
+
+    def subtract(self, left: Operand, right: Operand) -> Operand:
+        """left - right."""
+        return self._step("subtract", left, right)
+
+    def multiply(self, left: Operand, right: Operand) -> Operand:
+        """left * right."""
+        return self._step("multiply", left, right)
+
+    def divide(self, left: Operand, right: Operand) -> Operand:
+        """left / right."""
+        return self._step("divide", left, right)
+
+    def negate(self, value: Operand) -> Operand:
+        """-value."""
+        return self._step("negative", value)
+
+    def power(self, base: Operand, exponent: int) -> Operand:
+        """base * base * .., up to `LONGEST_PRODUCT` of a program."""
+        value = self._step("square", base)
+        for _ in range(exponent - 2):
+            value = self._step("multiply", value, base)
+        return value
+
+    def call(self, name: str, *arguments: Operand) -> Operand:
+        """A function; a jump is one half at 0, as everywhere in emitted code."""
+        return self._step(name, *arguments, *((0.5,) if name == "step" else ()))
+
+
+def tape_of(inputs: Sequence[sp.Symbol], expressions: Sequence[sp.Expr]) -> Tape:
+    """The tape of expressions of these inputs, every shared subexpression once.
+
+    Raises InputError for a function that no emitted code could evaluate.
+    """
+    program = Program.of(expressions).shared
+    taping = Taping({symbol: i for i, symbol in enumerate(inputs)}, len(inputs))
+    for symbol, expression in program.steps:
+        taping.known[symbol] = taping.of(expression)
+    results = tuple(taping.of(expression) for expression in program.results)
+    return Tape(tuple(symbol.name for symbol in inputs), tuple(taping.steps), results)

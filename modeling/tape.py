@@ -1,0 +1,110 @@
+"""Tape: straight-line arithmetic as plain data, evaluated by NumPy over blocks of samples without a temporary array."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+Operand: TypeAlias = int | float
+
+UFUNCS: Mapping[str, np.ufunc] = {
+    **{name: getattr(np, name) for name in ("add", "subtract", "multiply", "divide", "negative", "square")},
+    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")},
+    **{name: getattr(np, name) for name in ("sign", "fabs", "fmax", "fmin")},
+    **{"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "atan2": np.arctan2, "pow": np.power},
+    "step": np.heaviside,
+}
+"""The operations of a tape, by C's names where C has them; `step` takes its value at 0 as second operand."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One operation. An operand that is an int is the value of that number, a float is a constant."""
+
+    operation: str
+    operands: tuple[Operand, ...]
+
+
+@dataclass(frozen=True)
+class Tape:
+    """Values 0, 1, ..: the inputs in order, then what each step gives; and which of them are the results.
+
+    A result that is a float is a constant. It is data, no code: what is on it is looked up in `UFUNCS`.
+    """
+
+    inputs: tuple[str, ...]
+    steps: tuple[Step, ...]
+    results: tuple[Operand, ...]
+
+    def to_data(self) -> dict[str, Any]:
+        """The tape as lists, strings and numbers."""
+        return {
+            "inputs": list(self.inputs),
+            "steps": [[step.operation, *step.operands] for step in self.steps],
+            "results": list(self.results),
+        }
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Self:
+        """The tape of what `to_data` gave. Raises ValueError for what is none."""
+        steps = tuple(Step(operation, tuple(operands)) for operation, *operands in data["steps"])
+        inputs = tuple(data["inputs"])
+        for place, step in enumerate(steps, start=len(inputs)):
+            values = [v for v in step.operands if isinstance(v, int)]
+            if step.operation not in UFUNCS or not all(0 <= v < place for v in values):
+                raise ValueError(f"step {place - len(inputs)} of a tape, {step}, cannot be evaluated")
+        return cls(inputs, steps, tuple(data["results"]))
+
+    @property
+    def _values(self) -> int:
+        return len(self.inputs) + len(self.steps)
+
+    @cached_property
+    def _places(self) -> tuple[tuple[int, ...], int]:
+        """Where each step writes: row i of the results as i, scratch row j as -1 - j; and how many scratch rows.
+
+        A scratch row is written again once nothing that comes later reads it; the step that reads it last may write
+        over it.
+        """
+        first = len(self.inputs)
+        rows = {value: i for i, value in reversed(list(enumerate(self.results))) if isinstance(value, int)}
+        last = {v: at for at, step in enumerate(self.steps) for v in step.operands if isinstance(v, int)}
+        free: list[int] = []
+        places: list[int] = []
+        scratch = 0
+        for at, step in enumerate(self.steps):
+            for v in {v for v in step.operands if isinstance(v, int) and v >= first and v not in rows and last[v] == at}:
+                free.append(places[v - first])
+            if first + at in rows:
+                places.append(rows[first + at])
+                continue
+            if not free:
+                scratch += 1
+                free.append(-scratch)
+            places.append(free.pop())
+        return tuple(places), scratch
+
+    def scratch(self, samples: int) -> Array:
+        """What `into` needs beside the results, for as many samples at a time: (rows, samples)."""
+        return np.empty((self._places[1], samples))
+
+    def into(self, out: Array, columns: Sequence[Array], scratch: Array) -> None:
+        """Write the results of n samples to the rows of `out` (results, n), from the inputs' columns (n,) in order."""
+        values: list[Any] = list(columns)
+        n = out.shape[1]
+        for step, place in zip(self.steps, self._places[0], strict=True):
+            target = out[place] if place >= 0 else scratch[-1 - place, :n]
+            operands = [values[v] if isinstance(v, int) else v for v in step.operands]
+            UFUNCS[step.operation](*operands, out=target)
+            values.append(target)
+        for row, value in enumerate(self.results):
+            if not isinstance(value, int):
+                out[row] = value
+            elif value < len(self.inputs) or self._places[0][value - len(self.inputs)] != row:
+                out[row] = values[value]
