@@ -27,11 +27,11 @@ from estimation.response import Response, respond
 from estimation.stream.chunk import Chunk
 from estimation.stream.noise_model import NoiseModel
 from estimation.stream.statistics import Part
-from estimation.stream.streaming import StreamedFit, streamed
+from estimation.stream.streaming import StreamedFit, fit_parts
+from estimation.weight import require_positive
 from modeling.errors import InputError
 from modeling.model import WrenchModel
 from modeling.parameter import Parameter
-from modeling.rig import Convention
 
 if TYPE_CHECKING:
     from estimation.interval import Intervals
@@ -200,14 +200,9 @@ def fit(
     Raises InputError when a recording lacks a signal that the model needs, the convention cannot be decided, the
     mass comes out negative under the convention stated, or chunks or an executor come without a `NoiseModel`.
     """
-    parts = (recordings,) if isinstance(recordings, Recording | Chunk) else recordings
     if isinstance(noise, NoiseModel):
-        if constraints is not None:
-            what = "parts that are not kept cannot be fitted under constraints"
-            raise InputError(what=what, where="constraints", remedy="fit recordings without a NoiseModel")
-        passed = streamed(model, parts, noise, start=start, executor=executor)
-        _require_weight(passed.parameters["m"], model.convention, passed.where)
-        return passed
+        return fit_parts(model, recordings, noise, start=start, executor=executor, constraints=constraints)
+    parts = (recordings,) if isinstance(recordings, Recording | Chunk) else recordings
     several = _whole(parts, executor)
     check_channels(model, several)
     estimated = refit(decided(model, several), several, noise=noise, start=start, constraints=constraints)
@@ -275,18 +270,7 @@ def require_weight(fitted: Fit) -> None:
     Raises InputError: the readings have the other sign than was stated.
     """
     names = ", ".join(r.name for r in fitted.recordings)
-    _require_weight(fitted.parameters["m"], fitted.model.convention, names)
-
-
-def _require_weight(mass: Estimate, stated: Convention, where: str) -> None:
-    if mass.value >= -3 * mass.std:
-        return
-    other = Convention.ON_SENSOR if stated is Convention.ON_TOOL else Convention.ON_TOOL
-    raise InputError(
-        what=f"the mass comes out as {mass.value:.3g} ± {mass.std:.2g} kg with readings {stated.value}",
-        where=where,
-        remedy=f'state convention = "{other.value}" under [sensor] in the rig, or check the axes of the readings',
-    )
+    require_positive(fitted.parameters["m"], fitted.model.convention, names)
 
 
 def first_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[Noise, ...]:

@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.recording import Recording
+from estimation.source import NoiseSource as NoiseSource
 from estimation.spectrum import Spectrum
 from estimation.whitening import Whitener
 
 Array = NDArray[np.float64]
-
-
-class NoiseSource(Enum):
-    """What the noise is known from."""
-
-    REPEATS = "repeats"
-    RIG = "rig"
-    RESIDUAL = "residual"
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.differentiation import Derivatives, best_description, periodic_series, smooth
 from modeling.kinematics import Arm
 from modeling.rig import PLANAR_CHANNELS, Rig
+
+if TYPE_CHECKING:
+    from estimation.differentiation import Derivatives
 
 Array = NDArray[np.float64]
 
@@ -121,6 +124,8 @@ class Recording:
 
     def differentiated(self, series: Array, *, antiperiodic: bool = False) -> Derivatives:
         """Series (n, k) of the motion, and its rates, as smooth as its own noise asks; zero rates at rest."""
+        from estimation.differentiation import Derivatives, best_description, periodic_series, smooth  # slow to import
+
         mean = self.averaged(series)[: self.samples_per_repeat]
         if self.dt is None:
             still = np.zeros_like(mean)
@@ -188,7 +193,7 @@ def _rates(recording: Recording, value: Array, first: Sequence[str], second: Seq
     if acceleration is None:
         acceleration = derived.second if rate is None else recording.differentiated(recording.stack(first)).first
     rate = derived.first if rate is None else rate
-    return Derivatives(value=derived.value, first=rate, second=acceleration, score=derived.score)
+    return replace(derived, first=rate, second=acceleration)
 
 
 def _named(names: Sequence[str], series: Array) -> dict[str, Array]:

@@ -6,16 +6,18 @@ import csv
 import io
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from modeling.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -59,8 +61,10 @@ def _content(path: Path) -> bytes:
 
 
 def _csv_table(content: bytes, where: str) -> Table:
+    import pandas as pd  # slow to import
+
     text = _decoded(content, where)
-    names = _names(text, where)
+    names = header_names(text, where)
     try:
         with warnings.catch_warnings():
             # Rows that are too long would be cut off with no more than this warning.
@@ -77,7 +81,7 @@ def _csv_table(content: bytes, where: str) -> Table:
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # parser errors are ValueErrors
         trouble = str(error)
     if trouble:
-        _explain(text, names, where)
+        explain(io.StringIO(text), names, where, names)
         raise InputError(what=trouble, where=where, remedy="correct the file")
     return _filled({name: frame[name].to_numpy(dtype=float) for name in names}, where=where, first_row=2)
 
@@ -93,7 +97,8 @@ def _decoded(content: bytes, where: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")  # the csv module refuses lines that end in CR only
 
 
-def _names(text: str, where: str) -> list[str]:
+def header_names(text: str, where: str) -> list[str]:
+    """The names of the columns in the first row of a CSV file's text; InputError when it is no header."""
     try:
         names = [name.strip() for name in next(csv.reader(io.StringIO(text)))]
     except csv.Error as error:
@@ -104,10 +109,11 @@ def _names(text: str, where: str) -> list[str]:
         raise InputError(what=what, where=where, remedy="write a CSV with commas, and points in the numbers")
     if all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
         raise InputError(what="row 1 is no header", where=where, remedy="name the columns in the first row")
-    return _unique(names, where)
+    return unique_names(names, where)
 
 
-def _unique(names: Sequence[str], where: str) -> list[str]:
+def unique_names(names: Sequence[str], where: str) -> list[str]:
+    """The names; InputError when one is empty or comes twice."""
     for i, name in enumerate(names):
         if not name:
             what = f"column {i + 1} has no name"
@@ -118,23 +124,25 @@ def _unique(names: Sequence[str], where: str) -> list[str]:
     return list(names)
 
 
-def _explain(text: str, names: Sequence[str], where: str) -> None:
-    """Raise the InputError of the first cell that is no finite number; the slow way, only after trouble."""
+def explain(lines: Iterable[str], names: Sequence[str], where: str, wanted: Container[str]) -> None:
+    """Raise the InputError of the first cell that is no finite number in a wanted column; slow, only after trouble."""
     try:
-        reader = csv.reader(io.StringIO(text), strict=True)
+        reader = csv.reader(lines, strict=True)
         next(reader)
         for cells in reader:
-            _explain_row(cells, names, reader.line_num, where)
+            _explain_row(cells, names, reader.line_num, where, wanted)
     except csv.Error as error:
         what = f"row {reader.line_num} cannot be read: {error}"
         raise InputError(what=what, where=where, remedy="correct that row") from None
 
 
-def _explain_row(cells: Sequence[str], names: Sequence[str], row: int, where: str) -> None:
+def _explain_row(
+    cells: Sequence[str], names: Sequence[str], row: int, where: str, wanted: Container[str]
+) -> None:
     if len(cells) != len(names):
         what = f"row {row} has {len(cells)} values, and the header has {len(names)} columns"
         raise InputError(what=what, where=where, remedy="complete or remove that row")
-    for name, cell in zip(names, cells, strict=True):
+    for name, cell in ((n, c) for n, c in zip(names, cells, strict=True) if n in wanted):
         if not cell.strip():
             what = f"column {name} is empty at row {row}"
             raise InputError(what=what, where=where, remedy="fill in the value, or remove the row")
@@ -159,30 +167,32 @@ def _parquet_table(content: bytes, where: str) -> Table:
     except (pa.ArrowException, OSError, ValueError) as error:
         what = f"not a Parquet file: {error}"
         raise InputError(what=what, where=where, remedy="give a CSV or Parquet file") from None
-    _unique(table.column_names, where)
+    unique_names(table.column_names, where)
     frame = table.to_pandas(ignore_metadata=True)
     kept = [name for name in frame.columns if not re.fullmatch(r"__index_level_\d+__", name)]
     return frame_table(frame[kept], where)
 
 
-def frame_table(frame: pd.DataFrame, where: str) -> Table:
-    """A data frame's columns, each checked to be finite numbers; rows are counted from 1."""
+def frame_table(frame: pd.DataFrame, where: str, first_row: int = 1) -> Table:
+    """A data frame's columns, each checked to be finite numbers; `first_row` is the row of the first in its file."""
     columns = {}
     for name in frame.columns:
         column = frame[name]
         if not _is_real(column):
-            what = f"column {name} is not numeric but {column.dtype} from row 1 on"
+            what = f"column {name} is not numeric but {column.dtype} from row {first_row} on"
             raise InputError(what=what, where=where, remedy="make the column numeric, or remove it")
         values = column.to_numpy(dtype=float, na_value=np.nan, copy=True)
         wrong = np.flatnonzero(~np.isfinite(values))
         if wrong.size:
-            what = f"column {name} is {values[wrong[0]]} at row {wrong[0] + 1}"
+            what = f"column {name} is {values[wrong[0]]} at row {wrong[0] + first_row}"
             raise InputError(what=what, where=where, remedy="replace it by a finite number, or remove the row")
         columns[str(name)] = values
-    return _filled(columns, where=where, first_row=1)
+    return _filled(columns, where=where, first_row=first_row)
 
 
 def _is_real(column: pd.Series) -> bool:
+    import pandas as pd  # slow to import
+
     kind = pd.api.types
     odd = kind.is_bool_dtype(column) or kind.is_complex_dtype(column)
     return kind.is_numeric_dtype(column) and not odd

@@ -85,7 +85,7 @@ _HOMES = {
     "design": "design.planning",
     "diagnose": "diagnosis.diagnosis",
     "errors_in_variables_fit": "estimation.noisy_motion.errors_in_variables",
-    "fit": "estimation.fit",
+    "fit": "estimation.fitting",
     "intervals": "estimation.interval",
     "own_effect": "modeling.own.writing",
     "planar": "modeling.model",

@@ -12,7 +12,7 @@ from estimation.linear.square_root import EPS, PLAIN
 
 Array = NDArray[np.float64]
 
-BLOCK = 2048
+BLOCK = 4096
 """Samples that are worked on at once: with all that they are made of they stay in a processor's cache."""
 SAMPLE = 1024
 """Samples from which the scaling of all is taken: enough to leave a condition near 1 of what is alike throughout."""

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.recording import Recording
-from estimation.response import signals_of
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]
@@ -67,6 +66,8 @@ def chunks(recording: Recording, size: int, overlap: int = 0, *, run: str | None
     if not size >= max(overlap, 1) or overlap < 0:
         what = f"chunks of {size} samples with an overlap of {overlap}"
         raise InputError(what=what, where=recording.name, remedy="give a size above 0 and not below the overlap")
+    from estimation.response import signals_of  # slow to import
+
     signals = signals_of.__wrapped__(recording)  # not cached: recordings that pass by must not stay
     whole = Chunk(run=run or recording.name, signals=signals, wrench=recording.wrench)
     length = recording.samples if recording.continuous else recording.samples_per_repeat

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
+from scipy.linalg import solve_toeplitz, solve_triangular
 
-from estimation.noise import Noise, NoiseSource
-from estimation.whitening import LineWhitener, RegressionWhitener, inverse_root
+from estimation.source import NoiseSource
 from modeling.errors import InputError
+
+if TYPE_CHECKING:
+    from estimation.noise import Noise
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,8 @@ class NoiseModel:
         A spectrum S becomes the autoregression with the same first autocovariances (Yule-Walker): those are the
         integral of S cos(w t), and the innovations keep the channels' mean coherence.
         """
+        from estimation.whitening import LineWhitener, RegressionWhitener  # slow to import
+
         whitener = noise.whitener
         if isinstance(whitener, RegressionWhitener):
             covariance = np.linalg.inv(whitener.root.T @ whitener.root)
@@ -98,13 +101,16 @@ class NoiseModel:
     @cached_property
     def root(self) -> Array:
         """Inverse Cholesky factor (p, p) of the innovations' covariance."""
-        return np.real(inverse_root(self.covariance))
+        factor = np.linalg.cholesky(self.covariance)
+        return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True))
 
     @cached_property
     def floor(self) -> Array:
         """Std (p,) of one sample: all answers to past innovations together, unless it is known otherwise."""
         if self.sample_std is not None:
             return self.sample_std
+        from scipy.signal import lfilter  # slow to import
+
         shock = np.zeros(FREQUENCIES)
         shock[0] = 1.0
         answers = [lfilter([1.0], [1.0, *-a], shock) for a in self.coefficients.T]

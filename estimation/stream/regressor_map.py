@@ -96,3 +96,9 @@ def linear(model: WrenchModel) -> RegressorMap | None:
     """The map of a model without memory that is linear in its parameters, None of any other; derived once per model."""
     form = regressor_form(model)
     return None if form is None else RegressorMap(form)
+
+
+def inputs_of(model: WrenchModel) -> tuple[str, ...]:
+    """The signals that a model takes, of a linear one without deriving it again."""
+    found = linear(model)
+    return model.inputs if found is None else found.inputs

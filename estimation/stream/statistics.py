@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from estimation.linear.square_root import SquareRoot
 from estimation.recording import Recording
-from estimation.response import respond
 from estimation.stream.chunk import Chunk, chunks
 from estimation.stream.noise_model import NoiseModel
 from estimation.stream.regressor_map import RegressorMap, linear
@@ -117,6 +116,8 @@ def _remembered(part: Part, model: WrenchModel, theta: Array | None) -> Iterator
     if isinstance(part, Chunk):
         what = "the model remembers what came before a chunk, and a chunk does not carry it"
         raise InputError(what=what, where=part.run, remedy="give whole recordings, or leave that effect out")
+    from estimation.response import respond  # slow to import
+
     response = respond(model, part, np.zeros(len(model.parameters)) if theta is None else theta)
     rows = _stacked(part.wrench, response.value, response.derivative)
     for run in np.split(rows, 1 if part.continuous else part.repeats, axis=-1):

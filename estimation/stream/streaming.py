@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,18 @@ from estimation.linear.estimate import Estimates
 from estimation.linear.square_root import SquareRoot
 from estimation.recording import Recording
 from estimation.stream.chunk import Chunk
+from estimation.stream.long_log import LongLog
 from estimation.stream.noise_model import NoiseModel
-from estimation.stream.regressor_map import linear
+from estimation.stream.regressor_map import inputs_of, linear
 from estimation.stream.statistics import Part, information_of, name_of
+from estimation.weight import require_positive
 from modeling.errors import InputError
 from modeling.model import WrenchModel
 from modeling.parameter import Parameter
 from modeling.rig import Convention, Rig
+
+if TYPE_CHECKING:
+    from estimation.constrained import Constraints
 
 Array = NDArray[np.float64]
 Key = str | int
@@ -129,11 +135,13 @@ class Stream:
     ) -> Iterator[tuple[Key, Call]]:
         """Run and arguments of `information_of` for every part; the first run has a model of its own."""
         home: Key | None = None
-        for number, part in enumerate(self.parts):
+        needed = {model: inputs_of(model) for model, _ in (first, others)}
+        parts = self.parts.needing(needed[first[0]]) if isinstance(self.parts, LongLog) else self.parts
+        for number, part in enumerate(parts):
             key: Key = part.run if isinstance(part, Chunk) else number
             home = key if home is None else home
             model, theta = first if key == home else others
-            yield key, (part.needing(model.inputs) if isinstance(part, Chunk) else part, model, self.noise, theta)
+            yield key, (part.needing(needed[model]) if isinstance(part, Chunk) else part, model, self.noise, theta)
 
 
 def _worked_on(calls: Iterable[tuple[Key, Call]], executor: Executor | None) -> Iterator[tuple[Key, SquareRoot]]:
@@ -152,6 +160,25 @@ def _worked_on(calls: Iterable[tuple[Key, Call]], executor: Executor | None) -> 
     finally:
         for _, future in waiting:
             future.cancel()
+
+
+def fit_parts(
+    model: WrenchModel,
+    recordings: Part | Iterable[Part],
+    noise: NoiseModel,
+    *,
+    start: Mapping[str, float] | None = None,
+    executor: Executor | None = None,
+    constraints: Constraints | None = None,
+) -> StreamedFit:
+    """`streamed` of one part or of several, refused where the mass comes out negative, or under constraints."""
+    if constraints is not None:
+        what = "parts that are not kept cannot be fitted under constraints"
+        raise InputError(what=what, where="constraints", remedy="fit recordings without a NoiseModel")
+    parts = (recordings,) if isinstance(recordings, Recording | Chunk) else recordings
+    passed = streamed(model, parts, noise, start=start, executor=executor)
+    require_positive(passed.parameters["m"], model.convention, passed.where)
+    return passed
 
 
 def streamed(
