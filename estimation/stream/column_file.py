@@ -58,7 +58,7 @@ class ParquetColumns(ColumnFile):
         row = 1
         try:
             with pq.ParquetFile(self.path, pre_buffer=False, buffer_size=BUFFER) as file:
-                for batch in file.iter_batches(batch_size=size, columns=list(wanted)):
+                for batch in file.iter_batches(batch_size=size, columns=list(wanted), use_threads=False):
                     yield _table(batch, str(self.path), row)
                     row += batch.num_rows
         except (OSError, ValueError, pa.ArrowException) as error:
@@ -137,10 +137,13 @@ def _parquet_names(path: Path) -> tuple[str, ...]:
 
 def _table(batch: pa.RecordBatch, where: str, row: int) -> Table:
     """A batch's columns as they lie in memory where they are finite numbers, otherwise the error that names the row."""
+    import pyarrow as pa  # slow to import
+
     columns: dict[str, Array] = {}
     for name, column in zip(batch.schema.names, batch.columns, strict=True):
-        values = column.to_numpy(zero_copy_only=False)
-        if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+        plain = column.null_count == 0 and (pa.types.is_integer(column.type) or pa.types.is_floating(column.type))
+        values = np.from_dlpack(column) if plain else np.full(1, np.nan)  # `to_numpy` would import pandas
+        if not np.isfinite(values).all():
             return frame_table(batch.to_pandas(), where, row)
         columns[name] = values.astype(np.float64, copy=False)
     return Table(columns=columns, where=where, first_row=row)
