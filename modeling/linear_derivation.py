@@ -16,6 +16,8 @@ from modeling.regressor_form import RegressorForm
 
 Polynomial = dict[sp.Expr, Fraction]
 """An expanded expression: coefficients by term."""
+SUPERPOSED = 1e-9
+"""Share of a prediction that may be rounding."""
 
 
 def derived(model: WrenchModel) -> RegressorForm | None:
@@ -24,6 +26,8 @@ def derived(model: WrenchModel) -> RegressorForm | None:
     Of the elements of Phi' and of the prediction at theta = 0, taken in the order of their length, those are kept that
     are no linear combination of the ones before them: an input is taken before a product in which it stands.
     """
+    if not model.direct or model.memory != 1 or not _superposes(model):
+        return None
     try:
         expanded = regressor(model)
     except InputError:
@@ -38,6 +42,25 @@ def derived(model: WrenchModel) -> RegressorForm | None:
     except InputError:
         return None
     return RegressorForm(functions, weights.reshape(len(model.parameters) + 1, len(model.channels), len(kept)))
+
+
+def _superposes(model: WrenchModel) -> bool:
+    """Whether P(a) + P(b) = P(a + b) + P(0) at one motion: seconds before `regressor` refuses what does not.
+
+    A prediction that is linear does so to rounding; one that is not may by chance, and is told by `regressor`.
+    """
+    prediction, rng = model.load + model.zero, np.random.default_rng(0)
+    own = {p.symbol for p in model.parameters}
+    motion = {s: sp.Float(rng.uniform(0.5, 1.5)) for s in sorted(prediction.free_symbols - own, key=str)}
+    drawn = [rng.uniform(0.5, 1.5, len(model.parameters)) for _ in range(2)]
+    thetas = (drawn[0], drawn[1], drawn[0] + drawn[1], 0 * drawn[0])
+    numbers = [dict(zip((p.symbol for p in model.parameters), map(sp.Float, theta), strict=True)) for theta in thetas]
+    try:
+        one, other, both, none = (np.array(prediction.xreplace(motion | n), dtype=np.float64) for n in numbers)
+    except TypeError:  # no number: infinite, complex, or a function that stays as it is
+        return True
+    scale = max(np.abs(values).max() for values in (one, other, both, none))
+    return bool(np.allclose(one + other, both + none, rtol=0, atol=SUPERPOSED * scale))
 
 
 def _elements(model: WrenchModel) -> list[sp.Expr]:
