@@ -14,17 +14,15 @@ much of it in another: peak memory is the whole process's resident set, interpre
 from __future__ import annotations
 
 import argparse
-import resource
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.measure import peak_bytes, rounds
+from benchmarks.measure import peak_bytes, peak_resident, rounds
 from benchmarks.row import Row, table
 from estimation.fit import fit
 from estimation.stream.chunk import Chunk
@@ -126,16 +124,6 @@ def in_a_process(samples: int) -> tuple[float, float]:
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     numbers = dict(line.split(": ") for line in printed.splitlines() if ": " in line)
     return float(numbers["seconds"]), float(numbers["peak memory, MiB"])
-
-
-def peak_resident() -> float:
-    """Peak resident memory of this process in MiB: Linux's own mark, which a process does not inherit, else rusage."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        marks = dict(line.split(":", 1) for line in status.read_text().splitlines())
-        return float(marks["VmHWM"].split()[0]) / 1024
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
 
 
 def fit_and_print(samples: int) -> None:

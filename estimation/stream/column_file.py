@@ -77,8 +77,8 @@ class CsvColumns(ColumnFile):
             with warnings.catch_warnings():
                 warnings.simplefilter("error", pd.errors.ParserWarning)  # rows that are too long
                 reader = pd.read_csv(
-                    self.path, chunksize=size, header=0, names=list(self.names), usecols=list(wanted),
-                    index_col=False, dtype=np.float64, encoding="utf-8-sig", skipinitialspace=True,
+                    self.path, chunksize=size, header=0, names=list(self.names), index_col=False,
+                    dtype=dict.fromkeys(wanted, np.float64), encoding="utf-8-sig", skipinitialspace=True,
                 )  # fmt: skip
             with reader:
                 while True:
@@ -87,7 +87,7 @@ class CsvColumns(ColumnFile):
                         frame = next(reader, None)
                     if frame is None:
                         return
-                    yield frame_table(frame, str(self.path), row)
+                    yield frame_table(frame[list(wanted)], str(self.path), row)
                     row += len(frame)
         except (OSError, ValueError, OverflowError, pd.errors.ParserWarning) as error:
             self._explain(wanted)

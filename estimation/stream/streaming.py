@@ -44,7 +44,7 @@ class StreamedFit(Estimates):
     theta       (k,) the model's parameters; its biases, and effects that belong to one run, are the first run's
     covariance  (k, k) for the noise given; `shown` (k,) whether the parts tell a parameter apart from all others
     triangle    what all parts say of theta, the zero of every other run eliminated
-    where       name of the first run, and `rig` of a recording
+    where       name of the first run, and `rig` of a recording or a log
     """
 
     model: WrenchModel
@@ -136,8 +136,7 @@ class Stream:
         """Run and arguments of `information_of` for every part; the first run has a model of its own."""
         home: Key | None = None
         needed = {model: inputs_of(model) for model, _ in (first, others)}
-        parts = self.parts.needing(needed[first[0]]) if isinstance(self.parts, LongLog) else self.parts
-        for number, part in enumerate(parts):
+        for number, part in enumerate(self.parts):
             key: Key = part.run if isinstance(part, Chunk) else number
             home = key if home is None else home
             model, theta = first if key == home else others
@@ -194,6 +193,8 @@ def streamed(
     Any other takes Gauss-Newton steps, each a pass. Raises InputError when there is no part, when a model that is not
     linear would need another pass over an iterator, when the convention is left to the data, and as `information_of`.
     """
+    if isinstance(parts, LongLog):
+        parts = parts.needing(inputs_of(model))
     where, rig, again = _begun(parts)
     if model.convention is Convention.AUTO:
         what = "parts that pass by cannot decide the sign convention"
@@ -227,7 +228,7 @@ def _begun(parts: Iterable[Part]) -> tuple[str, Rig | None, Iterable[Part]]:
     first = next(passes, None)
     if first is None:
         raise InputError(what="no recording was given", where="recordings", remedy="give at least one")
-    rig = first.rig if isinstance(first, Recording) else None
+    rig = parts.rig if isinstance(parts, LongLog) else first.rig if isinstance(first, Recording) else None
     return name_of(first), rig, _resumed([first], passes) if passes is parts else parts
 
 
