@@ -1,15 +1,18 @@
-"""Measure: time and peak memory of calls that are made in turn, so that a busy machine is busy for all of them."""
+"""Measure: time and peak memory of calls and processes made in turn, so that a busy machine is busy for all of them."""
 
 from __future__ import annotations
 
 import gc
+import os
 import resource
 import sys
 import tracemalloc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from time import perf_counter
+from subprocess import PIPE, CalledProcessError, Popen
+from time import perf_counter, process_time
 from typing import Any
 
 Call = Callable[[], Any]
@@ -72,3 +75,40 @@ def peak_resident() -> float:
         return float(marks["VmHWM"].split()[0]) / 1024
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What something took: seconds of CPU, user's and system's, and seconds on the clock."""
+
+    cpu: float
+    wall: float
+
+
+def cost(call: Call) -> Cost:
+    """Of one call, made once; for those that take long."""
+    gc.collect()
+    wall, cpu = perf_counter(), process_time()
+    call()
+    return Cost(process_time() - cpu, perf_counter() - wall)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A process from its start to its end: its cost, and the text that it printed."""
+
+    cost: Cost
+    printed: str
+
+
+def process(command: Sequence[str], environment: Mapping[str, str]) -> Run:
+    """Run a command. Raises CalledProcessError when it fails."""
+    begin = perf_counter()
+    with Popen(command, stdout=PIPE, text=True, env=dict(environment)) as child:
+        assert child.stdout is not None
+        printed = child.stdout.read()
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        raise CalledProcessError(child.returncode, command, printed)
+    return Run(Cost(usage.ru_utime + usage.ru_stime, perf_counter() - begin), printed)

@@ -25,7 +25,7 @@ from estimation.stream.chunk import Chunk, chunks
 from estimation.stream.noise_model import NoiseModel
 from estimation.stream.regressor_map import linear
 from estimation.stream.statistics import Part
-from estimation.stream.streaming import IN_FLIGHT, StreamedFit
+from estimation.stream.streaming import IN_FLIGHT, StreamedFit, streamed
 from estimation.whitening import RegressionWhitener
 from modeling import effects
 from modeling.errors import InputError
@@ -244,6 +244,107 @@ def test_regressor_map_is_the_compiled_prediction(space: Space) -> None:
     prediction = compiled(model)
     value = prediction.load.value(signals, theta, 50) + prediction.zero.value(signals, theta, 50)
     np.testing.assert_allclose(np.tensordot(theta, rows[:-1], 1) + rows[-1], value.T, atol=1e-12)  # rounding
+
+
+# ----------------------------------------------------------------------------------------- white noise: sums alone
+
+BILLIONTH = 1e-9
+"""Of a std."""
+
+
+def by_lstsq(model: WrenchModel, chunk: Chunk, noise: NoiseModel) -> tuple[Array, Array]:
+    """Parameters and std by `lstsq` of every whitened row, with Phi from CasADi: nothing in common but the physics."""
+    prediction, samples = compiled(model), len(chunk.wrench)
+    parts = [e.tangent(chunk.signals, np.zeros(len(model.parameters)), samples) for e in (prediction.load, prediction.zero)]
+    value, slopes = parts[0][0] + parts[1][0], parts[0][1] + parts[1][1]
+    root = np.linalg.inv(np.linalg.cholesky(noise.covariance))
+    rows = np.einsum("ce,nek->nck", root, slopes).reshape(-1, slopes.shape[2])
+    left = ((chunk.wrench - value) @ root.T).ravel()
+    lengths = np.linalg.norm(rows, axis=0)
+    inverse = np.linalg.inv(np.linalg.qr(rows / lengths, mode="r"))
+    scaled = np.linalg.lstsq(rows / lengths, left, rcond=None)[0]
+    return scaled / lengths, np.linalg.norm(inverse, axis=1) / lengths
+
+
+def moving(space: Space, samples: int, turn: float, model: WrenchModel) -> Chunk:
+    """Random motion, angles within `turn` rad of one pose and accelerations as small, and readings of some tool."""
+    rng = np.random.default_rng(samples)
+    signals = {name: rng.uniform(-1, 1, samples) for name in model.inputs}
+    signals |= {name: turn * values for name, values in signals.items() if name in ("ax", "ay", "apx", "apy", "apz")}
+    if space is Space.PLANE:
+        signals["phi"] = 0.4 + turn * signals["phi"]
+    else:
+        signals |= {"qx": turn * signals["qx"], "qy": turn * signals["qy"], "qz": turn * signals["qz"]}
+        signals["qw"] = np.sqrt(1 - signals["qx"] ** 2 - signals["qy"] ** 2 - signals["qz"] ** 2)
+    map_ = linear(model)
+    assert map_ is not None
+    rows = map_(signals, samples)
+    theta = 1 + rng.random(len(rows) - 1)
+    wrench = (np.tensordot(theta, rows[:-1], 1) + rows[-1]).T + rng.standard_normal((samples, len(model.channels)))
+    return Chunk(run="a", signals=signals, wrench=wrench)
+
+
+@pytest.mark.parametrize("space", list(Space))
+@pytest.mark.parametrize("convention", [Convention.ON_TOOL, Convention.ON_SENSOR])
+@pytest.mark.parametrize("turn", [0.2, 1e-4])
+def test_sums_are_lstsq_of_every_row(space: Space, convention: Convention, turn: float) -> None:
+    """Angles of a ten thousandth part mass from zero a million times worse than the rest, which a product of the rows
+    by themselves could not bear: kappa² eps would be 1e-4. Cut anywhere, it is the same to the same digits times kappa."""
+    model = replace(base(space), convention=convention)
+    noise = noise_model(space, 0)
+    chunk = moving(space, 50_000, turn, model)
+    theta, std = by_lstsq(model, chunk, noise)
+    allowed = BILLIONTH if turn == 0.2 else 1e-6
+    for parts in ([chunk], list(chunk.pieces(7_001, 0)), list(chunk.pieces(500, 0))):
+        found = fit(model, parts, noise=noise)
+        np.testing.assert_allclose(found.theta / std, theta / std, rtol=0, atol=allowed)
+        np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), std, rtol=allowed)
+        assert found.information.rows == chunk.wrench.size
+    assert (found.condition > 1e3) == (turn < 0.1)
+
+
+def test_wrench_may_lie_in_memory_as_it_likes() -> None:
+    model, noise = base(Space.PLANE), noise_model(Space.PLANE, 0)
+    chunk = moving(Space.PLANE, 5_000, 0.2, model)
+    columns = replace(chunk, wrench=np.asfortranarray(chunk.wrench))
+    whole = {name: np.round(8 * values) for name, values in chunk.signals.items()}
+    single = replace(chunk, signals={name: values.astype(np.float32) for name, values in whole.items()})
+    pairs = [(columns, chunk), (single, replace(chunk, signals=whole))]
+    for one, other in pairs:
+        thetas = [streamed(model, [part], noise).theta for part in (one, other)]
+        np.testing.assert_array_equal(*thetas)
+
+
+def test_a_chunk_at_rest_tells_what_it_can() -> None:
+    """Constant signals leave a rank of one a channel; together with a motion it is as if all had come at once."""
+    model, noise = base(Space.PLANE), noise_model(Space.PLANE, 0)
+    rest, motion = (moving(Space.PLANE, 4_000, turn, model) for turn in (0.0, 0.3))
+    still = {name: np.full(4_000, values[0]) for name, values in rest.signals.items()}
+    still |= {"dphi": np.zeros(4_000), "ddphi": np.zeros(4_000)}
+    rest = replace(rest, signals=still)
+    alone = fit(model, rest, noise=noise)
+    assert not alone.shown[3:].any()  # weight from zero
+    both = Chunk(
+        run="a",
+        signals={n: np.concatenate([rest.signals[n], motion.signals[n]]) for n in model.inputs},
+        wrench=np.concatenate([rest.wrench, motion.wrench]),
+    )
+    theta, std = by_lstsq(model, both, noise)
+    found = fit(model, [rest, motion], noise=noise)
+    np.testing.assert_allclose(found.theta / std, theta / std, rtol=0, atol=BILLIONTH)
+    assert found.shown.all()
+
+
+def test_readings_without_noise_leave_nothing() -> None:
+    """The chi-square of exact readings is rounding, eps² of their own."""
+    model = base(Space.SPACE)
+    chunk = moving(Space.SPACE, 20_000, 0.3, model)
+    map_ = linear(model)
+    assert map_ is not None
+    exact = np.tensordot(np.arange(1.0, 17), map_(chunk.signals, 20_000)[:-1], 1).T
+    found = fit(model, replace(chunk, wrench=exact), noise=NoiseModel.white([1.0] * 6))
+    np.testing.assert_allclose(found.theta, np.arange(1.0, 17), rtol=1e-12)
+    assert found.misfit < 1e-24 * np.mean(exact**2)
 
 
 # ------------------------------------------------------------------------------------------------ the noise model
