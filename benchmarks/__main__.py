@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import sys
-
-for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")  # before NumPy is loaded: one thread for all
 
 
 def main() -> None:

@@ -35,4 +35,4 @@ def fit(
         return fit_parts(model, recordings, noise, start=start, executor=executor, constraints=constraints)
     from estimation.fit import fit as fit_whole
 
-    return fit_whole(model, recordings, noise=noise, start=start, executor=executor, constraints=constraints)  # type: ignore[call-overload, no-any-return]
+    return fit_whole(model, recordings, noise=noise, start=start, executor=executor, constraints=constraints)  # type: ignore[call-overload, misc, no-any-return]

@@ -136,9 +136,7 @@ def explain(lines: Iterable[str], names: Sequence[str], where: str, wanted: Cont
         raise InputError(what=what, where=where, remedy="correct that row") from None
 
 
-def _explain_row(
-    cells: Sequence[str], names: Sequence[str], row: int, where: str, wanted: Container[str]
-) -> None:
+def _explain_row(cells: Sequence[str], names: Sequence[str], row: int, where: str, wanted: Container[str]) -> None:
     if len(cells) != len(names):
         what = f"row {row} has {len(cells)} values, and the header has {len(names)} columns"
         raise InputError(what=what, where=where, remedy="complete or remove that row")

@@ -79,7 +79,9 @@ class Tape:
         places: list[int] = []
         scratch = 0
         for at, step in enumerate(self.steps):
-            for v in {v for v in step.operands if isinstance(v, int) and v >= first and v not in rows and last[v] == at}:
+            for v in {
+                v for v in step.operands if isinstance(v, int) and v >= first and v not in rows and last[v] == at
+            }:
                 free.append(places[v - first])
             if first + at in rows:
                 places.append(rows[first + at])

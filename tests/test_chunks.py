@@ -255,7 +255,9 @@ BILLIONTH = 1e-9
 def by_lstsq(model: WrenchModel, chunk: Chunk, noise: NoiseModel) -> tuple[Array, Array]:
     """Parameters and std by `lstsq` of every whitened row, with Phi from CasADi: nothing in common but the physics."""
     prediction, samples = compiled(model), len(chunk.wrench)
-    parts = [e.tangent(chunk.signals, np.zeros(len(model.parameters)), samples) for e in (prediction.load, prediction.zero)]
+    parts = [
+        e.tangent(chunk.signals, np.zeros(len(model.parameters)), samples) for e in (prediction.load, prediction.zero)
+    ]
     value, slopes = parts[0][0] + parts[1][0], parts[0][1] + parts[1][1]
     root = np.linalg.inv(np.linalg.cholesky(noise.covariance))
     rows = np.einsum("ce,nek->nck", root, slopes).reshape(-1, slopes.shape[2])
@@ -288,8 +290,8 @@ def moving(space: Space, samples: int, turn: float, model: WrenchModel) -> Chunk
 @pytest.mark.parametrize("convention", [Convention.ON_TOOL, Convention.ON_SENSOR])
 @pytest.mark.parametrize("turn", [0.2, 1e-4])
 def test_sums_are_lstsq_of_every_row(space: Space, convention: Convention, turn: float) -> None:
-    """Angles of a ten thousandth part mass from zero a million times worse than the rest, which a product of the rows
-    by themselves could not bear: kappa² eps would be 1e-4. Cut anywhere, it is the same to the same digits times kappa."""
+    """Angles of a ten thousandth tell the weight from the zero with a condition kappa of 1e4 and more, which sums of
+    products of the rows as they are could not bear. Cut anywhere, it is the same; std to kappa times the rounding."""
     model = replace(base(space), convention=convention)
     noise = noise_model(space, 0)
     chunk = moving(space, 50_000, turn, model)
@@ -311,8 +313,8 @@ def test_wrench_may_lie_in_memory_as_it_likes() -> None:
     single = replace(chunk, signals={name: values.astype(np.float32) for name, values in whole.items()})
     pairs = [(columns, chunk), (single, replace(chunk, signals=whole))]
     for one, other in pairs:
-        thetas = [streamed(model, [part], noise).theta for part in (one, other)]
-        np.testing.assert_array_equal(*thetas)
+        first, second = (streamed(model, [part], noise).theta for part in (one, other))
+        np.testing.assert_array_equal(first, second)
 
 
 def test_a_chunk_at_rest_tells_what_it_can() -> None:

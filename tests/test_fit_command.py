@@ -10,6 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import truewrench as tw
+from estimation.stream.regressor_map import linear
+from modeling.model import planar
 from truewrench.command_line import main
 from truewrench.model_file import ModelFile
 from truewrench.simulated_rig import PlanarRig, rest_poses, simulate, write_recording
@@ -138,3 +141,58 @@ def test_poses_say_what_is_missing(bench: Bench) -> None:
     assert "No pose at rest shows I" in text
     assert "cannot be told apart" in text
     assert "q1 = " in text
+
+
+# ------------------------------------------------------------------------------------------------ a log that passes by
+
+STATED = '[sensor]\nconvention = "on_tool"\nnoise = { fx = 0.5, fy = 0.5, tau = 0.05 }\n'
+
+
+def a_log(path: Path, samples: int = 3000) -> Path:
+    """Random motion with its derivatives, and exact readings of a tool of 1.5 kg but for white noise as stated."""
+    rng = np.random.default_rng(0)
+    motion = pd.DataFrame({name: rng.standard_normal(samples) for name in ("phi", "dphi", "ddphi", "ax", "ay")})
+    model = planar()
+    rows = linear(model)({name: motion[name].to_numpy() for name in motion}, samples)  # type: ignore[misc]
+    wrench = np.tensordot([1.0, 2.0, 0.3, 1.5, 0.1, 0.02], rows[:-1], 1)
+    wrench += rng.standard_normal((3, samples)) * np.array([[0.5], [0.5], [0.05]])
+    log = motion.assign(time=0.001 * np.arange(samples), **dict(zip(model.channels, wrench, strict=True)))
+    log.to_parquet(path)
+    return path
+
+
+def test_a_log_that_passes_by(bench: Bench) -> None:
+    """The numbers of `tw.fit` of its chunks, in words, as JSON and in a model file that can be read again."""
+    log, rig, out = a_log(bench.folder / "log.parquet"), bench.folder / "stated.toml", bench.folder / "model.json"
+    rig.write_text(STATED)
+    stated = Bench(bench.folder, str(rig), str(log), bench.capsys)
+    expected = tw.fit(tw.planar(), tw.read_chunks(log), noise=tw.NoiseModel.white([0.5, 0.5, 0.05]))
+    code, text = stated.fit("--stream", "--out", str(out))
+    assert code == 0
+    assert str(expected) in text
+    assert "log.parquet: 3000 samples, reduced chi-square" in text
+    assert ModelFile.read(out).parameters["m"].value == expected.parameters["m"].value
+    data = json.loads(stated.fit("--stream", "--json")[1])
+    assert data["samples"] == 3000
+    assert data["misfit"] == pytest.approx(1.0, abs=0.06)  # 4 sigma of 9000 rows
+    assert list(data["parameters"])[3:] == ["m", "mlg", "I"]
+    assert data["unseen"] == []
+    assert "com_offset.mlx" in stated.fit("--stream", "--add", "com_offset")[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--robust"], "--robust: a log that passes by"),
+        (["--physical"], "--physical: a log that passes by"),
+        ([], "the noise of fx, fy, tau is not stated"),
+    ],
+)
+def test_what_a_log_that_passes_by_cannot_have(bench: Bench, options: list[str], message: str) -> None:
+    log = a_log(bench.folder / "log.parquet")
+    code, text = bench.fit(*options, "--stream", recording=str(log))
+    assert code == 2
+    assert message in text
+    assert text.count("\n") == 1
+    assert main(["fit", str(log), str(log), "--stream"]) == 2
+    assert "several logs were given" in bench.capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -64,14 +65,17 @@ def test_a_log_is_fitted_from_disk(tmp_path: Path, suffix: str, space: Space) ->
 
 
 ROWS = 1000
-BROKEN = {
+BROKEN: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], str | None]] = {
     "no acceleration": (lambda frame: frame.drop(columns="ddq2"), "ddq2 is missing"),
     "no time": (lambda frame: frame.drop(columns="time"), "column time is missing"),
     "two runs": (lambda frame: pd.concat([frame, frame]), "time does not increase at row {after}"),
     "time stands still": (lambda frame: frame.assign(time=frame.time.where(frame.index != 701)), None),
     "text": (lambda frame: frame.assign(fx=["1"] * 700 + ["x"] * 300), "column fx is not"),
     "a row left out": (lambda frame: frame.mask(frame.index.to_series() == 700), "at row {gap}"),
-    "not finite": (lambda frame: frame.assign(fy=frame.fy.where(frame.index != 700, np.inf)), "column fy is inf at row {gap}"),
+    "not finite": (
+        lambda frame: frame.assign(fy=frame.fy.where(frame.index != 700, np.inf)),
+        "column fy is inf at row {gap}",
+    ),
     "no rows": (lambda frame: frame[:0], "there are no samples"),
 }
 
@@ -130,7 +134,9 @@ def test_only_what_the_model_takes_is_read(tmp_path: Path, suffix: str) -> None:
     """A column of text is no harm where nobody asks for it, and is an error where somebody does; whole numbers,
     single precision and row groups of any length are columns like others."""
     rng, n = np.random.default_rng(3), 500
-    frame = pd.DataFrame({name: rng.standard_normal(n) for name in ("phi", "dphi", "ddphi", "ax", "ay", "fx", "fy", "tau")})
+    frame = pd.DataFrame(
+        {name: rng.standard_normal(n) for name in ("phi", "dphi", "ddphi", "ax", "ay", "fx", "fy", "tau")}
+    )
     frame = frame.assign(time=np.arange(n), ay=(rng.integers(-8, 8, n) / 8).astype(np.float32))
     model, path = noise_model(Space.PLANE, 2), tmp_path / f"log{suffix}"
     text = frame.assign(note="fine")
@@ -164,8 +170,8 @@ print(peak_resident(), sorted(heavy | ({"pandas"} & set(sys.modules) if sys.argv
 
 @pytest.mark.parametrize(("suffix", "samples"), [(".parquet", 250_000), (".csv", 80_000)])
 def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str, samples: int) -> None:
-    """Peak resident memory of a process that fits four times as many rows, in one row group: a quarter of what the longer
-    log has more in its columns is what allocators may differ by. A stream of Parquet needs no pandas."""
+    """Peak resident memory of a process that fits four times as many rows, in one row group: a quarter of what the
+    longer log has more in its columns is what allocators may differ by. A stream of Parquet needs no pandas."""
     peaks = []
     for count in (samples, 4 * samples):
         path = tmp_path / f"log{count}{suffix}"

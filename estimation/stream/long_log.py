@@ -41,6 +41,11 @@ class LongLog:
         """The same log, its chunks with these signals alone as far as they are there."""
         return replace(self, inputs=tuple(inputs))
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels of the wrench, by the header alone; InputError as when the log is gone through."""
+        return Motion.of(column_file(self.path).names, str(self.path), self.rig).channels
+
     def __iter__(self) -> Iterator[Chunk]:
         file = column_file(self.path)
         motion = Motion.of(file.names, str(self.path), self.rig)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,9 @@ from truewrench.commands.options import Subcommands, add_own_effects, add_record
 
 if TYPE_CHECKING:
     from estimation.constrained import Constraints
+    from estimation.fit import Fit
     from estimation.recording import Recording
+    from estimation.stream.streaming import StreamedFit
     from modeling.effect import Effect
     from modeling.model import WrenchModel
     from truewrench.fit_summary import FitSummary
@@ -29,6 +32,8 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--bounds", type=Path, metavar="FILE", help="TOML with intervals, m = [0.1, 3.0]")
     command.add_argument("--physical", action="store_true", help="only tools that some distribution of mass can be")
     command.add_argument("--prior", type=Path, metavar="FILE", help="TOML with a reference tool, and its weight")
+    text = "read one long log piece by piece, with the derivatives and the noise that log and rig state"
+    command.add_argument("--stream", action="store_true", help=text)
     command.add_argument("--runs", action="store_true", help="print mean error and variance of every repeat")
     command.add_argument("--out", type=Path, metavar="MODEL.json", help="file for the model")
     command.add_argument("--json", action="store_true", help="print the model and its errors as JSON alone")
@@ -37,27 +42,74 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Fit, write the model, print."""
-    from truewrench.case import Case
-    from truewrench.model_file import ModelFile
-    from truewrench.output import progress_line, replacing, require_folder
-    from truewrench.own_candidates import own_candidates
+    from truewrench.output import progress_line, require_folder
 
     if arguments.out is not None:
         require_folder(arguments.out.parent)
+    if arguments.stream:
+        run_stream(arguments)
+        return
+    from truewrench.case import Case
+    from truewrench.own_candidates import own_candidates
+
     constraints = constraints_of(arguments)
     case = Case.read(arguments.recordings, rig=arguments.rig)
     model = changed(case.model, arguments.add, arguments.drop, own_candidates(arguments.effects, case))
     with progress_line() as progress:
         progress("fit")
         found = estimated(model, case.training, constraints, robust=arguments.robust)
-    saved = ModelFile.of(found.fit)
-    if arguments.out is not None:
-        with replacing(arguments.out) as path:
-            path.write_text(saved.to_text(), encoding="utf-8")
-    if arguments.json:
-        print(json.dumps(saved.to_data() | found.to_data(case.sign), indent=2, allow_nan=False))
+    told(arguments, found.fit, lambda: found.to_data(case.sign), lambda: found.text(case.sign, runs=arguments.runs))
+
+
+def run_stream(arguments: argparse.Namespace) -> None:
+    """Fit one log that need not fit into memory, write the model, print.
+
+    Raises InputError for what cannot be had of a log that passes by.
+    """
+    from estimation.stream.log_fit import log_fit
+    from modeling.errors import InputError
+    from modeling.rig import Rig
+
+    for option in ("robust", "bounds", "physical", "prior", "runs", "effects"):
+        if getattr(arguments, option):
+            what = "a log that passes by cannot be fitted so"
+            raise InputError(what=what, where=f"--{option}", remedy="leave it out, or fit without --stream")
+    if len(arguments.recordings) > 1:
+        what = "several logs were given"
+        raise InputError(what=what, where="--stream", remedy="stream one log; `tw.fit` takes the chunks of many")
+    rig = None if arguments.rig is None else Rig.read(arguments.rig)
+    found = log_fit(Path(arguments.recordings[0]), rig, lambda model: changed(model, arguments.add, arguments.drop))
+    samples = found.information.rows // len(found.model.channels)
+    data = {
+        "samples": samples,
+        "misfit": found.misfit,
+        "condition": found.condition,
+        "unseen": [*map(str, found.unseen)],
+    }
+    words = f"{found}\n\n{found.where}: {samples} samples, reduced chi-square {found.misfit:.4g}"
+    told(arguments, found, lambda: data, lambda: words)
+
+
+def told(
+    arguments: argparse.Namespace,
+    found: Fit | StreamedFit,
+    data: Callable[[], dict[str, Any]],
+    words: Callable[[], str],
+) -> None:
+    """Write the model where it is asked for, and print it with what else there is to say, as words or as JSON."""
+    saved = None
+    if arguments.out is not None or arguments.json:
+        from truewrench.model_file import ModelFile
+        from truewrench.output import replacing
+
+        saved = ModelFile.of(found)
+        if arguments.out is not None:
+            with replacing(arguments.out) as path:
+                path.write_text(saved.to_text(), encoding="utf-8")
+    if arguments.json and saved is not None:
+        print(json.dumps(saved.to_data() | data(), indent=2, allow_nan=False))
         return
-    print(found.text(case.sign, runs=arguments.runs))
+    print(words())
     if arguments.out is not None:
         print(f"\nWritten: {arguments.out}")
 
