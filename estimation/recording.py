@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.kinematics import Arm
 from modeling.rig import PLANAR_CHANNELS, Rig
 
 if TYPE_CHECKING:
     from estimation.differentiation import Derivatives
+    from modeling.kinematics import Arm
 
 Array = NDArray[np.float64]
 

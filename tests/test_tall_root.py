@@ -59,7 +59,7 @@ CASES = {
     "the same column twice": noise(20_000)[:, [0, 1, 0, 2, 3]],
     "a constant, and readings of it": np.column_stack([np.ones(20_000), 15 + 1e-9 * noise(20_000, 2)]),
     "at rest but once": at_rest(),
-    "as many as are looked at": noise(SAMPLE),
+    "as many as are looked at": noise(5 * SAMPLE),
     "one block and one": noise(BLOCK + 1),
     "fewer samples than columns": noise(3),
 }

@@ -14,7 +14,6 @@ from estimation.stream.noise_model import NoiseModel
 from estimation.stream.regressor_map import RegressorMap, linear
 from modeling.errors import InputError
 from modeling.model import WrenchModel
-from modeling.prediction import compiled
 
 Array = NDArray[np.float64]
 Part = Recording | Chunk
@@ -79,7 +78,7 @@ def _series(
     part: Part, model: WrenchModel, noise: NoiseModel, theta: Array | None, map_: RegressorMap | None
 ) -> Iterator[tuple[Array, int]]:
     """Derivative in each parameter and, last, measured minus predicted, (k + 1, p, n), stretch by stretch."""
-    if map_ is None and not compiled(model).instantaneous:
+    if map_ is None and not _instantaneous(model):
         yield from _remembered(part, model, theta)
         return
     size = PIECE // noise.block * noise.block + noise.block  # not below the memory either
@@ -95,6 +94,12 @@ def _series(
             yield _rows(piece, model, theta), piece.history
 
 
+def _instantaneous(model: WrenchModel) -> bool:
+    from modeling.prediction import compiled  # slow to import
+
+    return compiled(model).instantaneous
+
+
 def _require_signals(piece: Chunk, inputs: Iterable[str]) -> None:
     """Raise InputError when a chunk lacks one of these signals."""
     for name in inputs:
@@ -104,6 +109,8 @@ def _require_signals(piece: Chunk, inputs: Iterable[str]) -> None:
 
 
 def _rows(piece: Chunk, model: WrenchModel, theta: Array | None) -> Array:
+    from modeling.prediction import compiled  # slow to import
+
     samples, prediction = len(piece.wrench), compiled(model)
     _require_signals(piece, model.inputs)
     at = np.zeros(len(model.parameters)) if theta is None else theta
