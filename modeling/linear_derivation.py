@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import sympy as sp
 
-from modeling.emit.taping import tape_of
+from modeling.emit.array_arithmetic import array_program
 from modeling.errors import InputError
 from modeling.model import WrenchModel
 from modeling.regressor import regressor
@@ -38,7 +38,7 @@ def derived(model: WrenchModel) -> RegressorForm | None:
     kept, combinations = independent(forms)
     weights = np.array([[float(combinations[e].get(j, 0)) for j in range(len(kept))] for e in elements])
     try:
-        functions = tape_of([sp.Symbol(name, real=True) for name in model.inputs], kept)
+        functions = array_program([sp.Symbol(name, real=True) for name in model.inputs], kept)
     except InputError:
         return None
     return RegressorForm(functions, weights.reshape(len(model.parameters) + 1, len(model.channels), len(kept)))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.tape import Tape
+from modeling.array_program import ArrayProgram
 
 if TYPE_CHECKING:
     from modeling.model import WrenchModel
@@ -24,11 +24,11 @@ class RegressorForm:
     The regressor Phi (p, k) is mostly zeros, and what is not comes again: the planar one (22.9) has 18 elements, made
     of f = 1, M1, M2, M3, M4. Whatever sums over samples is a sum over the d functions f, and the weights come after it.
 
-    functions  the tape that gives f_1 .. f_d, linearly independent of each other, of the signals
+    functions  the program that gives f_1 .. f_d, linearly independent of each other, of the signals
     weights    (k + 1, p, d); the last row belongs to the prediction at theta = 0
     """
 
-    functions: Tape
+    functions: ArrayProgram
     weights: Array
 
     @property
@@ -43,7 +43,7 @@ class RegressorForm:
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Self:
         """The form of what `to_data` gave. Raises ValueError for what is none."""
-        functions, weights = Tape.from_data(data["functions"]), np.array(data["weights"], dtype=np.float64)
+        functions, weights = ArrayProgram.from_data(data["functions"]), np.array(data["weights"], dtype=np.float64)
         if weights.ndim != 3 or weights.shape[2] != len(functions.results) or not np.isfinite(weights).all():
             raise ValueError(f"weights {weights.shape} of {len(functions.results)} functions")
         return cls(functions, weights)

@@ -1,4 +1,4 @@
-"""Functions and weights of linear models against the symbolic derivation; tapes against SymPy's own numbers."""
+"""Functions and weights of linear models against the symbolic derivation; programs against SymPy's own numbers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from modeling import effects
 from modeling.emit.arithmetic import FUNCTIONS
-from modeling.emit.taping import tape_of
+from modeling.emit.array_arithmetic import array_program
 from modeling.linear_derivation import independent
 from modeling.model import WrenchModel, planar, spatial
 from modeling.prediction import compiled
 from modeling.regressor_form import RegressorForm, regressor_form
 from modeling.rig import Convention
 from modeling.space import Space
-from modeling.tape import Step, Tape
+from modeling.array_program import Step, ArrayProgram
 
 Array = NDArray[np.float64]
 
@@ -110,21 +110,23 @@ x, y, z = sp.symbols("x y z", real=True)
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)
-def test_every_function_on_tape(function: Any) -> None:
+def test_every_function_in_a_program(function: Any) -> None:
     """Each function that emitted code knows, by SymPy's own 15 digits."""
     arguments = (x, y) if function is sp.atan2 else (x,)
     expression = function(*arguments)
     at = {x: 0.3, y: -0.7}
-    tape = tape_of([x, y], [expression + y, sp.Max(x, y, 0.1) / (x - y) ** 3, sp.sqrt(x) + sp.Min(x, y), sp.Float(2)])
+    program = array_program(
+        [x, y], [expression + y, sp.Max(x, y, 0.1) / (x - y) ** 3, sp.sqrt(x) + sp.Min(x, y), sp.Float(2)]
+    )
     out = np.empty((4, 1))
-    tape.into(out, [np.array([at[x]]), np.array([at[y]])], tape.scratch(1))
+    program.into(out, [np.array([at[x]]), np.array([at[y]])], program.scratch(1))
     exact = [expression.subs(at) + at[y], 0.3, np.sqrt(0.3) - 0.7, 2.0]
     np.testing.assert_allclose(out[:, 0], [float(e) for e in exact], rtol=1e-14)
 
 
 @given(data=st.data())
 @settings(deadline=None, max_examples=60)
-def test_tape_of_anything(data: st.DataObject) -> None:
+def test_program_of_anything(data: st.DataObject) -> None:
     """Random sums and products that share parts: no step writes over what a later one reads."""
     pool: list[sp.Expr] = [x, y, z, sp.Integer(2), sp.sin(x)]
     for _ in range(data.draw(st.integers(1, 25))):
@@ -132,10 +134,10 @@ def test_tape_of_anything(data: st.DataObject) -> None:
         pool.append(data.draw(st.sampled_from([left + right, left - right, left * right, sp.cos(left), -left])))
     wanted = data.draw(st.lists(st.sampled_from(pool), min_size=1, max_size=6))
     columns = np.random.default_rng(0).uniform(-0.5, 0.5, (3, 7))
-    tape = tape_of([x, y, z], wanted)
+    program = array_program([x, y, z], wanted)
     out = np.full((len(wanted), 7), np.nan)
     before = columns.copy()
-    tape.into(out, list(columns), tape.scratch(9))
+    program.into(out, list(columns), program.scratch(9))
     expected = sp.lambdify([x, y, z], wanted, "numpy")(*columns)
     scale = 1 + np.max(np.abs(out))
     np.testing.assert_allclose(out / scale, np.stack([np.broadcast_to(e, 7) for e in expected]) / scale, atol=1e-12)
@@ -156,5 +158,5 @@ def test_scratch_rows_are_used_again() -> None:
     steps = [Step("multiply", (0, 1))]
     for place in range(30):
         steps += [Step("multiply", (0, 2 + 2 * place)), Step("add", (2 + 2 * place, 3 + 2 * place))]
-    tape = Tape(("a", "b"), tuple(steps), (2 + len(steps) - 1,))
-    assert len(tape.scratch(5)) <= 2
+    program = ArrayProgram(("a", "b"), tuple(steps), (2 + len(steps) - 1,))
+    assert len(program.scratch(5)) <= 2

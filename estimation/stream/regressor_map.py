@@ -63,8 +63,9 @@ class RegressorMap:
     def __call__(self, signals: Mapping[str, Array], samples: int) -> Array:
         """Phi' of every sample, and the offset in the last place: (k + 1, p, n)."""
         functions = np.empty((self.form.weights.shape[2], samples))
-        tape = self.form.functions
-        tape.into(functions, [np.asarray(signals[n], dtype=np.float64) for n in self.inputs], tape.scratch(samples))
+        program = self.form.functions
+        columns = [np.asarray(signals[name], dtype=np.float64) for name in self.inputs]
+        program.into(functions, columns, program.scratch(samples))
         unknowns, channels, _ = self.form.weights.shape
         rows = np.zeros((unknowns, channels, samples))
         for i, c in np.argwhere(self.form.weights.any(axis=2)):

@@ -1,4 +1,4 @@
-"""Tape: straight-line arithmetic as plain data, evaluated by NumPy over blocks of samples without a temporary array."""
+"""Array program: straight-line arithmetic as plain data, evaluated by NumPy over blocks of samples without a temporary array."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UFUNCS: Mapping[str, np.ufunc] = {
     **{"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "atan2": np.arctan2, "pow": np.power},
     "step": np.heaviside,
 }
-"""The operations of a tape, by C's names where C has them; `step` takes its value at 0 as second operand."""
+"""The operations there are, by C's names where C has them; `step` takes its value at 0 as second operand."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Tape:
+class ArrayProgram:
     """Values 0, 1, ..: the inputs in order, then what each step gives; and which of them are the results.
 
-    A result that is a float is a constant. It is data, no code: what is on it is looked up in `UFUNCS`.
+    A result that is a float is a constant. It is data, no code: its operations are looked up in `UFUNCS`.
     """
 
     inputs: tuple[str, ...]
@@ -43,7 +43,7 @@ class Tape:
     results: tuple[Operand, ...]
 
     def to_data(self) -> dict[str, Any]:
-        """The tape as lists, strings and numbers."""
+        """The program as lists, strings and numbers."""
         return {
             "inputs": list(self.inputs),
             "steps": [[step.operation, *step.operands] for step in self.steps],
@@ -52,13 +52,13 @@ class Tape:
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Self:
-        """The tape of what `to_data` gave. Raises ValueError for what is none."""
+        """The program of what `to_data` gave. Raises ValueError for what is none."""
         steps = tuple(Step(operation, tuple(operands)) for operation, *operands in data["steps"])
         inputs = tuple(data["inputs"])
         for place, step in enumerate(steps, start=len(inputs)):
             values = [v for v in step.operands if isinstance(v, int)]
             if step.operation not in UFUNCS or not all(0 <= v < place for v in values):
-                raise ValueError(f"step {place - len(inputs)} of a tape, {step}, cannot be evaluated")
+                raise ValueError(f"step {place - len(inputs)} of a program, {step}, cannot be evaluated")
         return cls(inputs, steps, tuple(data["results"]))
 
     @property

@@ -1,4 +1,4 @@
-"""Taping: expressions written on a tape."""
+"""Array arithmetic: expressions as the steps of an array program."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import sympy as sp
 
 from modeling.emit.arithmetic import Arithmetic
 from modeling.emit.program import Program
-from modeling.tape import UFUNCS, Operand, Step, Tape
+from modeling.array_program import UFUNCS, Operand, Step, ArrayProgram
 
 
 @dataclass(frozen=True)
-class Taping(Arithmetic[Operand]):
-    """Expressions as values on a tape that grows; what is made of numbers alone is a number at once."""
+class ArrayArithmetic(Arithmetic[Operand]):
+    """Expressions as values of a program that grows; what is made of numbers alone is a number at once."""
 
     known: dict[sp.Symbol, Operand]
     inputs: int
@@ -66,14 +66,14 @@ class Taping(Arithmetic[Operand]):
         return self._step(name, *arguments, *((0.5,) if name == "step" else ()))
 
 
-def tape_of(inputs: Sequence[sp.Symbol], expressions: Sequence[sp.Expr]) -> Tape:
-    """The tape of expressions of these inputs, every shared subexpression once.
+def array_program(inputs: Sequence[sp.Symbol], expressions: Sequence[sp.Expr]) -> ArrayProgram:
+    """The program of expressions of these inputs, every shared subexpression once.
 
     Raises InputError for a function that no emitted code could evaluate.
     """
     program = Program.of(expressions).shared
-    taping = Taping({symbol: i for i, symbol in enumerate(inputs)}, len(inputs))
+    arithmetic = ArrayArithmetic({symbol: i for i, symbol in enumerate(inputs)}, len(inputs))
     for symbol, expression in program.steps:
-        taping.known[symbol] = taping.of(expression)
-    results = tuple(taping.of(expression) for expression in program.results)
-    return Tape(tuple(symbol.name for symbol in inputs), tuple(taping.steps), results)
+        arithmetic.known[symbol] = arithmetic.of(expression)
+    results = tuple(arithmetic.of(expression) for expression in program.results)
+    return ArrayProgram(tuple(symbol.name for symbol in inputs), tuple(arithmetic.steps), results)
