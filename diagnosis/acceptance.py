@@ -151,7 +151,7 @@ def _least_needed(candidate: Candidate) -> str:
     ids = [e.id for e in candidate.fit.model.lasting.effects] or [e.id for e in effects]
     if len(ids) == 1:
         return ids[0]
-    costs = {i: refitted(candidate, [o for o in effects if o.id != i]).background.cost for i in ids}
+    costs = {i: refitted(candidate, [o for o in effects if o.id != i]).cost for i in ids}
     return min(costs, key=lambda effect_id: costs[effect_id])
 
 

@@ -12,7 +12,7 @@ from scipy.stats import chi2, f
 
 from diagnosis.generic import predictability, push_evidence
 from diagnosis.validation import transferred
-from estimation.fit import Fit, Problem, table
+from estimation.fit import Fit, table
 from estimation.interval import inverse_trigamma, orthonormal
 from estimation.noise import Noise, NoiseSource, step_of
 from estimation.recording import Recording
@@ -164,12 +164,12 @@ def residual_judges_itself(fit: Fit) -> bool:
 
 def _judged_rows(fit: Fit, number: int) -> tuple[Array, Array]:
     """Whitened residual rows of one recording, and how much of each the fit has soaked up."""
-    problem = Problem(fit.layout, fit.recordings, fit.noise)
-    residual, derivative = problem.evaluate(fit.theta)
-    span = orthonormal(derivative)
+    linearised = fit.linearised()
+    leverage = np.zeros(len(linearised.residual))
+    leverage[linearised.reached] = (orthonormal(linearised.derivative) ** 2).sum(axis=1)
     start = sum(n.whitener.rows for n in fit.noise[:number])
     part = slice(start, start + fit.noise[number].whitener.rows)
-    return residual[part], (span[part] ** 2).sum(axis=1)
+    return linearised.residual[part], leverage[part]
 
 
 def frequency_bands(noise: Noise) -> list[NDArray[np.bool_]]:

@@ -54,7 +54,7 @@ def findings_of(
     confusable = {
         r.effect.id: (added_id, r) for added_id, found in lookalikes.items() for r in found if r.separation < CONFUSABLE
     }
-    screenings = screen(final.fit, candidates)
+    screenings = final.screened(candidates)
     adjusted = holm(screenings)
     excess = None if selection.base.adequate else selection.base.excess
     others = []
@@ -81,7 +81,7 @@ def _path(final: Candidate, steps: Sequence[Step]) -> list[Screening]:
     found = []
     for before, step in pairwise(steps):
         effect = next(e for e in final.fit.model.effects if e.id == step.effect)
-        found.append(screen(before.fit, [effect], candidates=final.among)[0])
+        found.append(screen(before.fit, [effect], candidates=final.among, workspace=final.workspace)[0])
     return found
 
 
@@ -119,7 +119,7 @@ def _judged(
         return EffectVerdict.NOT_EXCITED, screening.reason
     if beyond := _beyond_range(screening, final.fit):
         return EffectVerdict.NOT_EXCITED, beyond
-    if within(contribution_limit(final.fit, screening), tolerance):
+    if within(contribution_limit(final.fit, screening, final.workspace), tolerance):
         return EffectVerdict.NEGLIGIBLE, "its upper 95 % limit is below tolerance"
     if screening.p_value < SIGNIFICANCE / 10:
         return EffectVerdict.NOT_SUPPORTED, "follows what is left, but does not explain it when refitted exactly"
