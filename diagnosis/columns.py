@@ -20,7 +20,7 @@ from modeling.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 
-MOST_NUMBERS = 3_000_000
+MOST_NUMBERS = 1_000_000
 """Samples x channels x columns that are evaluated and whitened together: what a processor's caches and memory bear."""
 FEW = 8
 """Points up to which derivatives are evaluated one by one; many are evaluated as arrays."""
@@ -60,7 +60,8 @@ def _of_recording(
         for name, value in values.items():
             point[place[name]] = value
     which = tuple(place[name] for name in amplitudes)
-    at_once = max(1, MOST_NUMBERS // (recording.samples_per_repeat * len(recording.channels) * len(which)))
+    samples = recording.samples_per_repeat if rows is Rows.STEADY else recording.samples
+    at_once = max(1, MOST_NUMBERS // (samples * len(recording.channels) * len(which)))
     chunks = [
         _whitened_slopes(own, recording, whitener, theta[i : i + at_once], which, rows)
         for i in range(0, len(theta), at_once)
