@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from truewrench.simulated_rig import (
@@ -66,10 +66,18 @@ class Case:
         return train, validate if self.repeats[1] else None, rig if rig.exists() else None
 
 
-def _pairs(group: str, rig: Rig, hidden: dict[str, tuple[Sequence[HiddenEffect], Sequence[HiddenEffect]]],
-           repeats: tuple[int, int], rows: int, single: bool = False) -> list[Case]:
+def _pairs(
+    group: str,
+    rig: Rig,
+    hidden: dict[str, tuple[Sequence[HiddenEffect], Sequence[HiddenEffect]]],
+    repeats: tuple[int, int],
+    rows: int,
+    single: bool = False,
+) -> list[Case]:
     return [
-        Case(group=group, name=name, rig=rig, hidden=lasting, passing=passing, repeats=repeats, rows=rows, single=single)
+        Case(
+            group=group, name=name, rig=rig, hidden=lasting, passing=passing, repeats=repeats, rows=rows, single=single
+        )
         for name, (lasting, passing) in hidden.items()
     ]
 

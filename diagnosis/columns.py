@@ -91,7 +91,9 @@ def _whitened_slopes(
         samples = recording.samples_per_repeat if periodic else recording.samples
         slopes = _slopes(emitted, recording, theta, which, samples)
         if passed and (prediction.play is not None or prediction.remembers):
-            load = emitted.value(signals_of(recording), theta[0], samples)  # the same at each set: the amount is nominal
+            load = emitted.value(
+                signals_of(recording), theta[0], samples
+            )  # the same at each set: the amount is nominal
             slopes = Passage(prediction, recording, theta[0], load).through(slopes)
         if outside is not None:
             if periodic and not repeats:

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, f
 
 from diagnosis.generic import predictability, push_evidence
 from diagnosis.validation import transferred
+from estimation.distributions import chi2_sf, f_sf
 from estimation.fit import Fit, table
 from estimation.interval import inverse_trigamma, orthonormal
 from estimation.noise import Noise, NoiseSource, step_of
@@ -195,5 +195,5 @@ def tail(statistic: float, freedom: float, doubt: float) -> float:
     A power estimated with d degrees of freedom has a logarithm of variance trigamma(d / 2), which is the doubt.
     """
     if doubt <= 0:
-        return float(chi2.sf(statistic, freedom))
-    return float(f.sf(statistic / freedom, freedom, 2 * inverse_trigamma(doubt)))
+        return float(chi2_sf(statistic, freedom))
+    return float(f_sf(statistic / freedom, freedom, 2 * inverse_trigamma(doubt)))

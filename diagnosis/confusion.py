@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from diagnosis.price import SIGNIFICANCE
 from diagnosis.screening import Screening
 from diagnosis.selection import Candidate, Selection, holm
+from estimation.distributions import normal_cdf
 from estimation.fit import Fit, Problem, start_of
 from estimation.layout import layout
 from modeling.effect import Effect
@@ -34,7 +34,7 @@ class Rival:
     @property
     def chance(self) -> float:
         """Chance of mistaking the two, Phi(-sqrt(lambda)/2)."""
-        return float(norm.cdf(-np.sqrt(self.separation) / 2))
+        return float(normal_cdf(-np.sqrt(self.separation) / 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2
 
 from diagnosis.confusion import CONFUSABLE, Rival
 from diagnosis.limits import contribution_limit, within
@@ -16,6 +15,7 @@ from diagnosis.screening import Screening, screen
 from diagnosis.selection import Candidate, Selection, holm
 from diagnosis.step import Step, explainable
 from diagnosis.verdict import EffectVerdict
+from estimation.distributions import chi2_sf
 from estimation.fit import Estimate, Fit
 from modeling.effect import Effect
 
@@ -123,7 +123,7 @@ def _judged(
         return EffectVerdict.NEGLIGIBLE, "its upper 95 % limit is below tolerance"
     if screening.p_value < SIGNIFICANCE / 10:
         return EffectVerdict.NOT_SUPPORTED, "follows what is left, but does not explain it when refitted exactly"
-    if chi2.sf(screening.statistic, max(1, len(screening.amounts))) < SIGNIFICANCE / 100:
+    if chi2_sf(screening.statistic, max(1, len(screening.amounts))) < SIGNIFICANCE / 100:
         reason = "would explain some of it, but noise this slow is known from too few repeats to be sure"
         return EffectVerdict.NOT_SUPPORTED, reason
     return EffectVerdict.NOT_SUPPORTED, ""

@@ -21,9 +21,7 @@ from modeling.effect import Combination
 Array = NDArray[np.float64]
 
 
-def contribution_limit(
-    fitted: Fit, screening: Screening, workspace: Workspace | None = None
-) -> Mapping[str, float]:
+def contribution_limit(fitted: Fit, screening: Screening, workspace: Workspace | None = None) -> Mapping[str, float]:
     """Upper 95 % limit of what the effect contributes to each channel, as RMS over the first recording it acts in.
 
     The contribution is what other parameters of the model cannot take over, at the point of its grid where the effect

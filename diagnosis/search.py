@@ -18,7 +18,7 @@ from diagnosis.rows import Choice, Rows
 from diagnosis.secants import Point, effect_columns
 from estimation.layout import layout
 from estimation.response import repeats_with_motion
-from modeling.effect import Combination, Effect, Values
+from modeling.effect import Effect, Values
 from modeling.model import WrenchModel
 from modeling.prediction import compiled
 from modeling.sensitivity import Sensitivity
@@ -83,9 +83,7 @@ def projected_at(
     return Projected(background, background.workspace.whitened(key, make), combination, low)
 
 
-def _dependence(
-    background: Background, model: WrenchModel, blocks: Sequence[Point], choice: Choice
-) -> Hashable | None:
+def _dependence(background: Background, model: WrenchModel, blocks: Sequence[Point], choice: Choice) -> Hashable | None:
     """What many whitened columns depend on; None where that changes from fit to fit, or where they are few."""
     fit, prediction = background.fit, compiled(model)
     simple = prediction.instantaneous and len(fit.recordings) == 1 and not blocks[0].named

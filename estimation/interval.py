@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.optimize import brentq
 from scipy.special import polygamma
-from scipy.stats import t
 
+from estimation.distributions import student_isf
 from estimation.fit import Fit, Problem, table
 from estimation.noise import Noise, NoiseSource
 from estimation.recording import Recording
@@ -44,7 +44,7 @@ class Intervals:
     @property
     def half_width(self) -> Array:
         """(k,) t quantile times std; infinite where the recordings do not show an unknown."""
-        reach = t.ppf(0.5 + self.level / 2, self.freedom)
+        reach = student_isf(0.5 - self.level / 2, self.freedom)
         return np.asarray(np.where(self.fit.shown, reach * self.std, np.inf))
 
     @property

@@ -63,7 +63,9 @@ class Linearised:
     def information(self) -> SquareRoot:
         """What the whitened rows say of a step from there."""
         rows = self.derivative
-        moving = np.flatnonzero(np.einsum("ij,ij->j", rows, rows))  # parameters that move nothing are not worth a factor
+        moving = np.flatnonzero(
+            np.einsum("ij,ij->j", rows, rows)
+        )  # parameters that move nothing are not worth a factor
         whole = len(moving) == rows.shape[1]
         found = SquareRoot.of(rows if whole else rows[:, moving], self.at_reached)
         found = replace(found, power=found.power + self._unreached_power, rows=len(self.residual))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.spectrum import Spectrum
-from estimation.whitening import LineWhitener, Lines
+from estimation.whitening import Lines, LineWhitener
 
 Array = NDArray[np.float64]
 

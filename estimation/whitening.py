@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import solve_triangular
-from scipy.signal import lfilter
 
 from estimation.response import Response
 
@@ -152,9 +151,9 @@ class RegressionWhitener(Whitener):
         """Rows of a series over the whole record."""
         order = len(self.coefficients)
         flat = block_means(values.reshape(*values.shape[:2], -1), self.block)
-        innovation = np.stack(
-            [lfilter([1.0, *-a], [1.0], flat[:, c], axis=0)[order:] for c, a in enumerate(self.coefficients.T)], axis=1
-        )
+        innovation = flat[order:].copy()
+        for lag, past in enumerate(self.coefficients, start=1):
+            innovation -= past[:, None] * flat[order - lag : len(flat) - lag]
         white = np.matmul(self.root, innovation)
         for start, end in self.events if self.event_root is not None else ():
             first, last = max(start, order), max(end, order)
