@@ -57,7 +57,7 @@ class Whitened:
     def own_gram(self) -> Array:
         """Inner products of each block's columns, (b, a, a)."""
         if self.columns.shape[2] == 1:
-            return np.einsum("rba,rba->ba", self.columns, self.columns)[:, :, None]
+            return np.asarray(np.einsum("rba,rba->ba", self.columns, self.columns)[:, :, None])
         each = self.columns.transpose(1, 2, 0)
         return np.asarray(each @ each.swapaxes(1, 2))
 
@@ -190,7 +190,7 @@ class Projected:
 
     def doubt(self, place: int) -> float:
         """Variance of the logarithm of the noise's power where a point's score comes from."""
-        score, amounts = self.found
+        _, amounts = self.found
         scale = self.scale[place]
         known = np.isfinite(scale)
         fitted = self.columns(place)[:, known] @ amounts[place, known]

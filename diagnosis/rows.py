@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,6 @@ def index_of(choice: Choice, noise: Sequence[Noise]) -> Index:
         start += own.whitener.rows
     if not ranges:
         return slice(0, 0)
-    if all(end == begin for (_, end), (begin, _) in zip(ranges, ranges[1:], strict=False)):
+    if all(end == begin for (_, end), (begin, _) in pairwise(ranges)):
         return slice(ranges[0][0], ranges[-1][1])
     return np.concatenate([np.arange(first, last) for first, last in ranges])

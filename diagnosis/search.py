@@ -201,7 +201,7 @@ class Search:
 
 
 def _best(projected: Projected) -> int:
-    """The point with the largest score; where none is above zero, one that shows the effect goes before one that does not."""
+    """The point with the largest score; where none is above zero, one that shows the effect."""
     return int(np.lexsort((-np.arange(len(projected.found[0])), projected.directions[1], projected.found[0]))[-1])
 
 

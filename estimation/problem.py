@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +126,6 @@ def _joined(parts: Sequence[Array]) -> Array:
 
 def _rows(ranges: Sequence[tuple[int, int]]) -> slice | NDArray[np.intp]:
     """Ranges of rows as one slice where they follow each other, else as an index."""
-    if all(end == start for (_, end), (start, _) in zip(ranges, ranges[1:], strict=False)):
+    if all(end == start for (_, end), (start, _) in pairwise(ranges)):
         return slice(ranges[0][0], ranges[-1][1])
     return np.concatenate([np.arange(start, end) for start, end in ranges])

@@ -34,7 +34,7 @@ class Whitener(ABC):
         """Rows (steady_rows, ...) of one repeat of a periodic series (n / repeats, p, ...)."""
 
     def rest(self, values: Array) -> Array:
-        """Rows (rows - steady_rows, ...) of a series over the whole record (n, p, ...) that nothing periodic reaches."""
+        """Rows (rows - steady_rows, ...) of a series over the whole record, which nothing periodic reaches."""
         return self.series(values)[self.steady_rows :]
 
     def reached(self, response: Response) -> Array:

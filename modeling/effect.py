@@ -111,7 +111,7 @@ class Effect(ABC):
         return ({},)
 
     def combination(self, points: Sequence[Values]) -> Combination:
-        """How the sensitivities at these nuisance values add up from fewer: exact for any points, or every point alone."""
+        """How the sensitivities at these nuisance values add up from fewer, exactly; by default each stands alone."""
         return Combination.plain(points)
 
     def fitting(self, arm: Arm | None) -> Self:

@@ -100,8 +100,8 @@ class ContactEvent(Effect):
     def combination(self, points: Sequence[Values]) -> Combination:
         """A push that has come to its full height is one that starts and stays, less another that starts at its end.
 
-        min(risen(t - start), risen(end - t)) = risen(t - start) + risen(end - t) - 1 when end - start is an edge or more,
-        and risen(end - t) = 1 - risen(t - end).
+        min(risen(t - start), risen(end - t)) = risen(t - start) + risen(end - t) - 1 when end - start is an edge or
+        more, and risen(end - t) = 1 - risen(t - end).
         """
         whole = [v["end"] - v["start"] >= float(EDGE) for v in points]
         starts = sorted({t for v, w in zip(points, whole, strict=True) if w for t in (v["start"], v["end"])})
