@@ -40,6 +40,11 @@ class Background:
         """The fit's background in a workspace, the same one when asked again."""
         return workspace.recent(fit, lambda: cls(fit, workspace))
 
+    def prepare(self) -> None:
+        """Compute what every effect's screening needs, before it is shared out."""
+        self.workspace.draws(self.fit.noise)
+        _ = self.drawn, self.residual
+
     @cached_property
     def linearised(self) -> Linearised:
         """The whitened problem about the estimate."""

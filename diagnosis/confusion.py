@@ -61,7 +61,8 @@ def rivals(selection: Selection, candidate: Candidate, effect_id: str, effects: 
     adjusted = holm(screenings)
     likely = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
     likely.sort(key=lambda s: -s.statistic)
-    found = [Rival(s.effect, separation(candidate.fit, without.fit, s)) for s in likely[:RIVALS]]
+    separations = candidate.workspace.workers.map(lambda s: separation(candidate.fit, without.fit, s), likely[:RIVALS])
+    found = [Rival(s.effect, far) for s, far in zip(likely, separations, strict=False)]
     return sorted((r for r in found if np.isfinite(r.separation)), key=lambda r: r.separation)
 
 

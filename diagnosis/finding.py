@@ -58,9 +58,14 @@ def findings_of(
     adjusted = holm(screenings)
     excess = None if selection.base.adequate else selection.base.excess
     others = []
-    for screening in screenings:
+
+    def judged(screening: Screening) -> tuple[EffectVerdict, str]:
         effect_id = screening.effect.id
-        verdict, reason = _judged(screening, final, confusable.get(effect_id), rejected.get(effect_id), tolerance)
+        return _judged(screening, final, confusable.get(effect_id), rejected.get(effect_id), tolerance)
+
+    judgements = final.workspace.workers.map(judged, screenings)
+    for screening, (verdict, reason) in zip(screenings, judgements, strict=True):
+        effect_id = screening.effect.id
         others.append(
             Finding(
                 effect=screening.effect,

@@ -12,7 +12,7 @@ from diagnosis.price import detectable_separation, level
 from diagnosis.search import Search, sharpened
 from diagnosis.secants import Point
 from diagnosis.workspace import Workspace
-from estimation.fit import Fit
+from estimation.fit import Fit, shared_by
 from estimation.noise import Noise, NoiseSource
 from estimation.recording import Recording
 from estimation.response import missing_inputs
@@ -62,7 +62,13 @@ def screen(
     background = Background.of(fit, Workspace() if workspace is None else workspace)
     present = {e.id for e in fit.model.effects}
     count = len(effects) if candidates is None else candidates
-    found = [_screened(background, e, count) for e in effects if e.id not in present]
+    lacking = [e for e in effects if e.id not in present]
+    if lacking:
+        background.prepare()
+    searches = background.workspace.each(
+        [(fit, e) for e in lacking], lambda key: _searched(background, key[1]), shared=shared_by(fit)
+    )
+    found = [_judged(s, count) if isinstance(s, Search) else s for s in searches]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))
 
 
@@ -70,11 +76,6 @@ def beginning(fit: Fit, screening: Screening, workspace: Workspace | None = None
     """Where the exact refit with a screened effect begins: its start, with its times sharpened."""
     background = Background.of(fit, Workspace() if workspace is None else workspace)
     return sharpened(background, screening.effect, screening.start)
-
-
-def _screened(background: Background, new: Effect, candidates: int) -> Screening:
-    found = background.workspace.once((background.fit, new), lambda: _searched(background, new))
-    return _judged(found, candidates) if isinstance(found, Search) else found
 
 
 def _searched(background: Background, new: Effect) -> Search | Screening:
@@ -117,7 +118,7 @@ def _not_excited(effect: Effect, reason: str) -> Screening:
 
 
 def _judged(search: Search, candidates: int) -> Screening:
-    trial, effect = search.best, search.model.effects[-1]
+    trial, effect = search.best, search.effect
     if trial.rank == 0:
         return _not_excited(effect, search.why_not)
     return Screening(

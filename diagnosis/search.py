@@ -22,6 +22,7 @@ from modeling.effect import Effect, Values
 from modeling.model import WrenchModel
 from modeling.prediction import compiled
 from modeling.sensitivity import Sensitivity
+from modeling.space import Space
 
 Array = NDArray[np.float64]
 
@@ -104,7 +105,7 @@ def _dependence(background: Background, model: WrenchModel, blocks: Sequence[Poi
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """An effect, the last of `model`, tried at every point of its search domain.
+    """An effect tried at every point of its search domain.
 
     place        number of the best point, with its trial `best`
     std          standard deviations (g, a) of the amounts at each point
@@ -114,7 +115,8 @@ class Search:
     samples      of the longest recording
     """
 
-    model: WrenchModel
+    effect: Effect
+    space: Space
     grid: tuple[Point, ...]
     place: int
     best: Trial
@@ -131,7 +133,8 @@ class Search:
         place = _best(projected)
         best = projected.trial(place)
         return cls(
-            model=model,
+            effect=effect,
+            space=model.space,
             grid=tuple(points_of(model, effect, grid)),
             place=place,
             best=best,
@@ -155,7 +158,7 @@ class Search:
     @property
     def cost(self) -> float:
         """Number of independent trials to be paid for: of the grid, or of all frequencies that a tone may have."""
-        nuisances = [p for p in self.model.effects[-1].parameters(self.model.space) if p.nuisance]
+        nuisances = [p for p in self.effect.parameters(self.space) if p.nuisance]
         if any(p.unit == "Hz" for p in nuisances):
             return max(self.independent, frequencies_tried(self.best.score, self.samples))
         return self.independent

@@ -10,8 +10,9 @@ from diagnosis.background import Background
 from diagnosis.comparison import comparison_of, residual_judges_itself
 from diagnosis.price import SIGNIFICANCE, price, worth
 from diagnosis.screening import Screening, beginning, screen
+from diagnosis.workers import Workers
 from diagnosis.workspace import Workspace
-from estimation.fit import Fit, refit, refreshed
+from estimation.fit import Fit, refit, refreshed, shared_by
 from modeling.effect import Effect
 from modeling.errors import InputError
 
@@ -90,11 +91,7 @@ class Selection:
 
     def refitted(self, candidate: Candidate, effects: Sequence[Effect]) -> Candidate:
         """The candidate with another set of effects: the one that was tried in the same noise, else refitted."""
-        ids = frozenset(e.id for e in effects)
-        for known in (self.base, *self.tried):
-            if known.ids == ids and known.fit.noise is candidate.fit.noise:
-                return known
-        return refitted(candidate, effects)
+        return _known({c.ids: c for c in (self.base, *self.tried)}, candidate, effects)
 
 
 def holm(screenings: Sequence[Screening]) -> dict[str, float]:
@@ -107,16 +104,18 @@ def holm(screenings: Sequence[Screening]) -> dict[str, float]:
     return adjusted
 
 
-def select(base: Fit, effects: Sequence[Effect], progress: Progress = silent) -> Selection:
+def select(
+    base: Fit, effects: Sequence[Effect], progress: Progress = silent, workers: Workers | None = None
+) -> Selection:
     """Search sets of effects, a few side by side, until nothing significant is left to add.
 
     Each set grows by the effects that screening finds significant given what is in it (Holm, 1 %), refitted exactly;
     the best set by the criterion is kept, less the effects that it no longer needs.
     """
-    start = Candidate(base, len(effects), Workspace())
+    start = Candidate(base, len(effects), Workspace(workers or Workers()))
     level, tried = [start], {start.ids: start}
     for _ in range(MOST_EFFECTS):
-        grown = [new for c in level for new in _grown(c, effects, tried, progress)]
+        grown = _grown(level, effects, tried, progress)
         if not grown:
             break
         level = sorted(grown, key=lambda c: c.criterion)[: 1 if residual_judges_itself(base) else WIDTH]
@@ -128,7 +127,7 @@ def select(base: Fit, effects: Sequence[Effect], progress: Progress = silent) ->
     best = level[0] if residual_judges_itself(base) else min(tried.values(), key=lambda c: c.criterion)
     if len(best.ids) > 1 and not residual_judges_itself(base):
         best = _swapped(best, effects, tried, progress)
-    return Selection(start, _simplest(_pruned(best, progress), tuple(tried.values())), tuple(tried.values()))
+    return Selection(start, _simplest(_pruned(best, tried, progress), tuple(tried.values())), tuple(tried.values()))
 
 
 def _swapped(
@@ -137,8 +136,14 @@ def _swapped(
     """The best after each effect's place was offered to the others, given the rest."""
     for effect in best.fit.model.effects:
         rest = [e for e in best.fit.model.effects if e.id != effect.id]
-        _grown(refitted(best, rest), effects, tried, progress)
+        _grown([_known(tried, best, rest)], effects, tried, progress)
     return min(tried.values(), key=lambda c: c.criterion)
+
+
+def _known(tried: Mapping[frozenset[str], Candidate], candidate: Candidate, effects: Sequence[Effect]) -> Candidate:
+    """The candidate with another set of effects: the one that was tried in the same noise, else refitted."""
+    known = tried.get(frozenset(e.id for e in effects))
+    return known if known is not None and known.fit.noise is candidate.fit.noise else refitted(candidate, effects)
 
 
 def _simplest(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
@@ -165,27 +170,60 @@ def _best_in_one_noise(best: Candidate, tried: Sequence[Candidate]) -> Candidate
 
 
 def _grown(
-    candidate: Candidate,
+    level: Sequence[Candidate],
     effects: Sequence[Effect],
     tried: dict[frozenset[str], Candidate],
     progress: Progress,
 ) -> list[Candidate]:
-    screenings = candidate.screened(effects)
+    """Each set with one more effect, for the significant ones that were not tried; they are added to `tried`."""
+    wanted: list[Growth] = []
+    for candidate in level:
+        progress("screen beside " + (" + ".join(sorted(candidate.ids)) or "the rigid tip"))
+        wanted += _growths(candidate, candidate.screened(effects))
+    grown = []
+    while wanted := [growth for growth in wanted if growth.ids not in tried]:
+        first = list({growth.ids: growth for growth in reversed(wanted)}.values())[::-1]
+        progress("refit with " + "; ".join(" + ".join(sorted(growth.ids)) for growth in first))
+        shared = [thing for c in level for thing in (*shared_by(c.fit), c.workspace)]
+        for growth, new in zip(
+            first, level[0].workspace.workers.map(_refitted_with, first, shared=shared), strict=True
+        ):
+            if new is not None:
+                tried[growth.ids] = new
+                grown.append(new)
+        wanted = [growth for growth in wanted if growth not in first]
+    return grown
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """A candidate and the effect that it shall have besides."""
+
+    candidate: Candidate
+    screening: Screening
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """The ids of the larger set."""
+        return self.candidate.ids | {self.screening.effect.id}
+
+
+def _growths(candidate: Candidate, screenings: Sequence[Screening]) -> list[Growth]:
+    """The growths that a screening calls for, the most promising first."""
     adjusted = holm(screenings)
     significant = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
     significant.sort(key=lambda s: -s.statistic)
-    grown = []
-    for screening in significant[:REFITS]:
-        ids = candidate.ids | {screening.effect.id}
-        if ids in tried:
-            continue
-        progress("refit with " + " + ".join(sorted(ids)))
-        try:
-            tried[ids] = extended(candidate, screening)
-        except InputError:
-            continue  # where the screening points the model has no solution
-        grown.append(tried[ids])
-    return grown
+    return [Growth(candidate, s) for s in significant[:REFITS]]
+
+
+def _refitted_with(growth: Growth) -> Candidate | None:
+    """The larger set, refitted and judged; None where the screening points to what has no solution."""
+    try:
+        new = extended(growth.candidate, growth.screening)
+        _ = new.cost, new.lack_of_fit
+    except InputError:
+        return None
+    return new
 
 
 def extended(candidate: Candidate, screening: Screening) -> Candidate:
@@ -207,12 +245,12 @@ def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str
     return Candidate(after, candidate.among, candidate.workspace)
 
 
-def _pruned(candidate: Candidate, progress: Progress) -> Candidate:
+def _pruned(candidate: Candidate, tried: Mapping[frozenset[str], Candidate], progress: Progress) -> Candidate:
     """Drop effects one by one while the set without them is better by the criterion."""
     for effect in candidate.fit.model.effects:
         rest = [e for e in candidate.fit.model.effects if e.id != effect.id]
         progress(f"refit without {effect.id}")
-        smaller = refitted(candidate, rest)
+        smaller = _known(tried, candidate, rest)
         if smaller.criterion < candidate.criterion:
-            return _pruned(smaller, progress)
+            return _pruned(smaller, tried, progress)
     return candidate

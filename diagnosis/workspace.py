@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.workers import Workers
 from estimation.noise import Noise
 
 if TYPE_CHECKING:
@@ -33,9 +34,10 @@ MOST_FITS = 6
 class Workspace:
     """Draws of noise, whitened sensitivities that no fit changes, and what was screened already.
 
-    Nothing in it depends on the order in which it is asked.
+    Nothing in it depends on the order in which it is asked, nor on the number of `workers`.
     """
 
+    workers: Workers = field(default_factory=Workers)
     _draws: dict[tuple[int, ...], Array] = field(default_factory=dict)
     _kept: OrderedDict[Hashable, Whitened] = field(default_factory=OrderedDict)
     _backgrounds: OrderedDict[Fit, Background] = field(default_factory=OrderedDict)
@@ -72,8 +74,10 @@ class Workspace:
         self._kept.move_to_end(key)
         return self._kept[key]
 
-    def once(self, key: Hashable, make: Callable[[], Result]) -> Result:
-        """A result that is computed once."""
-        if key not in self._found:
-            self._found[key] = make()
-        return self._found[key]  # type: ignore[return-value]
+    def each(
+        self, keys: Sequence[Hashable], make: Callable[[Hashable], Result], *, shared: Iterable[object] = ()
+    ) -> list[Result]:
+        """What is made of each key, by all workers, and of none twice."""
+        new = [key for key in keys if key not in self._found]
+        self._found.update(zip(new, self.workers.map(make, new, shared=shared), strict=True))
+        return [self._found[key] for key in keys]  # type: ignore[misc]

@@ -46,6 +46,7 @@ __all__ = [
     "refit",
     "refreshed",
     "require_weight",
+    "shared_by",
     "start_of",
     "table",
 ]
@@ -108,6 +109,12 @@ class Fit(Estimates):
     def residuals(self) -> tuple[Array, ...]:
         """Measured minus predicted of each recording, (n, p) in the channels' units."""
         return tuple(r.wrench - self.response(i).value for i, r in enumerate(self.recordings))
+
+
+def shared_by(fit: Fit) -> list[object]:
+    """What results of work on a fit have in common with it, so that nobody needs a copy."""
+    recordings = [part for r in fit.recordings for part in (r, r.rig)]
+    return [fit, fit.recordings, fit.noise, *fit.noise, *recordings, fit.model.arm]
 
 
 def start_of(unknowns: Layout, start: Mapping[str, float]) -> Array:

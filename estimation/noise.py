@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from functools import cached_property
 from weakref import WeakKeyDictionary
@@ -54,6 +54,10 @@ class Noise:
         if known is None:
             known = self._readings[recording] = self.whitener.series(recording.wrench)
         return known
+
+    def __getstate__(self) -> dict[str, object]:
+        """The fields alone: what was computed from them is computed again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @cached_property
     def _readings(self) -> WeakKeyDictionary[Recording, Array]:
