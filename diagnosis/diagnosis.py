@@ -23,6 +23,7 @@ from diagnosis.selection import Candidate, Progress, Selection, refitted, select
 from diagnosis.step import Step, explainable, staircase
 from diagnosis.validation import zero_shift
 from diagnosis.verdict import RecordVerdict
+from diagnosis.workers import Workers
 from estimation.convention import decided
 from estimation.fit import Fit, check_channels, first_noise, refit, require_weight, table
 from estimation.recording import Recording
@@ -110,11 +111,13 @@ def diagnose(
     validate: Recording | Iterable[Recording] | None = None,
     effects: Sequence[Effect] | None = None,
     progress: Progress = silent,
+    workers: int = 1,
 ) -> Diagnosis:
     """Find the physical effects that a model lacks for its recordings to be explained.
 
     `validate` are recordings of other motions of the same rig and tool, never fitted; `effects` are the candidates,
-    by default the whole catalogue.
+    by default the whole catalogue. So many `workers` (processes) share the work; the result is the same whatever their
+    number.
     Raises InputError when the model has effects already, its signals are not recorded, or the mass comes out negative.
     """
     training = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
@@ -131,22 +134,22 @@ def diagnose(
     progress("fit the rigid tip")
     base = refit(model, training)
     held_out = [HeldOut(r, n) for r, n in zip(others, first_noise(model, others), strict=True)]
-    selection = _selected(base, candidates, progress)
+    selection = _selected(base, candidates, progress, Workers(workers))
     progress("check on other data")
     tolerance, stated = tolerance_of(base)
     believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out, candidates)
     final, reasons = believed.candidate, dict(believed.reasons)
     known = believed.held_out
-    steps = staircase(selection.base, final, known)
+    steps = staircase(selection, final, known)
     verdict = _verdict(selection, final, steps, tolerance)
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), "takes less than half of an error that is not explained by it")
         final, known = selection.base, tuple(with_own(h, selection.base.fit, candidates) for h in held_out)
-        steps = staircase(final, final, known)
+        steps = staircase(selection, final, known)
     require_weight(final.fit)
     progress("judge every effect")
     added = [e.id for e in final.fit.model.effects]
-    lookalikes = {i: rivals(final, i, list(candidates)) for i in added}
+    lookalikes = {i: rivals(selection, final, i, list(candidates)) for i in added}
     findings = findings_of(selection, final, steps, lookalikes, reasons, candidates, tolerance)
     left = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
@@ -156,14 +159,15 @@ def diagnose(
     return Diagnosis(final.fit.model, verdict, steps, findings, shift, own, tolerance, left)
 
 
-def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress) -> Selection:
+def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, workers: Workers) -> Selection:
     """The search's outcome; where it explains what had been taken for noise, that of a second one in the new noise."""
-    selection = select(base, candidates, progress)
+    selection = select(base, candidates, progress, workers)
     noise = renewed_noise(selection.chosen.fit)
     if noise is None:
         return selection
     progress("estimate the noise again")
-    return select(refit(base.model, base.recordings, noise=noise, start=base.values), candidates, progress)
+    again = refit(base.model, base.recordings, noise=noise, start=base.values)
+    return select(again, candidates, progress, workers)
 
 
 def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bool) -> Candidate:
@@ -172,8 +176,8 @@ def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bo
         return candidate
     for effect in candidate.fit.model.effects:
         without = refitted(candidate, [e for e in candidate.fit.model.effects if e.id != effect.id])
-        (screening,) = screen(without.fit, [effect], candidates=candidate.among)
-        if screening.excited and within(contribution_limit(without.fit, screening), tolerance):
+        (screening,) = screen(without.fit, [effect], candidates=candidate.among, workspace=candidate.workspace)
+        if screening.excited and within(contribution_limit(without.fit, screening, candidate.workspace), tolerance):
             return _worthwhile(without, tolerance, stated)
     return candidate
 

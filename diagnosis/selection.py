@@ -10,7 +10,9 @@ from diagnosis.background import Background
 from diagnosis.comparison import comparison_of, residual_judges_itself
 from diagnosis.price import SIGNIFICANCE, price, worth
 from diagnosis.screening import Screening, beginning, screen
-from estimation.fit import Fit, refit, refreshed
+from diagnosis.workers import Workers
+from diagnosis.workspace import Workspace
+from estimation.fit import Fit, refit, refreshed, shared_by
 from modeling.effect import Effect
 from modeling.errors import InputError
 
@@ -29,20 +31,33 @@ def silent(_message: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A model with some effects, refitted exactly; `among` so many that could have been chosen."""
+    """A model with some effects, refitted exactly; `among` so many that could have been chosen.
+
+    workspace  what screenings of fits in the same noise share
+    """
 
     fit: Fit
     among: int
+    workspace: Workspace = field(default_factory=Workspace)
 
     @property
     def ids(self) -> frozenset[str]:
         """The ids of its effects."""
         return frozenset(e.id for e in self.fit.model.effects)
 
-    @cached_property
+    @property
     def background(self) -> Background:
         """Its residual and directions, whitened."""
-        return Background(self.fit)
+        return Background.of(self.fit, self.workspace)
+
+    @cached_property
+    def cost(self) -> float:
+        """Whitened chi-square."""
+        return self.background.cost
+
+    def screened(self, effects: Sequence[Effect]) -> list[Screening]:
+        """The effects that it lacks, screened."""
+        return screen(self.fit, effects, workspace=self.workspace)
 
     @cached_property
     def lack_of_fit(self) -> float:
@@ -58,12 +73,12 @@ class Candidate:
     @property
     def excess(self) -> float:
         """Whitened chi-square above what noise alone leaves, at least 1."""
-        return max(1.0, self.background.cost - len(self.background.residual) + len(self.fit.theta))
+        return max(1.0, self.cost - sum(n.whitener.rows for n in self.fit.noise) + len(self.fit.theta))
 
     @property
     def criterion(self) -> float:
         """Whitened chi-square plus what each effect's parameters have to bring to be significant."""
-        return self.background.cost + price(self.fit.model, self.among)
+        return self.cost + price(self.fit.model, self.among)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +88,10 @@ class Selection:
     base: Candidate
     chosen: Candidate
     tried: tuple[Candidate, ...] = field(default=())
+
+    def refitted(self, candidate: Candidate, effects: Sequence[Effect]) -> Candidate:
+        """The candidate with another set of effects: the one that was tried in the same noise, else refitted."""
+        return _known({c.ids: c for c in (self.base, *self.tried)}, candidate, effects)
 
 
 def holm(screenings: Sequence[Screening]) -> dict[str, float]:
@@ -85,16 +104,18 @@ def holm(screenings: Sequence[Screening]) -> dict[str, float]:
     return adjusted
 
 
-def select(base: Fit, effects: Sequence[Effect], progress: Progress = silent) -> Selection:
+def select(
+    base: Fit, effects: Sequence[Effect], progress: Progress = silent, workers: Workers | None = None
+) -> Selection:
     """Search sets of effects, a few side by side, until nothing significant is left to add.
 
     Each set grows by the effects that screening finds significant given what is in it (Holm, 1 %), refitted exactly;
     the best set by the criterion is kept, less the effects that it no longer needs.
     """
-    start = Candidate(base, len(effects))
+    start = Candidate(base, len(effects), Workspace(workers or Workers()))
     level, tried = [start], {start.ids: start}
     for _ in range(MOST_EFFECTS):
-        grown = [new for c in level for new in _grown(c, effects, tried, progress)]
+        grown = _grown(level, effects, tried, progress)
         if not grown:
             break
         level = sorted(grown, key=lambda c: c.criterion)[: 1 if residual_judges_itself(base) else WIDTH]
@@ -106,7 +127,7 @@ def select(base: Fit, effects: Sequence[Effect], progress: Progress = silent) ->
     best = level[0] if residual_judges_itself(base) else min(tried.values(), key=lambda c: c.criterion)
     if len(best.ids) > 1 and not residual_judges_itself(base):
         best = _swapped(best, effects, tried, progress)
-    return Selection(start, _simplest(_pruned(best, progress), tuple(tried.values())), tuple(tried.values()))
+    return Selection(start, _simplest(_pruned(best, tried, progress), tuple(tried.values())), tuple(tried.values()))
 
 
 def _swapped(
@@ -115,8 +136,14 @@ def _swapped(
     """The best after each effect's place was offered to the others, given the rest."""
     for effect in best.fit.model.effects:
         rest = [e for e in best.fit.model.effects if e.id != effect.id]
-        _grown(refitted(best, rest), effects, tried, progress)
+        _grown([_known(tried, best, rest)], effects, tried, progress)
     return min(tried.values(), key=lambda c: c.criterion)
+
+
+def _known(tried: Mapping[frozenset[str], Candidate], candidate: Candidate, effects: Sequence[Effect]) -> Candidate:
+    """The candidate with another set of effects: the one that was tried in the same noise, else refitted."""
+    known = tried.get(frozenset(e.id for e in effects))
+    return known if known is not None and known.fit.noise is candidate.fit.noise else refitted(candidate, effects)
 
 
 def _simplest(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
@@ -126,7 +153,7 @@ def _simplest(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
     rivals = [best]
     for other in tried:
         saved = len(best.fit.theta) - len(other.fit.theta)
-        worse = other.background.cost - best.background.cost
+        worse = other.cost - best.cost
         if saved > 0 and worse < worth(saved, best.among) and other.adequate:
             rivals.append(other)
     return min(rivals, key=lambda c: (len(c.fit.theta), c.criterion))
@@ -143,37 +170,70 @@ def _best_in_one_noise(best: Candidate, tried: Sequence[Candidate]) -> Candidate
 
 
 def _grown(
-    candidate: Candidate,
+    level: Sequence[Candidate],
     effects: Sequence[Effect],
     tried: dict[frozenset[str], Candidate],
     progress: Progress,
 ) -> list[Candidate]:
-    screenings = screen(candidate.fit, effects)
+    """Each set with one more effect, for the significant ones that were not tried; they are added to `tried`."""
+    wanted: list[Growth] = []
+    for candidate in level:
+        progress("screen beside " + (" + ".join(sorted(candidate.ids)) or "the rigid tip"))
+        wanted += _growths(candidate, candidate.screened(effects))
+    grown = []
+    while wanted := [growth for growth in wanted if growth.ids not in tried]:
+        first = list({growth.ids: growth for growth in reversed(wanted)}.values())[::-1]
+        progress("refit with " + "; ".join(" + ".join(sorted(growth.ids)) for growth in first))
+        shared = [thing for c in level for thing in (*shared_by(c.fit), c.workspace)]
+        for growth, new in zip(
+            first, level[0].workspace.workers.map(_refitted_with, first, shared=shared), strict=True
+        ):
+            if new is not None:
+                tried[growth.ids] = new
+                grown.append(new)
+        wanted = [growth for growth in wanted if growth not in first]
+    return grown
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """A candidate and the effect that it shall have besides."""
+
+    candidate: Candidate
+    screening: Screening
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """The ids of the larger set."""
+        return self.candidate.ids | {self.screening.effect.id}
+
+
+def _growths(candidate: Candidate, screenings: Sequence[Screening]) -> list[Growth]:
+    """The growths that a screening calls for, the most promising first."""
     adjusted = holm(screenings)
     significant = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
     significant.sort(key=lambda s: -s.statistic)
-    grown = []
-    for screening in significant[:REFITS]:
-        ids = candidate.ids | {screening.effect.id}
-        if ids in tried:
-            continue
-        progress("refit with " + " + ".join(sorted(ids)))
-        try:
-            tried[ids] = extended(candidate, screening)
-        except InputError:
-            continue  # where the screening points the model has no solution
-        grown.append(tried[ids])
-    return grown
+    return [Growth(candidate, s) for s in significant[:REFITS]]
+
+
+def _refitted_with(growth: Growth) -> Candidate | None:
+    """The larger set, refitted and judged; None where the screening points to what has no solution."""
+    try:
+        new = extended(growth.candidate, growth.screening)
+        _ = new.cost, new.lack_of_fit
+    except InputError:
+        return None
+    return new
 
 
 def extended(candidate: Candidate, screening: Screening) -> Candidate:
     """The candidate with one more effect, refitted exactly from where the screening points."""
     before = candidate.fit
-    start = {**before.values, **beginning(before, screening)}
+    start = {**before.values, **beginning(before, screening, candidate.workspace)}
     after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
     if residual_judges_itself(before):
         after = refit(after.model, after.recordings, noise=refreshed(after), start=after.values)
-    return Candidate(after, candidate.among)
+    return Candidate(after, candidate.among, candidate.workspace)
 
 
 def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str, float] | None = None) -> Candidate:
@@ -181,15 +241,16 @@ def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str
     before = candidate.fit
     model = before.model.base + effects
     start = {**before.values, **(start or {})}
-    return Candidate(refit(model, before.recordings, noise=before.noise, start=start), candidate.among)
+    after = refit(model, before.recordings, noise=before.noise, start=start)
+    return Candidate(after, candidate.among, candidate.workspace)
 
 
-def _pruned(candidate: Candidate, progress: Progress) -> Candidate:
+def _pruned(candidate: Candidate, tried: Mapping[frozenset[str], Candidate], progress: Progress) -> Candidate:
     """Drop effects one by one while the set without them is better by the criterion."""
     for effect in candidate.fit.model.effects:
         rest = [e for e in candidate.fit.model.effects if e.id != effect.id]
         progress(f"refit without {effect.id}")
-        smaller = refitted(candidate, rest)
+        smaller = _known(tried, candidate, rest)
         if smaller.criterion < candidate.criterion:
-            return _pruned(smaller, progress)
+            return _pruned(smaller, tried, progress)
     return candidate

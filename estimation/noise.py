@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +39,21 @@ class Noise:
     events: tuple[tuple[float, float], ...] = ()
     frequency: Array = field(default_factory=lambda: np.zeros(0))
     tones: tuple[float, ...] = ()
+
+    def readings(self, recording: Recording) -> Array:
+        """Whitened readings (rows,) of the recording that this is the noise of, transformed once."""
+        known = self._readings.get(recording)
+        if known is None:
+            known = self._readings[recording] = self.whitener.series(recording.wrench)
+        return known
+
+    def __getstate__(self) -> dict[str, object]:
+        """The fields alone: what was computed from them is computed again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    @cached_property
+    def _readings(self) -> WeakKeyDictionary[Recording, Array]:
+        return WeakKeyDictionary()
 
     def doubt_of(self, shares: Array) -> Array:
         """Variance (g,) of the logarithm of sums of squared rows, whose parts come from each row by `shares` (rows, g).

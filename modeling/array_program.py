@@ -1,4 +1,4 @@
-"""Array program: straight-line arithmetic as plain data, evaluated by NumPy over blocks of samples without a temporary array."""
+"""Array program: straight-line arithmetic as plain data, evaluated by NumPy in blocks without a temporary array."""
 
 from __future__ import annotations
 

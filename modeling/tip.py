@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import sympy as sp
 
@@ -48,11 +50,23 @@ def newton_euler(body: Body, lift: sp.Matrix, omega: sp.Matrix, alpha: sp.Matrix
     over the body turns the powers of r into its moments: 1 into mass, r_i into the first moment, r_i r_j into
     the second moments, Sigma = tr(I)/2 - I.
     """
+    moments = (body.mass, tuple(body.first_moment), tuple(body.inertia))
+    force, torque = _newton_euler(moments, tuple(lift), tuple(omega), tuple(alpha))
+    return sp.Matrix(force), sp.Matrix(torque)
+
+
+@lru_cache(maxsize=64)
+def _newton_euler(
+    moments: tuple[Any, ...], lift: tuple[Any, ...], omega: tuple[Any, ...], alpha: tuple[Any, ...]
+) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """`newton_euler` of entries: most effects leave body and motion as they are, and nothing is summed twice."""
+    body = Body(moments[0], sp.Matrix(moments[1]), sp.Matrix(3, 3, moments[2]))
     r = sp.Matrix(sp.symbols("r_1 r_2 r_3"))
-    element = lift + alpha.cross(r) + omega.cross(omega.cross(r))
+    turning = sp.Matrix(omega)
+    element = sp.Matrix(lift) + sp.Matrix(alpha).cross(r) + turning.cross(turning.cross(r))
     force = element.applyfunc(lambda e: _sum_over_body(e, r, body))
     torque = r.cross(element).applyfunc(lambda e: _sum_over_body(e, r, body))
-    return force, torque
+    return tuple(force), tuple(torque)
 
 
 def _sum_over_body(density: sp.Expr, r: sp.Matrix, body: Body) -> sp.Expr:

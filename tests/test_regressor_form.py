@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from modeling import effects
+from modeling.array_program import ArrayProgram, Step
 from modeling.emit.arithmetic import FUNCTIONS
 from modeling.emit.array_arithmetic import array_program
 from modeling.linear_derivation import independent
@@ -23,7 +24,6 @@ from modeling.prediction import compiled
 from modeling.regressor_form import RegressorForm, regressor_form
 from modeling.rig import Convention
 from modeling.space import Space
-from modeling.array_program import Step, ArrayProgram
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
+from modeling.array_program import UFUNCS, ArrayProgram, Operand, Step
 from modeling.emit.arithmetic import Arithmetic
 from modeling.emit.program import Program
-from modeling.array_program import UFUNCS, Operand, Step, ArrayProgram
 
 
 @dataclass(frozen=True)

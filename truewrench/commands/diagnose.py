@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_own_effects, add_recordings, add_repeatable
+from truewrench.commands.options import Subcommands, add_own_effects, add_recordings, add_repeatable, add_workers
 
 if TYPE_CHECKING:
     from diagnosis.diagnosis import Diagnosis
@@ -26,6 +26,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
     add_own_effects(command)
     command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
+    add_workers(command)
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
     command.set_defaults(run=run)
 
@@ -40,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         require_folder(arguments.out)
     case = Case.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
-    found = diagnosed(case, own_candidates(arguments.effects, case))
+    found = diagnosed(case, own_candidates(arguments.effects, case), arguments.workers)
     out = None if arguments.out is None else folder(arguments.out)
     data = found.to_data() | ({} if case.sign is None else {"sign": sign_data(case.sign)})
     if out is not None:
@@ -55,12 +56,14 @@ def run(arguments: argparse.Namespace) -> None:
         print("\nWritten: " + ", ".join(str(out / name) for name in FILES))
 
 
-def diagnosed(case: Case, own: tuple[Effect, ...] = ()) -> Diagnosis:
+def diagnosed(case: Case, own: tuple[Effect, ...] = (), workers: int | None = 1) -> Diagnosis:
     """The diagnosis of a case; the user's own effects are candidates beside those of the catalogue.
 
+    `workers` processes share the work, None for all cores.
     Raises InputError when the mass comes out negative.
     """
     from diagnosis.diagnosis import diagnose
+    from diagnosis.workers import Workers
     from modeling.effects import catalogue
     from truewrench.output import progress_line
 
@@ -71,6 +74,7 @@ def diagnosed(case: Case, own: tuple[Effect, ...] = ()) -> Diagnosis:
             validate=case.validation,
             effects=(*catalogue(case.model.space), *own),
             progress=progress,
+            workers=Workers.all().count if workers is None else workers,
         )
 
 

@@ -19,6 +19,23 @@ def add_own_effects(command: argparse.ArgumentParser) -> None:
     command.add_argument("--effects", type=Path, metavar="FILE", help="effects of your own, formulas in TOML")
 
 
+MOST_WORKERS = 1000
+
+
+def add_workers(command: argparse.ArgumentParser) -> None:
+    """Add the option that says how many processes share the work."""
+    text = "processes that share the work (default: one for each core); the result is the same whatever N"
+    command.add_argument("--workers", type=_workers, metavar="N", help=text)
+
+
+def _workers(text: str) -> int:
+    """A whole number above zero; argparse turns a ValueError into one line."""
+    value = int(text)
+    if not 1 <= value <= MOST_WORKERS:
+        raise ValueError(text)
+    return value
+
+
 def add_repeatable(command: argparse.ArgumentParser, option: str, *, metavar: str, text: str) -> None:
     """Add an option that may be given several times."""
     help_text = f"{text}; may be given several times"

@@ -1,0 +1,167 @@
+"""Workers: independent parts of a diagnosis on several cores, with the same result whatever their number."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+MOST_AT_ONCE = 256
+"""Items of one batch: each is handed out as one byte of a pipe."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """So many processes: this one, and copies of it (fork) that live as long as one batch of work.
+
+    A copy starts with everything that is in memory, so that nothing has to be sent to it. Where there is no safe copy
+    (macOS, Windows, inside another's worker) all is done here.
+    """
+
+    count: int = 1
+
+    @classmethod
+    def all(cls) -> Workers:
+        """One for each core that this process may use."""
+        return cls(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+    def map(
+        self, function: Callable[[Item], Result], items: Sequence[Item], *, shared: Iterable[object] = ()
+    ) -> list[Result]:
+        """The function of every item, in their order; whoever is free takes the next one.
+
+        `shared` are objects that results may contain and that come back as themselves, not as copies. An exception
+        comes back as it was raised, the first item's first.
+        """
+        copies = min(self.count, len(items), MOST_AT_ONCE) - 1
+        if copies < 1 or len(items) > MOST_AT_ONCE or not _can_copy():
+            return [function(item) for item in items]
+        known = {id(thing): thing for thing in shared}
+        queue = _Queue.of(len(items))
+        context = get_context("fork")
+        children = []
+        for _ in range(copies):
+            here, there = context.Pipe(duplex=False)
+            child = context.Process(target=_work, args=(function, items, queue, there, known), daemon=True)
+            child.start()
+            there.close()
+            children.append((child, here))
+        found = dict(_taken(function, items, queue))
+        for child, here in children:
+            found |= _received(here, known)
+            child.join()
+        queue.close()
+        for place, item in enumerate(items):
+            if place not in found:  # whoever had taken it was killed
+                found[place] = _tried(function, item)
+        return [_result(found[place]) for place in range(len(items))]
+
+
+@dataclass(frozen=True)
+class _Raised:
+    """An exception in place of a result."""
+
+    error: Exception
+
+
+@dataclass(frozen=True)
+class _Queue:
+    """The places of the items, each a byte in a pipe that everybody reads from."""
+
+    descriptor: int
+
+    @classmethod
+    def of(cls, count: int) -> _Queue:
+        read, write = os.pipe()
+        os.write(write, bytes(range(count)))
+        os.close(write)
+        return cls(read)
+
+    def next(self) -> int | None:
+        """The next place; None when all are taken."""
+        place = os.read(self.descriptor, 1)
+        return place[0] if place else None
+
+    def close(self) -> None:
+        os.close(self.descriptor)
+
+
+def _can_copy() -> bool:
+    from multiprocessing import current_process
+
+    return sys.platform.startswith("linux") and not current_process().daemon
+
+
+def _taken(
+    function: Callable[[Item], Result], items: Sequence[Item], queue: _Queue
+) -> Iterable[tuple[int, Result | _Raised]]:
+    while (place := queue.next()) is not None:
+        yield place, _tried(function, items[place])
+
+
+def _tried(function: Callable[[Item], Result], item: Item) -> Result | _Raised:
+    try:
+        return function(item)
+    except Exception as error:
+        return _Raised(error)
+
+
+def _result(found: Any) -> Any:
+    if isinstance(found, _Raised):
+        raise found.error
+    return found
+
+
+def _work(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    queue: _Queue,
+    there: Connection,
+    known: Mapping[int, object],
+) -> None:
+    """What a copy does; its memory has the shared objects at the addresses of the original's."""
+    for place, result in _taken(function, items, queue):
+        buffer = io.BytesIO()
+        _Pickler(buffer, known).dump((place, result))
+        there.send_bytes(buffer.getvalue())
+    there.close()
+
+
+def _received(here: Connection, known: Mapping[int, object]) -> dict[int, Any]:
+    found = {}
+    try:
+        while True:
+            place, result = _Unpickler(io.BytesIO(here.recv_bytes()), known).load()
+            found[place] = result
+    except EOFError:
+        here.close()
+    return found
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, known: Mapping[int, object]) -> None:
+        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
+        self._known = known
+
+    def persistent_id(self, thing: object) -> int | None:
+        return id(thing) if id(thing) in self._known else None
+
+
+class _Unpickler(pickle.Unpickler):
+    """Of what a copy of this process wrote into a pipe that nobody else has: no file is read."""
+
+    def __init__(self, file: io.BytesIO, known: Mapping[int, object]) -> None:
+        super().__init__(file)
+        self._known = known
+
+    def persistent_load(self, key: int) -> object:
+        return self._known[key]

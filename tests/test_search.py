@@ -1,0 +1,139 @@
+"""Searches by inner products: what they say of a point is what the point's own columns say, to rounding."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from diagnosis.background import Background
+from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.extent import extent_of
+from diagnosis.projection import Projected, Whitened
+from diagnosis.screening import screen
+from diagnosis.search import points_of, projected_at, reached_rows
+from diagnosis.secants import effect_columns
+from diagnosis.workspace import Workspace
+from estimation.fit import Fit, fit
+from estimation.interval import orthonormal
+from estimation.reading import from_columns
+from modeling.effect import Combination, Effect, Values
+from modeling.effects import catalogue, named
+from modeling.effects.drag import ViscousDrag
+from modeling.effects.late import SensorLag
+from modeling.model import planar
+from modeling.rig import Rig
+from truewrench import simulated_rig
+from truewrench.simulated_rig import PlanarRig, simulate
+
+pytest.importorskip("mujoco")
+
+RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
+ROUNDING = 1e-7
+"""Relative: differences of long steps lose digits, and so do columns that the model nearly explains."""
+
+
+@cache
+def fitted(*, repeats: int = 4) -> Fit:
+    """The rigid tip, where something drags and pushes."""
+    hidden = (simulated_rig.ViscousDrag(), simulated_rig.ContactEvent())
+    motion = PlanarRig().random_motion(seed=3)
+    frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=max(repeats, 2), samples_per_period=200, seed=3)
+    columns = {str(c): frame[c].to_numpy() for c in frame.columns}
+    if repeats == 1:
+        columns = {c: v for c, v in columns.items() if c != "repeat"}
+    return fit(planar(RIG), from_columns(columns, rig=RIG))
+
+
+def alone(background: Background, model_effect: Effect, values: Values) -> Projected:
+    """One point by its own columns."""
+    model = background.fit.model + model_effect
+    points = points_of(model, model.effects[-1], [values])
+    choice = reached_rows(background, model)
+    columns = effect_columns(background, model, points, choice)
+    return Projected(background, Whitened(columns, choice), Combination.plain([values]), points[0].lowest())
+
+
+def some(grid: tuple[Values, ...]) -> list[int]:
+    """A dozen places of a grid, both ends among them."""
+    return sorted({0, len(grid) - 1, *np.random.default_rng(0).integers(0, len(grid), 10).tolist()})
+
+
+@pytest.mark.parametrize("repeats", [4, 1])
+@pytest.mark.parametrize("effect", catalogue(planar().space), ids=lambda e: e.id)
+def test_a_point_of_a_grid_scores_as_it_does_alone(effect: Effect, repeats: int) -> None:
+    background = Background(fitted(repeats=repeats))
+    model = background.fit.model + effect
+    effect = model.effects[-1]
+    grid = effect.nuisance_grid(extent_of(background, 0, effect))
+    if not grid or (repeats == 1 and effect.id == "line_interference"):
+        return  # no tone is sought in a single run
+    together = projected_at(background, model, effect, grid)
+    for place in some(grid):
+        one = alone(background, effect, grid[place])
+        size = max(1.0, one.trial(0).score)
+        assert together.trial(place).rank == one.trial(0).rank
+        assert together.trial(place).score == pytest.approx(one.trial(0).score, abs=ROUNDING * size)
+        np.testing.assert_allclose(together.trial(place).amounts, one.trial(0).amounts, rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(together.trial(place).std, one.trial(0).std, rtol=1e-5)
+
+
+def test_every_searched_effect_of_the_catalogue_is_covered() -> None:
+    background = Background(fitted())
+    grids = {e.id: len(e.nuisance_grid(extent_of(background, 0, e))) for e in catalogue(planar().space)}
+    assert {i for i, count in grids.items() if count > 8} >= {"cable_spring", "contact_event", "payload_change"}
+
+
+def test_windows_are_differences_of_steps_also_when_they_overlap_an_edge() -> None:
+    """Windows shorter than an edge stand alone; all others come from as many steps as they have different ends."""
+    effect = named("contact_event")
+    windows: list[Values] = [{"start": s, "end": e} for s, e in ((0.1, 0.9), (0.5, 0.505), (0.9, 1.4), (0.1, 0.11))]
+    combination = effect.combination(windows)
+    assert len(combination.blocks) == 5  # ends 0.1, 0.9, 1.4, 0.11 and one window alone
+    background = Background(fitted())
+    together = projected_at(background, fitted().model + effect, effect, windows)
+    for place, window in enumerate(windows):
+        one = alone(background, effect, window)
+        np.testing.assert_allclose(together.columns(place), one.columns(0), atol=1e-9 * np.abs(one.columns(0)).max())
+        assert together.found[0][place] == pytest.approx(one.found[0][0], rel=1e-8)
+
+
+def test_score_is_the_drop_of_chi_square() -> None:
+    """By least squares on whole rows, which shares nothing with the inner products."""
+    background = Background(fitted())
+    residual, derivative = fitted().problem.evaluate(fitted().theta)
+    model = fitted().model + ViscousDrag()
+    (point,) = points_of(model, model.effects[-1], [{"d": 0.1}])
+    choice = reached_rows(background, model)
+    columns = background.spread(effect_columns(background, model, [point], choice)[:, 0], choice)
+    before, after = (orthonormal(m) for m in (derivative, np.column_stack([derivative, columns])))
+    drop = np.sum((after.T @ residual) ** 2) - np.sum((before.T @ residual) ** 2)
+    assert alone(background, ViscousDrag(), {"d": 0.1}).found[0][0] == pytest.approx(drop, rel=1e-6)
+
+
+def test_what_a_workspace_keeps_changes_nothing() -> None:
+    """Screening beside one effect after another, in one workspace or each in its own."""
+    effects = catalogue(planar().space)
+    shared = Workspace()
+    first = fitted()
+    second = fit(planar(RIG) + ViscousDrag(), first.recordings[0], noise=first.noise)
+    third = fit(planar(RIG) + SensorLag(), first.recordings[0], noise=first.noise)
+    for known in (first, second, third, first):
+        together, by_itself = screen(known, effects, workspace=shared), screen(known, effects)
+        assert [s.effect.id for s in together] == [s.effect.id for s in by_itself]
+        for a, b in zip(together, by_itself, strict=True):
+            assert a.statistic == pytest.approx(b.statistic, rel=1e-9)
+            assert a.p_value == pytest.approx(b.p_value, rel=1e-6)
+
+
+@cache
+def diagnosed(workers: int) -> Diagnosis:
+    recording = fitted().recordings[0]
+    candidates = [named(i) for i in ("viscous_drag", "quadratic_drag", "contact_event", "sensor_lag", "gravity_tilt")]
+    return diagnose(planar(RIG), recording, effects=candidates, workers=workers)
+
+
+def test_the_number_of_workers_changes_nothing() -> None:
+    assert diagnosed(1).to_data() == diagnosed(3).to_data()
+    assert set(diagnosed(1).added) == {"viscous_drag", "contact_event"}
