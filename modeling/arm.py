@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.emission import casadi_expressions, numpy_function
 from modeling.kinematics import Arm, Calculus, Frames
 from modeling.space import Space

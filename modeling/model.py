@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import permutations, product
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.actual_arm import ActualArm
 from modeling.chain import Chain, Stage, rigid_chain
 from modeling.effect import Effect
@@ -29,10 +28,15 @@ def _quarter_turns() -> tuple[QuarterTurns, ...]:
     turns = []
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         rows = [[signs[i] if j == order[i] else 0 for j in range(3)] for i in range(3)]
-        if sp.Matrix(rows).det() == 1:
+        if _determinant(rows) == 1:
             first, second, third = ((row[0], row[1], row[2]) for row in rows)
             turns.append((first, second, third))
     return tuple(turns)
+
+
+def _determinant(rows: list[list[int]]) -> int:
+    a, b, c = rows
+    return sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
 
 
 QUARTER_TURNS = _quarter_turns()

@@ -8,10 +8,10 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
-from modeling.chain import LAPLACE
+from modeling import symbolic as sp
+from modeling.chain import laplace
 from modeling.emission import casadi_expression, casadi_expressions, numpy_function
 from modeling.errors import InputError
 from modeling.model import WrenchModel
@@ -241,7 +241,7 @@ class Prediction:
     def _transfer(self) -> Any:
         own = [self.symbols[i] for i in self.memory_parameters]
         expressions = [self.model.memory, *(sp.diff(self.model.memory, symbol) for symbol in own)]
-        return numpy_function([LAPLACE, *own], expressions)
+        return numpy_function([laplace(), *own], expressions)
 
     def transfer(self, omega: Array, theta: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.complex128]]]:
         """H(j omega) and its derivatives in `memory_parameters`; omega in rad/s."""

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.motion_form import motion_form
 from estimation.recording import QUATERNION, MotionForm, motion_columns, numbered
 from estimation.table import Table
+from modeling import symbolic as sp
 from modeling.errors import InputError
 from modeling.kinematics import Arm
 from modeling.model import WrenchModel
@@ -21,7 +21,7 @@ from modeling.quaternion import turning
 from modeling.rig import Rig
 
 Array = NDArray[np.float64]
-Signals = dict[str, sp.Expr]
+Signals: TypeAlias = "dict[str, sp.Expr]"
 
 TURN = 2 * np.pi
 

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 
-import sympy as sp
-
 from estimation.noisy_motion.input_noise import TURNS, InputNoise
 from estimation.recording import QUATERNION, Recording
+from modeling import symbolic as sp
 from modeling.arm import POSE_SIGNALS, PlanarArm
 from modeling.errors import InputError
 from modeling.model import WrenchModel
