@@ -102,7 +102,7 @@ class RowMotion:
             state = ca.vertcat(*(known[name] for name in self._state))
             motion = self.arm.function(*ca.vertsplit(state, self.arm.joints))
             known |= dict(zip(self.arm.names, ca.vertsplit(motion), strict=True))
-        emitted = Emitted(expression, inputs, tuple(parameters))
+        emitted = Emitted.of(expression, inputs, tuple(parameters))
         function = ca.Function("row", list(emitted.symbols), [emitted.graph])
         theta = emitted.symbols[1]
         return taps, ca.Function("row", [values, theta], [function(ca.vertcat(*(known[n] for n in inputs)), theta)])

@@ -147,7 +147,7 @@ class NoisyLoad:
     def emitted(self) -> Emitted:
         """`slopes` (p s,), channel by channel, as a function of signals and parameters."""
         expression = self.slopes.reshape(self.slopes.rows * self.slopes.cols, 1)
-        return Emitted(expression, self.model.inputs_of(expression), compiled(self.model).symbols)
+        return Emitted.of(expression, self.model.inputs_of(expression), compiled(self.model).symbols)
 
 
 @lru_cache(maxsize=32)

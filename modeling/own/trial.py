@@ -100,7 +100,7 @@ def _emitted(effect: FormulaEffect, space: Space, names: tuple[str, ...]) -> Emi
     added, _ = formulas_of(effect.definition).values(chain, known)
     expressions, symbols = sp.Matrix(list(added.values())), tuple(known[name] for name in names)
     inputs = tuple(sorted(s.name for s in expressions.free_symbols - set(symbols)))
-    return Emitted(expressions, inputs, symbols)
+    return Emitted.of(expressions, inputs, symbols)
 
 
 def _places(effect: FormulaEffect, inputs: tuple[str, ...]) -> dict[str, Array]:
