@@ -8,7 +8,6 @@ from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from diagnosis.comparison import comparison_of, residual_judges_itself
 from diagnosis.held_out import HeldOut
@@ -16,6 +15,7 @@ from diagnosis.own_effect import with_own
 from diagnosis.part import halved
 from diagnosis.price import SIGNIFICANCE
 from diagnosis.selection import Candidate, refitted
+from estimation.distributions import chi2_sf
 from estimation.fit import Fit, Problem, refit
 from estimation.interval import orthonormal
 from estimation.noise import Noise
@@ -151,7 +151,7 @@ def _least_needed(candidate: Candidate) -> str:
     ids = [e.id for e in candidate.fit.model.lasting.effects] or [e.id for e in effects]
     if len(ids) == 1:
         return ids[0]
-    costs = {i: refitted(candidate, [o for o in effects if o.id != i]).background.cost for i in ids}
+    costs = {i: refitted(candidate, [o for o in effects if o.id != i]).cost for i in ids}
     return min(costs, key=lambda effect_id: costs[effect_id])
 
 
@@ -203,7 +203,7 @@ def coefficient_change(effect: Effect, first: Fit, second: Fit) -> tuple[float, 
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     shown = values > 1e-10 * values.max()
     along = vectors[:, shown].T @ (differences / scale) / np.sqrt(values[shown])
-    p_value = float(chi2.sf(float(along @ along), int(shown.sum())))
+    p_value = float(chi2_sf(float(along @ along), int(shown.sum())))
     return p_value, _relative_change(effect, first, second)
 
 

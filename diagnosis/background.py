@@ -2,61 +2,116 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.fit import Fit, Problem
-from estimation.interval import orthonormal
+from diagnosis.rows import Choice, Index, index_of
+from diagnosis.workspace import Workspace
+from estimation.fit import Fit
+from estimation.interval import Directions
+from estimation.problem import Linearised
 
 Array = NDArray[np.float64]
 
-DRAWS = 100
-SEED = 0
-"""Draws of pure noise from which a supremum over nuisance values takes its number of trials."""
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """What a background says of some rows: the residual there (r,), and the fit's own directions (r, k)."""
+
+    residual: Array
+    basis: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """A fit as seen by a new column: what is left, and the directions that are taken already."""
+    """A fit as seen by a new column: what is left, and the directions that are taken already.
+
+    workspace   what all fits to these recordings in this noise share
+    """
 
     fit: Fit
+    workspace: Workspace = field(default_factory=Workspace)
+
+    @classmethod
+    def of(cls, fit: Fit, workspace: Workspace) -> Background:
+        """The fit's background in a workspace, the same one when asked again."""
+        return workspace.recent(fit, lambda: cls(fit, workspace))
 
     @cached_property
-    def problem(self) -> Problem:
-        """The whitened problem of the fit."""
-        return Problem(self.fit.layout, self.fit.recordings, self.fit.noise)
+    def linearised(self) -> Linearised:
+        """The whitened problem about the estimate."""
+        return self.fit.linearised()
 
     @cached_property
-    def _evaluated(self) -> tuple[Array, Array]:
-        return self.problem.evaluate(self.fit.theta)
+    def directions(self) -> Directions:
+        """What the fit's own parameters do, in the rows that they reach."""
+        return Directions.of(self.linearised.derivative)
 
     @cached_property
-    def basis(self) -> Array:
-        """Orthonormal basis (rows, r) of the derivative's columns."""
-        return orthonormal(self._evaluated[1])
+    def residual(self) -> Array:
+        """Whitened residual (rows,) with those directions taken out."""
+        free = self.linearised.residual.copy()
+        basis, reached = self.directions.basis, self.linearised.reached
+        own = free[reached]
+        free[reached] = own - basis @ (basis.T @ own)
+        return free
+
+    @cached_property
+    def cost(self) -> float:
+        """Whitened chi-square of the fit."""
+        return self.linearised.cost
+
+    @cached_property
+    def _taken(self) -> dict[Choice, Taken]:
+        return {}
+
+    def index(self, choice: Choice) -> Index:
+        """Where chosen rows stand among all."""
+        return index_of(choice, self.fit.noise)
+
+    def taken(self, choice: Choice) -> Taken:
+        """Residual and directions in some rows of each recording."""
+        if choice not in self._taken:
+            index = self.index(choice)
+            self._taken[choice] = Taken(self.residual[index], self._basis_in(index))
+        return self._taken[choice]
+
+    def _basis_in(self, index: Index) -> Array:
+        """The basis of the fit's directions in other rows (r, k), without columns where nothing of it is there."""
+        basis, reached = self.directions.basis, self.linearised.reached
+        if isinstance(index, slice) and isinstance(reached, slice):
+            if index == reached:
+                return basis
+            if index.start >= reached.stop or index.stop <= reached.start:
+                return np.zeros((index.stop - index.start, 0))
+        whole = np.zeros((len(self.residual), basis.shape[1]))
+        whole[reached] = basis
+        return np.asarray(whole[index])
+
+    @cached_property
+    def drawn(self) -> Array:
+        """Pure noise along the fit's directions, (k, DRAWS)."""
+        return np.asarray(self.directions.basis.T @ self.workspace.draws(self.fit.noise)[self.linearised.reached])
+
+    def spread(self, columns: Array, choice: Choice) -> Array:
+        """Columns (r, a) of the chosen rows in all rows (rows, a)."""
+        whole = np.zeros((len(self.residual), columns.shape[1]))
+        whole[self.index(choice)] = columns
+        return whole
+
+    def freed(self, whole: Array) -> Array:
+        """Columns (rows, a) less their part in the fit's directions."""
+        free = whole.copy()
+        basis, reached = self.directions.basis, self.linearised.reached
+        own = free[reached]
+        free[reached] = own - basis @ (basis.T @ own)
+        return free
 
     def doubt_of(self, fitted: Array) -> Array:
         """Doubt (g,) of the chi-square that each column of fitted rows (rows, g) takes away, by where it comes from."""
         shares = fitted**2 / np.maximum((fitted**2).sum(axis=0), 1e-300)
         parts = np.split(shares, np.cumsum([n.whitener.rows for n in self.fit.noise])[:-1])
         return np.asarray(sum(n.doubt_of(part) for n, part in zip(self.fit.noise, parts, strict=True)))
-
-    @cached_property
-    def residual(self) -> Array:
-        """Whitened residual (rows,) with those directions taken out."""
-        raw = self._evaluated[0]
-        return np.asarray(raw - self.basis @ (self.basis.T @ raw))
-
-    @cached_property
-    def draws(self) -> Array:
-        """Pure noise (rows, DRAWS) with the directions taken out; always the same, so that a p-value repeats."""
-        noise = np.random.default_rng(SEED).standard_normal((len(self.residual), DRAWS))
-        return np.asarray(noise - self.basis @ (self.basis.T @ noise))
-
-    @property
-    def cost(self) -> float:
-        """Whitened chi-square of the fit."""
-        return float(self._evaluated[0] @ self._evaluated[0])

@@ -8,79 +8,116 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.background import Background
-from estimation.fit import Fit
-from estimation.layout import layout
+from diagnosis.rows import Choice, Rows
+from estimation.layout import Layout, layout
 from estimation.recording import Recording
 from estimation.response import Passage, repeats_with_motion, respond, signals_of
 from estimation.whitening import Whitener
 from modeling.effect import Values
 from modeling.model import WrenchModel
-from modeling.prediction import compiled
+from modeling.prediction import Emitted, compiled
+from modeling.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 
+MOST_NUMBERS = 1_000_000
+"""Samples x channels x columns that are evaluated and whitened together: what a processor's caches and memory bear."""
+FEW = 8
+"""Points up to which derivatives are evaluated one by one; many are evaluated as arrays."""
 
-def amplitude_columns(background: Background, model: WrenchModel, grid: Sequence[Values]) -> Array:
-    """Whitened derivatives (rows, g, amplitudes) of the last effect's amplitudes at their nominal value."""
+
+def amplitude_columns(
+    background: Background, model: WrenchModel, grid: Sequence[Values], amplitudes: Sequence[str], choice: Choice
+) -> Array:
+    """Whitened derivatives (r, g, amplitudes) in amplitudes of the last effect at their nominal value, in some rows."""
     fit = background.fit
-    effect = model.effects[-1]
     unknowns = layout(model, fit.recordings)
-    values = fit.values
-    parts = []
-    for number, (recording, noise) in enumerate(zip(fit.recordings, fit.noise, strict=True)):
-        own = unknowns.models[number]
-        names = [unknowns.parameters[i].name for i in unknowns.index[number]]
-        count = len([p for p in effect.parameters(model.space) if not p.nuisance])
-        if effect.id not in [e.id for e in own.effects]:
-            parts.append(np.zeros((noise.whitener.rows, len(grid), count)))
-            continue
-        theta = np.array(
-            [
-                [g.get(p.name, values.get(n, p.nominal)) for n, p in zip(names, own.parameters, strict=True)]
-                for g in grid
-            ]
-        )
-        amplitude = {p.name for p in effect.qualified(model.space) if not p.nuisance}
-        which = tuple(i for i, p in enumerate(own.parameters) if p.name in amplitude)
-        parts.append(_whitened_slopes(own, recording, noise.whitener, theta, which))
-    return np.concatenate(parts)
+    parts = [
+        _of_recording(background, unknowns, number, grid, amplitudes, rows)
+        for number, rows in enumerate(choice)
+        if rows is not Rows.NONE
+    ]
+    if not parts:
+        return np.zeros((0, len(grid), len(amplitudes)))
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-def where_judged(fit: Fit, columns: Array) -> Array:
-    """Whitened columns (rows, g, a) in the rows where they are judged.
-
-    What does not repeat with the motion is judged between the motion's lines only: on them it would be taken for
-    anything periodic that the model lacks, because a push or a drift has some of every shape.
-    """
-    judged, start = columns.copy(), 0
-    for noise in fit.noise:
-        steady, end = start + noise.whitener.steady_rows, start + noise.whitener.rows
-        if columns[steady:end].any():
-            judged[start:steady] = 0
-        start = end
-    return judged
+def _of_recording(
+    background: Background,
+    unknowns: Layout,
+    number: int,
+    grid: Sequence[Values],
+    amplitudes: Sequence[str],
+    rows: Rows,
+) -> Array:
+    fit = background.fit
+    own, recording, whitener = unknowns.models[number], fit.recordings[number], fit.noise[number].whitener
+    names = [unknowns.parameters[i].name for i in unknowns.index[number]]
+    known = np.array([fit.values.get(n, p.nominal) for n, p in zip(names, own.parameters, strict=True)])
+    theta = np.tile(known, (len(grid), 1))
+    place = {p.name: i for i, p in enumerate(own.parameters)}
+    for point, values in zip(theta, grid, strict=True):
+        for name, value in values.items():
+            point[place[name]] = value
+    which = tuple(place[name] for name in amplitudes)
+    samples = recording.samples_per_repeat if rows is Rows.STEADY else recording.samples
+    at_once = max(1, MOST_NUMBERS // (samples * len(recording.channels) * len(which)))
+    chunks = [
+        _whitened_slopes(own, recording, whitener, theta[i : i + at_once], which, rows)
+        for i in range(0, len(theta), at_once)
+    ]
+    return chunks[0] if len(chunks) == 1 else np.concatenate(chunks, axis=1)
 
 
 def _whitened_slopes(
-    model: WrenchModel, recording: Recording, whitener: Whitener, theta: Array, which: tuple[int, ...]
+    model: WrenchModel, recording: Recording, whitener: Whitener, theta: Array, which: tuple[int, ...], rows: Rows
 ) -> Array:
-    """Whitened derivatives (rows, g, len(which)) in some parameters, at each of g parameter sets theta (g, k)."""
-    prediction, signals = compiled(model), signals_of(recording)
-    if set(which) & set(prediction.memory_parameters) or prediction.bend is not None or prediction.level is not None:
-        rows = [whitener.response(respond(model, recording, row))[1][:, list(which)] for row in theta]
-        return np.stack(rows, axis=1)
-    total = np.zeros((whitener.rows, len(theta), len(which)))
+    """Whitened derivatives (r, g, len(which)) in some parameters, at each of g parameter sets theta (g, k)."""
+    prediction, first, last = compiled(model), *rows.within(whitener)
+    clipped = prediction.level is not None
+    if set(which) & set(prediction.memory_parameters) or prediction.bend is not None or (clipped and len(theta) <= FEW):
+        found = np.zeros((last - first, len(theta), len(which)))
+        for place, row in enumerate(theta):
+            reached = whitener.reached(respond(model, recording, row))[first:, 1:]
+            found[: len(reached), place] = reached[: last - first, list(which)]
+        return found
+    total = np.zeros((last - first, len(theta), len(which)))
+    outside = _clipped(model, recording, theta[0]) if clipped else None
+    repeats = all(repeats_with_motion(e.inputs, recording) for e in (prediction.load, prediction.zero))
     for emitted, passed in ((prediction.load, True), (prediction.zero, False)):
         if not set(which) & set(emitted.active):
             continue
-        steady = repeats_with_motion(emitted.inputs, recording)
-        samples = recording.samples_per_repeat if steady else recording.samples
-        slopes = emitted.slopes(signals, theta, which, samples)
-        if passed:
-            load = emitted.value(signals, theta[0], samples)  # the same at each set: the effect's amount is nominal
+        periodic = repeats_with_motion(emitted.inputs, recording)
+        samples = recording.samples_per_repeat if periodic else recording.samples
+        slopes = _slopes(emitted, recording, theta, which, samples)
+        if passed and (prediction.play is not None or prediction.remembers):
+            load = emitted.value(
+                signals_of(recording), theta[0], samples
+            )  # the same at each set: the amount is nominal
             slopes = Passage(prediction, recording, theta[0], load).through(slopes)
-        if steady:
-            total[: whitener.steady_rows] += whitener.steady(slopes)
-        else:
-            total += whitener.series(slopes)
+        if outside is not None:
+            if periodic and not repeats:
+                slopes, periodic = np.tile(slopes, (recording.repeats, 1, 1, 1)), False
+            slopes[outside[: len(slopes)]] = 0.0
+        total += rows.whitened(whitener, slopes, periodic=periodic)
     return total
+
+
+def _clipped(model: WrenchModel, recording: Recording, theta: Array) -> NDArray[np.bool_]:
+    """Where readings (n, p) are clipped, so that nothing but the level moves them."""
+    prediction = compiled(model)
+    assert prediction.level is not None
+    limit = prediction.level.value({}, theta, 1)[0]
+    return np.asarray(np.abs(respond(model, recording, theta, derivative=False).value) >= limit)
+
+
+def _slopes(emitted: Emitted, recording: Recording, theta: Array, which: tuple[int, ...], samples: int) -> Array:
+    """Derivatives (samples, p, g, len(which)) at each of g parameter sets theta (g, k)."""
+    signals = signals_of(recording)
+    if len(theta) > FEW:
+        sensitivity = Sensitivity.of(emitted, which, tuple(float(theta[0, i]) for i in which))
+        if sensitivity is not None:
+            names = [s.name for s in emitted.parameters]
+            values = {n: theta[:, names.index(n)] for n in sensitivity.parameters}
+            return sensitivity.values(signals, values, samples)
+    return emitted.slopes(signals, theta, which, samples)

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, f
 
 from diagnosis.generic import predictability, push_evidence
 from diagnosis.validation import transferred
-from estimation.fit import Fit, Problem, table
+from estimation.distributions import chi2_sf, f_sf
+from estimation.fit import Fit, table
 from estimation.interval import inverse_trigamma, orthonormal
 from estimation.noise import Noise, NoiseSource, step_of
 from estimation.recording import Recording
@@ -164,12 +164,12 @@ def residual_judges_itself(fit: Fit) -> bool:
 
 def _judged_rows(fit: Fit, number: int) -> tuple[Array, Array]:
     """Whitened residual rows of one recording, and how much of each the fit has soaked up."""
-    problem = Problem(fit.layout, fit.recordings, fit.noise)
-    residual, derivative = problem.evaluate(fit.theta)
-    span = orthonormal(derivative)
+    linearised = fit.linearised()
+    leverage = np.zeros(len(linearised.residual))
+    leverage[linearised.reached] = (orthonormal(linearised.derivative) ** 2).sum(axis=1)
     start = sum(n.whitener.rows for n in fit.noise[:number])
     part = slice(start, start + fit.noise[number].whitener.rows)
-    return residual[part], (span[part] ** 2).sum(axis=1)
+    return linearised.residual[part], leverage[part]
 
 
 def frequency_bands(noise: Noise) -> list[NDArray[np.bool_]]:
@@ -195,5 +195,5 @@ def tail(statistic: float, freedom: float, doubt: float) -> float:
     A power estimated with d degrees of freedom has a logarithm of variance trigamma(d / 2), which is the doubt.
     """
     if doubt <= 0:
-        return float(chi2.sf(statistic, freedom))
-    return float(f.sf(statistic / freedom, freedom, 2 * inverse_trigamma(doubt)))
+        return float(chi2_sf(statistic, freedom))
+    return float(f_sf(statistic / freedom, freedom, 2 * inverse_trigamma(doubt)))

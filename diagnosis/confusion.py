@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from diagnosis.price import SIGNIFICANCE
-from diagnosis.screening import Screening, screen
-from diagnosis.selection import Candidate, holm, refitted
+from diagnosis.screening import Screening
+from diagnosis.selection import Candidate, Selection, holm
+from estimation.distributions import normal_cdf
 from estimation.fit import Fit, Problem, start_of
 from estimation.layout import layout
 from modeling.effect import Effect
@@ -34,7 +34,7 @@ class Rival:
     @property
     def chance(self) -> float:
         """Chance of mistaking the two, Phi(-sqrt(lambda)/2)."""
-        return float(norm.cdf(-np.sqrt(self.separation) / 2))
+        return float(normal_cdf(-np.sqrt(self.separation) / 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,15 +49,15 @@ class Imitation(Problem):
         return self.target
 
 
-def rivals(candidate: Candidate, effect_id: str, effects: list[Effect]) -> list[Rival]:
+def rivals(selection: Selection, candidate: Candidate, effect_id: str, effects: list[Effect]) -> list[Rival]:
     """Other effects that imitate one of a candidate's effects, the others kept; the closest first.
 
     Those that screening finds significant in its place are refitted to the candidate's noise-free prediction.
     """
     model = candidate.fit.model
     rest = [e for e in model.effects if e.id != effect_id]
-    without = refitted(candidate, rest)
-    screenings = screen(without.fit, [e for e in effects if e.id != effect_id])
+    without = selection.refitted(candidate, rest)
+    screenings = without.screened([e for e in effects if e.id != effect_id])
     adjusted = holm(screenings)
     likely = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
     likely.sort(key=lambda s: -s.statistic)

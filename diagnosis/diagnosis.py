@@ -137,16 +137,16 @@ def diagnose(
     believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out, candidates)
     final, reasons = believed.candidate, dict(believed.reasons)
     known = believed.held_out
-    steps = staircase(selection.base, final, known)
+    steps = staircase(selection, final, known)
     verdict = _verdict(selection, final, steps, tolerance)
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), "takes less than half of an error that is not explained by it")
         final, known = selection.base, tuple(with_own(h, selection.base.fit, candidates) for h in held_out)
-        steps = staircase(final, final, known)
+        steps = staircase(selection, final, known)
     require_weight(final.fit)
     progress("judge every effect")
     added = [e.id for e in final.fit.model.effects]
-    lookalikes = {i: rivals(final, i, list(candidates)) for i in added}
+    lookalikes = {i: rivals(selection, final, i, list(candidates)) for i in added}
     findings = findings_of(selection, final, steps, lookalikes, reasons, candidates, tolerance)
     left = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
@@ -172,8 +172,8 @@ def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bo
         return candidate
     for effect in candidate.fit.model.effects:
         without = refitted(candidate, [e for e in candidate.fit.model.effects if e.id != effect.id])
-        (screening,) = screen(without.fit, [effect], candidates=candidate.among)
-        if screening.excited and within(contribution_limit(without.fit, screening), tolerance):
+        (screening,) = screen(without.fit, [effect], candidates=candidate.among, workspace=candidate.workspace)
+        if screening.excited and within(contribution_limit(without.fit, screening, candidate.workspace), tolerance):
             return _worthwhile(without, tolerance, stated)
     return candidate
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2
 
 from diagnosis.confusion import CONFUSABLE, Rival
 from diagnosis.limits import contribution_limit, within
@@ -16,6 +15,7 @@ from diagnosis.screening import Screening, screen
 from diagnosis.selection import Candidate, Selection, holm
 from diagnosis.step import Step, explainable
 from diagnosis.verdict import EffectVerdict
+from estimation.distributions import chi2_sf
 from estimation.fit import Estimate, Fit
 from modeling.effect import Effect
 
@@ -54,7 +54,7 @@ def findings_of(
     confusable = {
         r.effect.id: (added_id, r) for added_id, found in lookalikes.items() for r in found if r.separation < CONFUSABLE
     }
-    screenings = screen(final.fit, candidates)
+    screenings = final.screened(candidates)
     adjusted = holm(screenings)
     excess = None if selection.base.adequate else selection.base.excess
     others = []
@@ -81,7 +81,7 @@ def _path(final: Candidate, steps: Sequence[Step]) -> list[Screening]:
     found = []
     for before, step in pairwise(steps):
         effect = next(e for e in final.fit.model.effects if e.id == step.effect)
-        found.append(screen(before.fit, [effect], candidates=final.among)[0])
+        found.append(screen(before.fit, [effect], candidates=final.among, workspace=final.workspace)[0])
     return found
 
 
@@ -119,11 +119,11 @@ def _judged(
         return EffectVerdict.NOT_EXCITED, screening.reason
     if beyond := _beyond_range(screening, final.fit):
         return EffectVerdict.NOT_EXCITED, beyond
-    if within(contribution_limit(final.fit, screening), tolerance):
+    if within(contribution_limit(final.fit, screening, final.workspace), tolerance):
         return EffectVerdict.NEGLIGIBLE, "its upper 95 % limit is below tolerance"
     if screening.p_value < SIGNIFICANCE / 10:
         return EffectVerdict.NOT_SUPPORTED, "follows what is left, but does not explain it when refitted exactly"
-    if chi2.sf(screening.statistic, max(1, len(screening.amounts))) < SIGNIFICANCE / 100:
+    if chi2_sf(screening.statistic, max(1, len(screening.amounts))) < SIGNIFICANCE / 100:
         reason = "would explain some of it, but noise this slow is known from too few repeats to be sure"
         return EffectVerdict.NOT_SUPPORTED, reason
     return EffectVerdict.NOT_SUPPORTED, ""

@@ -8,9 +8,8 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
+from estimation.distributions import chi2_sf
 from estimation.fit import Fit
 from estimation.recording import Recording
 from estimation.response import signals_of
@@ -56,6 +55,8 @@ def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
 
 def gravity_direction(signals: Mapping[str, Array]) -> tuple[Array, Array, Array]:
     """The world's -z in the sensor frame, three series (n,) of unit vectors' components."""
+    from scipy.spatial.transform import Rotation  # which takes long to load
+
     orientation = Rotation.from_quat(np.stack([signals[name] for name in ("qx", "qy", "qz", "qw")], axis=1))
     x, y, z = orientation.apply([0.0, 0.0, -1.0], inverse=True).T
     return x, y, z
@@ -138,4 +139,4 @@ def push_evidence(fit: Fit, number: int) -> float:
         rows[max(0, s - order) : e - 2 * order].sum(axis=0) / np.sqrt(max(1, e - s - order)) for s, e in whitener.events
     ]
     statistic = float(np.sum(np.square(sums)))
-    return float(chi2.sf(statistic, len(sums) * rows.shape[1]))
+    return float(chi2_sf(statistic, len(sums) * rows.shape[1]))

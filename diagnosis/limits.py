@@ -8,17 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.background import Background
-from diagnosis.projection import Projected
+from diagnosis.projection import Projected, Whitened
 from diagnosis.screening import Screening
+from diagnosis.search import reached_rows
 from diagnosis.secants import Point, differences, effect_columns
+from diagnosis.workspace import Workspace
 from estimation.fit import Fit
 from estimation.layout import Layout, layout
 from estimation.response import respond
+from modeling.effect import Combination
 
 Array = NDArray[np.float64]
 
 
-def contribution_limit(fitted: Fit, screening: Screening) -> Mapping[str, float]:
+def contribution_limit(fitted: Fit, screening: Screening, workspace: Workspace | None = None) -> Mapping[str, float]:
     """Upper 95 % limit of what the effect contributes to each channel, as RMS over the first recording it acts in.
 
     The contribution is what other parameters of the model cannot take over, at the point of its grid where the effect
@@ -28,15 +31,17 @@ def contribution_limit(fitted: Fit, screening: Screening) -> Mapping[str, float]
     point = screening.point
     if point is None:
         raise ValueError("an effect that is not excited has no limit")
-    model, background = fitted.model + screening.effect, Background(fitted)
+    background = Background.of(fitted, Workspace() if workspace is None else workspace)
+    model = fitted.model + screening.effect
     unknowns = layout(model, fitted.recordings)
     number = next(i for i, m in enumerate(unknowns.models) if screening.effect.id in [e.id for e in m.effects])
-    columns = effect_columns(background, model, [point])
-    projected = Projected(background, columns, -np.inf)
-    roots, _ = projected.directions
-    directions = roots[0] / projected.scale[0][:, None]
-    along = directions.T @ columns[:, 0].T @ background.residual
-    raw = _raw_columns(background, unknowns, number, point, columns[:, 0])
+    choice = reached_rows(background, model, judged=False)
+    whitened = Whitened(effect_columns(background, model, [point], choice), choice)
+    projected = Projected(background, whitened, Combination.plain([{}]), -np.inf)
+    directions = projected.directions[0][0] / projected.scale[0][:, None]
+    columns = projected.columns(0)
+    along = directions.T @ columns.T @ background.taken(choice).residual
+    raw = _raw_columns(background, unknowns, number, point, background.spread(columns, choice))
     power = (np.einsum("npa,ab->npb", raw, directions) ** 2).mean(axis=0)
     present = np.linalg.norm(directions, axis=0) > 0
     limit = np.sqrt((power * np.where(present, np.abs(along) + 1.96, 0.0) ** 2).sum(axis=1))
@@ -49,23 +54,16 @@ def _raw_columns(background: Background, unknowns: Layout, number: int, point: P
     names = [unknowns.parameters[i].name for i in unknowns.index[number]]
     known = {**fitted.values, **point.nuisances}
     theta = np.array([known.get(n, p.nominal) for n, p in zip(names, own.parameters, strict=True)])
-    derivative = respond(own, fitted.recordings[number], theta).derivative
+    response = respond(own, fitted.recordings[number], theta)
+    derivative = response.periodic[1] if response.whole is None else response.derivative
     place = {p.name: i for i, p in enumerate(own.parameters)}
     raw = derivative[:, :, [place[p.name] for p in point.amplitudes]]
     for _, amplitude, difference in differences(background, unknowns, number, [point]):
-        raw[:, :, amplitude] = difference.series
+        raw[:, :, amplitude] = difference.periodic if response.whole is None else difference.series
     index = {p.name: i for i, p in enumerate(fitted.layout.parameters)}
     kept = [i for i, n in enumerate(names) if n in index]
-    return np.asarray(raw - derivative[:, :, kept] @ _taken_over(background, columns)[[index[names[i]] for i in kept]])
-
-
-def _taken_over(background: Background, columns: Array) -> Array:
-    """Amounts (k, a) of the model's own unknowns that imitate an effect's whitened columns (rows, a) best."""
-    fitted = background.fit
-    taken = background.problem.evaluate(fitted.theta)[1]
-    scale = np.linalg.norm(taken, axis=0)
-    scale[scale == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(taken / scale, columns, rcond=1e-9)[0] / scale[:, None])
+    taken = background.directions.amounts(columns[background.linearised.reached])
+    return np.asarray(raw - derivative[:, :, kept] @ taken[[index[names[i]] for i in kept]])
 
 
 def tolerance_of(base: Fit) -> tuple[dict[str, float], bool]:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import false_discovery_control
-from scipy.stats import t as student
 
 from diagnosis.comparison import Comparison
 from diagnosis.generic import gravity_direction
+from estimation.distributions import student_isf, student_sf
 from estimation.recording import Recording
 from estimation.response import signals_of
 
@@ -139,10 +138,12 @@ def _cell_rows(residual: Array, series: Array, cells: NDArray[np.intp], groups: 
 
 def _mapped(rows: list[Row], names: tuple[str, str, str, str], tolerance: float, power: float) -> ResidualMap:
     centre, mean, error, count, weight = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    from scipy.stats import false_discovery_control
+
     freedom = count - 1
-    half = student.isf(0.025, freedom) * error
+    half = student_isf(0.025, freedom) * error
     statistic = np.abs(mean) / np.maximum(error, 1e-300)
-    adjusted = false_discovery_control(np.clip(2 * student.sf(statistic, freedom), 0, 1))
+    adjusted = false_discovery_control(np.clip(2 * student_sf(statistic, freedom), 0, 1))
     noise = np.minimum(error**2, mean**2)
     explained = float((weight * (mean**2 - noise)).sum() / max(power, 1e-300))
     channel, channel_unit, variable, unit = names

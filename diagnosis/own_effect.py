@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.background import Background
 from diagnosis.held_out import HeldOut
 from diagnosis.price import SIGNIFICANCE, price
 from diagnosis.screening import Screening, beginning, screen
@@ -99,7 +98,7 @@ def _significant(passing: Fit, effects: Sequence[Effect]) -> list[Screening]:
 
 
 def _criterion(passing: Fit, candidates: int) -> float:
-    return Background(passing).cost + price(passing.model, candidates)
+    return passing.linearised().cost + price(passing.model, candidates)
 
 
 def own_effects(held_out: HeldOut, fit: Fit) -> tuple[OwnEffect, ...]:

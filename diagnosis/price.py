@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
 
+from estimation.distributions import chi2_isf, chi2_sf, noncentral_chi2_sf
 from modeling.model import WrenchModel
 
 Array = NDArray[np.float64]
@@ -31,13 +31,13 @@ def price(model: WrenchModel, candidates: int) -> float:
 
 def worth(parameters: int, candidates: int) -> float:
     """The drop of chi-square at which so many parameters of one candidate are believed."""
-    return float(chi2.isf(level(candidates), parameters))
+    return float(chi2_isf(level(candidates), parameters))
 
 
 def detectable_separation(freedom: int, significance: float) -> float:
     """Noncentrality that a chi-square test of this freedom at this significance shows with 80 % power."""
-    limit = chi2.isf(significance, freedom)
-    return float(brentq(lambda x: ncx2.sf(limit, freedom, x) - POWER, 1e-6, 1e4))
+    limit = chi2_isf(significance, freedom)
+    return float(brentq(lambda x: noncentral_chi2_sf(limit, freedom, x) - POWER, 1e-6, 1e4))
 
 
 def independent_trials(noise_scores: Array, rank: int) -> float:
@@ -47,7 +47,7 @@ def independent_trials(noise_scores: Array, rank: int) -> float:
     chi-square times the number of trials that the draws' upper tenth implies.
     """
     high = float(np.quantile(noise_scores, 0.9))
-    return max(1.0, 0.1 / max(float(chi2.sf(high, rank)), 1e-12))
+    return max(1.0, 0.1 / max(float(chi2_sf(high, rank)), 1e-12))
 
 
 def frequencies_tried(score: float, samples: int) -> float:

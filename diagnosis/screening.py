@@ -9,8 +9,9 @@ from diagnosis.background import Background
 from diagnosis.comparison import tail
 from diagnosis.extent import extent_of
 from diagnosis.price import detectable_separation, level
-from diagnosis.search import Search, points_of, sharpened
+from diagnosis.search import Search, sharpened
 from diagnosis.secants import Point
+from diagnosis.workspace import Workspace
 from estimation.fit import Fit
 from estimation.noise import Noise, NoiseSource
 from estimation.recording import Recording
@@ -50,24 +51,34 @@ class Screening:
         return not self.reason
 
 
-def screen(fit: Fit, effects: Sequence[Effect], *, candidates: int | None = None) -> list[Screening]:
+def screen(
+    fit: Fit, effects: Sequence[Effect], *, candidates: int | None = None, workspace: Workspace | None = None
+) -> list[Screening]:
     """Every effect that the model lacks, screened against the fit's residual; the most significant first.
 
-    `candidates` is the number of effects that could have been found, by default of those given.
+    `candidates` is the number of effects that could have been found, by default of those given. What screenings of
+    fits in the same noise share is taken from the `workspace`; no effect is searched twice given the same fit.
     """
-    background = Background(fit)
+    background = Background.of(fit, Workspace() if workspace is None else workspace)
     present = {e.id for e in fit.model.effects}
     count = len(effects) if candidates is None else candidates
     found = [_screened(background, e, count) for e in effects if e.id not in present]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))
 
 
-def beginning(fit: Fit, screening: Screening) -> Values:
+def beginning(fit: Fit, screening: Screening, workspace: Workspace | None = None) -> Values:
     """Where the exact refit with a screened effect begins: its start, with its times sharpened."""
-    return sharpened(Background(fit), screening.effect, screening.start)
+    background = Background.of(fit, Workspace() if workspace is None else workspace)
+    return sharpened(background, screening.effect, screening.start)
 
 
 def _screened(background: Background, new: Effect, candidates: int) -> Screening:
+    found = background.workspace.once((background.fit, new), lambda: _searched(background, new))
+    return _judged(found, candidates) if isinstance(found, Search) else found
+
+
+def _searched(background: Background, new: Effect) -> Search | Screening:
+    """The search for an effect, or why there is none."""
     fit = background.fit
     model = fit.model + new
     effect = model.effects[-1]
@@ -79,10 +90,10 @@ def _screened(background: Background, new: Effect, candidates: int) -> Screening
     if not numbers or not everywhere:
         first = next(i for i, lacking in enumerate(missing) if lacking)
         return _not_excited(effect, f"{fit.recordings[first].name} has no {', '.join(missing[first])}")
-    grid = points_of(model, effect, effect.nuisance_grid(extent_of(background, numbers[0], effect)))
+    grid = effect.nuisance_grid(extent_of(background, numbers[0], effect))
     if not grid:
         return _not_excited(effect, "the recording has no position")
-    return _judged(Search.over(background, model, grid), effect, candidates)
+    return Search.over(background, model, effect, grid)
 
 
 def _missing(alone: WrenchModel, effect: Effect, recording: Recording, noise: Noise) -> tuple[str, ...]:
@@ -105,14 +116,14 @@ def _not_excited(effect: Effect, reason: str) -> Screening:
     return Screening(effect, 0.0, 1.0, {}, {}, {}, reason=reason)
 
 
-def _judged(search: Search, effect: Effect, candidates: int) -> Screening:
-    trial = search.best
+def _judged(search: Search, candidates: int) -> Screening:
+    trial, effect = search.best, search.model.effects[-1]
     if trial.rank == 0:
         return _not_excited(effect, search.why_not)
     return Screening(
         effect=effect,
         statistic=trial.score,
-        p_value=min(1.0, search.cost * tail(trial.score, trial.rank, trial.doubt)),
+        p_value=min(1.0, search.cost * tail(trial.score, trial.rank, search.doubt)),
         start=search.start,
         amounts=search.amounts(),
         detectable=search.detectable(detectable_separation(trial.rank, level(candidates) / search.cost)),

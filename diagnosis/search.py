@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
 from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.background import DRAWS, Background
-from diagnosis.columns import where_judged
+from diagnosis.background import Background
+from diagnosis.columns import FEW
 from diagnosis.price import frequencies_tried, independent_trials
-from diagnosis.projection import Projected, Trial
+from diagnosis.projection import Projected, Trial, Whitened
+from diagnosis.rows import Choice, Rows
 from diagnosis.secants import Point, effect_columns
+from estimation.layout import layout
 from estimation.response import repeats_with_motion
 from modeling.effect import Effect, Values
 from modeling.model import WrenchModel
 from modeling.prediction import compiled
+from modeling.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 
-CHUNK = 64
-"""Points looked at together: grids have hundreds, and their columns would not fit into memory at once."""
 MOST_MOVES = 8
 """Times that a window's edges may move by a sample: the grid of windows is finer than that where one was noticed."""
 
@@ -37,53 +37,110 @@ def points_of(model: WrenchModel, effect: Effect, grid: Sequence[Values]) -> lis
     return [Point({names[k]: v for k, v in values.items()}, amplitudes) for values in grid]
 
 
-def judged_columns(background: Background, model: WrenchModel, grid: Sequence[Point]) -> Array:
-    """Columns (rows, g, a) of a model's last effect, in the rows where it is judged: see `where_judged`."""
-    columns = effect_columns(background, model, grid)
-    alone = compiled(model.base + model.effects[-1])
+def reached_rows(background: Background, model: WrenchModel, *, judged: bool = True) -> Choice:
+    """The rows of each recording that a model's last effect reaches, or (`judged`) those in which it is judged.
+
+    What does not repeat with the motion is judged between the motion's lines only: on them it would be taken for
+    anything periodic that the model lacks, because a push or a drift has some of every shape.
+    """
+    fit, effect = background.fit, model.effects[-1]
+    alone, whole = compiled(model.base + effect), compiled(model)
     inputs = {*alone.load.inputs, *alone.zero.inputs}
-    lasting = all(repeats_with_motion(inputs, recording) for recording in background.fit.recordings)
-    return columns if lasting else where_judged(background.fit, columns)
+    lasting = all(repeats_with_motion(inputs, recording) for recording in fit.recordings)
+    unknowns = layout(model, fit.recordings)
+    choice = []
+    for own, recording, noise in zip(unknowns.models, fit.recordings, fit.noise, strict=True):
+        rest = noise.whitener.rows > noise.whitener.steady_rows
+        parts = compiled(own) if own is not model else whole
+        if effect.id not in [e.id for e in own.effects]:
+            choice.append(Rows.NONE)
+        elif not rest or repeats_with_motion({*parts.load.inputs, *parts.zero.inputs}, recording):
+            choice.append(Rows.STEADY)
+        elif judged and not lasting and not repeats_with_motion(inputs, recording):
+            choice.append(Rows.REST)
+        else:
+            choice.append(Rows.WHOLE)
+    return tuple(choice)
+
+
+def projected_at(
+    background: Background, model: WrenchModel, effect: Effect, grid: Sequence[Values], *, refined: bool = False
+) -> Projected:
+    """An effect, the last of the model, at points of its search domain, in the rows where it is judged.
+
+    A search that is `refined` passes its points once, whatever the amplitude's sign; the columns are not kept.
+    """
+    points = points_of(model, effect, grid)
+    combination = effect.combination(grid)
+    blocks = points if combination.blocks == tuple(grid) else points_of(model, effect, combination.blocks)
+    choice = reached_rows(background, model)
+
+    def make() -> Whitened:
+        return Whitened(effect_columns(background, model, blocks, choice), choice)
+
+    key = None if refined else _dependence(background, model, blocks, choice)
+    low = -np.inf if refined else points[0].lowest()
+    return Projected(background, background.workspace.whitened(key, make), combination, low)
+
+
+def _dependence(background: Background, model: WrenchModel, blocks: Sequence[Point], choice: Choice) -> Hashable | None:
+    """What many whitened columns depend on; None where that changes from fit to fit, or where they are few."""
+    fit, prediction = background.fit, compiled(model)
+    simple = prediction.instantaneous and len(fit.recordings) == 1 and not blocks[0].named
+    if len(blocks) <= FEW or not simple:
+        return None
+    names = [p.name for p in model.parameters]
+    which = tuple(names.index(p.name) for p in blocks[0].amplitudes)
+    parts = []
+    for emitted in (prediction.load, prediction.zero):
+        if set(which) & set(emitted.active):
+            found = Sensitivity.of(emitted, which, tuple(p.nominal for p in blocks[0].amplitudes))
+            if found is None:
+                return None
+            parts.append((found.expression, tuple((n, fit.values[n]) for n in found.parameters if n in fit.values)))
+    values = tuple(tuple(sorted(point.values.items())) for point in blocks)
+    return (fit.noise, fit.recordings, choice, tuple(parts), values)
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """An effect, the last of `model`, tried at every point of a grid; `trials` in the grid's order.
+    """An effect, the last of `model`, tried at every point of its search domain.
 
+    place        number of the best point, with its trial `best`
+    std          standard deviations (g, a) of the amounts at each point
+    doubt        variance of the logarithm of the noise's power where the best score comes from
     independent  number of independent trials that the search amounts to
+    reached      whether anything of the effect is in any row
+    samples      of the longest recording
     """
 
-    background: Background
     model: WrenchModel
     grid: tuple[Point, ...]
-    trials: tuple[Trial, ...]
+    place: int
+    best: Trial
+    std: Array
+    doubt: float
     independent: float
     reached: bool
+    samples: int
 
     @classmethod
-    def over(cls, background: Background, model: WrenchModel, grid: Sequence[Point]) -> Search:
+    def over(cls, background: Background, model: WrenchModel, effect: Effect, grid: Sequence[Values]) -> Search:
         """The search over a grid that is not empty."""
-        trials: list[Trial] = []
-        noise_scores, reached = np.zeros(DRAWS), False
-        for chunk in (grid[i : i + CHUNK] for i in range(0, len(grid), CHUNK)):
-            projected = Projected(background, judged_columns(background, model, chunk), chunk[0].lowest())
-            trials += projected.trials
-            reached = reached or bool(projected.columns.any())
-            if len(grid) > 1:
-                noise_scores = np.maximum(noise_scores, projected.noise_scores())
-        rank = max(trials, key=_worth).rank
-        independent = independent_trials(noise_scores, rank) if len(grid) > 1 and rank else 1.0
-        return cls(background, model, tuple(grid), tuple(trials), independent, reached)
-
-    @cached_property
-    def place(self) -> int:
-        """The number of the best trial."""
-        return max(range(len(self.trials)), key=lambda i: _worth(self.trials[i]))
-
-    @property
-    def best(self) -> Trial:
-        """The trial with the largest score."""
-        return self.trials[self.place]
+        projected = projected_at(background, model, effect, grid)
+        place = _best(projected)
+        best = projected.trial(place)
+        return cls(
+            model=model,
+            grid=tuple(points_of(model, effect, grid)),
+            place=place,
+            best=best,
+            std=projected.std,
+            doubt=projected.doubt(place),
+            independent=independent_trials(projected.noise_scores(), best.rank) if len(grid) > 1 and best.rank else 1.0,
+            reached=bool(projected.gram.any()),
+            samples=max(r.samples for r in background.fit.recordings),
+        )
 
     @property
     def point(self) -> Point:
@@ -100,8 +157,7 @@ class Search:
         """Number of independent trials to be paid for: of the grid, or of all frequencies that a tone may have."""
         nuisances = [p for p in self.model.effects[-1].parameters(self.model.space) if p.nuisance]
         if any(p.unit == "Hz" for p in nuisances):
-            samples = max(r.samples for r in self.background.fit.recordings)
-            return max(self.independent, frequencies_tried(self.best.score, samples))
+            return max(self.independent, frequencies_tried(self.best.score, self.samples))
         return self.independent
 
     @property
@@ -131,7 +187,7 @@ class Search:
         One with an infinite nominal value does the less the larger it is: the value, within the grid, at whose own
         point what it does is nearest to that separation.
         """
-        needed = np.sqrt(separation) * np.array([t.std for t in self.trials])
+        needed = np.sqrt(separation) * self.std
         found = {}
         for i, p in enumerate(self.point.amplitudes):
             if isfinite(p.nominal):
@@ -144,9 +200,9 @@ class Search:
         return found
 
 
-def _worth(trial: Trial) -> tuple[float, int]:
-    """The score; where none is above zero, a point that shows the effect goes before one that does not."""
-    return trial.score, trial.rank
+def _best(projected: Projected) -> int:
+    """The point with the largest score; where none is above zero, one that shows the effect."""
+    return int(np.lexsort((-np.arange(len(projected.found[0])), projected.directions[1], projected.found[0]))[-1])
 
 
 def sharpened(background: Background, effect: Effect, start: Values) -> Values:
@@ -162,13 +218,13 @@ def sharpened(background: Background, effect: Effect, start: Values) -> Values:
     steps = [r.dt for r in fit.recordings if r.dt is not None and r.repeats > 1]
     if not times or not steps:
         return start
-    amplitudes = tuple(p for p in own if not p.nuisance)
+    short = {p.name: p.name.removeprefix(f"{effect.id}.") for p in own}
     nuisances = {p.name: start[p.name] for p in own if p.nuisance}
     shifts = list(product(min(steps) * np.linspace(-1.0, 1.0, 9), repeat=len(times)))
     for _ in range(MOST_MOVES):
         moved = [nuisances | {t: nuisances[t] + by for t, by in zip(times, shift, strict=True)} for shift in shifts]
-        columns = judged_columns(background, model, [Point(values, amplitudes) for values in moved])
-        scores = Projected(background, columns, -np.inf).scores(background.residual[:, None])[0][:, 0]
+        grid = [{short[name]: value for name, value in values.items()} for values in moved]
+        scores = projected_at(background, model, model.effects[-1], grid, refined=True).found[0]
         best = moved[int(scores.argmax())]
         if scores.max() <= scores[len(shifts) // 2]:
             break

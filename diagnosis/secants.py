@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.background import Background
-from diagnosis.columns import amplitude_columns
+from diagnosis.columns import FEW, amplitude_columns
+from diagnosis.rows import Choice, Rows
 from estimation.layout import Layout, layout
 from estimation.response import Response, respond
 from estimation.whitening import Whitener
@@ -21,10 +22,6 @@ from modeling.model import WrenchModel
 from modeling.parameter import Parameter
 
 Array = NDArray[np.float64]
-
-
-FEW = 8
-"""Points for which the derivatives of a bending tool are worth their time; a longer search sees it stiff."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,28 +74,38 @@ class Point:
         return float(min((bound - p.nominal) / self.unit_of(p) for bound in p.bounds))
 
 
-def effect_columns(background: Background, model: WrenchModel, grid: Sequence[Point]) -> Array:
-    """Whitened columns (rows, g, a) of the last effect's a amplitudes at g points: secants where named, or tangents."""
+def effect_columns(background: Background, model: WrenchModel, grid: Sequence[Point], choice: Choice) -> Array:
+    """Whitened columns (r, g, a) of the last effect's a amplitudes at g points: secants where named, or tangents.
+
+    They are given in the rows of each recording that `choice` says.
+    """
     amplitudes = grid[0].amplitudes
     named = {p.name for p in grid[0].named}
     tangents = [i for i, p in enumerate(amplitudes) if p.name not in named]
-    columns = np.zeros((len(background.residual), len(grid), len(amplitudes)))
     if tangents:
         plain = model if len(grid) <= FEW else unbent(model)
-        columns[:, :, tangents] = amplitude_columns(background, plain, [p.nuisances for p in grid])[:, :, tangents]
-    if not named:
-        return columns
+        values, names = [p.nuisances for p in grid], [amplitudes[i].name for i in tangents]
+        found = amplitude_columns(background, plain, values, names, choice)
+        if not named:
+            return found
+    ranges = [rows.within(n.whitener) for rows, n in zip(choice, background.fit.noise, strict=True)]
+    columns = np.zeros((sum(last - first for first, last in ranges), len(grid), len(amplitudes)))
+    if tangents:
+        columns[:, :, tangents] = found
     unknowns, start = layout(model, background.fit.recordings), 0
-    for number, noise in enumerate(background.fit.noise):
-        rows = slice(start, start + noise.whitener.rows)
-        start = rows.stop
-        for g, i, difference in differences(background, unknowns, number, grid):
-            columns[rows, g, i] = difference.whitened(noise.whitener)
+    for number, (noise, (first, last)) in enumerate(zip(background.fit.noise, ranges, strict=True)):
+        own = slice(start, start + last - first)
+        start = own.stop
+        for g, i, difference in differences(background, unknowns, number, grid) if last > first else ():
+            columns[own, g, i] = difference.whitened(noise.whitener, choice[number])
     return columns
 
 
 def unbent(model: WrenchModel) -> WrenchModel:
-    """The model with a stiff tool: what other effects do is nearly the same, and found a hundred times as fast."""
+    """The model with a stiff tool: what other effects do is nearly the same, and found a hundred times as fast.
+
+    Only for few points are the derivatives of a bending tool worth their time; a longer search sees it stiff.
+    """
     return replace(model, effects=tuple(e for e in model.effects if e.stage is not Stage.BEND))
 
 
@@ -123,11 +130,10 @@ class Difference:
         tiled = np.tile(self.periodic, (self.repeats, 1))
         return tiled if self.whole is None else tiled + self.whole
 
-    def whitened(self, whitener: Whitener) -> Array:
-        """As rows (rows,)."""
-        rows = np.zeros(whitener.rows)
-        rows[: whitener.steady_rows] = whitener.steady(self.periodic)
-        return rows if self.whole is None else rows + whitener.series(self.whole)
+    def whitened(self, whitener: Whitener, rows: Rows) -> Array:
+        """As rows (r,)."""
+        found = rows.whitened(whitener, self.periodic, periodic=True)
+        return found if self.whole is None else found + rows.whitened(whitener, self.whole, periodic=False)
 
 
 def differences(

@@ -10,6 +10,7 @@ from diagnosis.background import Background
 from diagnosis.comparison import comparison_of, residual_judges_itself
 from diagnosis.price import SIGNIFICANCE, price, worth
 from diagnosis.screening import Screening, beginning, screen
+from diagnosis.workspace import Workspace
 from estimation.fit import Fit, refit, refreshed
 from modeling.effect import Effect
 from modeling.errors import InputError
@@ -29,20 +30,33 @@ def silent(_message: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A model with some effects, refitted exactly; `among` so many that could have been chosen."""
+    """A model with some effects, refitted exactly; `among` so many that could have been chosen.
+
+    workspace  what screenings of fits in the same noise share
+    """
 
     fit: Fit
     among: int
+    workspace: Workspace = field(default_factory=Workspace)
 
     @property
     def ids(self) -> frozenset[str]:
         """The ids of its effects."""
         return frozenset(e.id for e in self.fit.model.effects)
 
-    @cached_property
+    @property
     def background(self) -> Background:
         """Its residual and directions, whitened."""
-        return Background(self.fit)
+        return Background.of(self.fit, self.workspace)
+
+    @cached_property
+    def cost(self) -> float:
+        """Whitened chi-square."""
+        return self.background.cost
+
+    def screened(self, effects: Sequence[Effect]) -> list[Screening]:
+        """The effects that it lacks, screened."""
+        return screen(self.fit, effects, workspace=self.workspace)
 
     @cached_property
     def lack_of_fit(self) -> float:
@@ -58,12 +72,12 @@ class Candidate:
     @property
     def excess(self) -> float:
         """Whitened chi-square above what noise alone leaves, at least 1."""
-        return max(1.0, self.background.cost - len(self.background.residual) + len(self.fit.theta))
+        return max(1.0, self.cost - sum(n.whitener.rows for n in self.fit.noise) + len(self.fit.theta))
 
     @property
     def criterion(self) -> float:
         """Whitened chi-square plus what each effect's parameters have to bring to be significant."""
-        return self.background.cost + price(self.fit.model, self.among)
+        return self.cost + price(self.fit.model, self.among)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +87,14 @@ class Selection:
     base: Candidate
     chosen: Candidate
     tried: tuple[Candidate, ...] = field(default=())
+
+    def refitted(self, candidate: Candidate, effects: Sequence[Effect]) -> Candidate:
+        """The candidate with another set of effects: the one that was tried in the same noise, else refitted."""
+        ids = frozenset(e.id for e in effects)
+        for known in (self.base, *self.tried):
+            if known.ids == ids and known.fit.noise is candidate.fit.noise:
+                return known
+        return refitted(candidate, effects)
 
 
 def holm(screenings: Sequence[Screening]) -> dict[str, float]:
@@ -91,7 +113,7 @@ def select(base: Fit, effects: Sequence[Effect], progress: Progress = silent) ->
     Each set grows by the effects that screening finds significant given what is in it (Holm, 1 %), refitted exactly;
     the best set by the criterion is kept, less the effects that it no longer needs.
     """
-    start = Candidate(base, len(effects))
+    start = Candidate(base, len(effects), Workspace())
     level, tried = [start], {start.ids: start}
     for _ in range(MOST_EFFECTS):
         grown = [new for c in level for new in _grown(c, effects, tried, progress)]
@@ -126,7 +148,7 @@ def _simplest(best: Candidate, tried: Sequence[Candidate]) -> Candidate:
     rivals = [best]
     for other in tried:
         saved = len(best.fit.theta) - len(other.fit.theta)
-        worse = other.background.cost - best.background.cost
+        worse = other.cost - best.cost
         if saved > 0 and worse < worth(saved, best.among) and other.adequate:
             rivals.append(other)
     return min(rivals, key=lambda c: (len(c.fit.theta), c.criterion))
@@ -148,7 +170,7 @@ def _grown(
     tried: dict[frozenset[str], Candidate],
     progress: Progress,
 ) -> list[Candidate]:
-    screenings = screen(candidate.fit, effects)
+    screenings = candidate.screened(effects)
     adjusted = holm(screenings)
     significant = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
     significant.sort(key=lambda s: -s.statistic)
@@ -169,11 +191,11 @@ def _grown(
 def extended(candidate: Candidate, screening: Screening) -> Candidate:
     """The candidate with one more effect, refitted exactly from where the screening points."""
     before = candidate.fit
-    start = {**before.values, **beginning(before, screening)}
+    start = {**before.values, **beginning(before, screening, candidate.workspace)}
     after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
     if residual_judges_itself(before):
         after = refit(after.model, after.recordings, noise=refreshed(after), start=after.values)
-    return Candidate(after, candidate.among)
+    return Candidate(after, candidate.among, candidate.workspace)
 
 
 def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str, float] | None = None) -> Candidate:
@@ -181,7 +203,8 @@ def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str
     before = candidate.fit
     model = before.model.base + effects
     start = {**before.values, **(start or {})}
-    return Candidate(refit(model, before.recordings, noise=before.noise, start=start), candidate.among)
+    after = refit(model, before.recordings, noise=before.noise, start=start)
+    return Candidate(after, candidate.among, candidate.workspace)
 
 
 def _pruned(candidate: Candidate, progress: Progress) -> Candidate:

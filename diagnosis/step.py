@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from diagnosis.comparison import Comparison, comparison_of
 from diagnosis.generic import predictability
 from diagnosis.held_out import HeldOut
-from diagnosis.selection import Candidate, refitted
+from diagnosis.selection import Candidate, Selection
 from estimation.fit import Fit
 from estimation.noise import NoiseSource
 
@@ -28,12 +28,12 @@ class Step:
     validation: tuple[Comparison, ...]
 
 
-def staircase(base: Candidate, final: Candidate, held_out: Sequence[HeldOut]) -> tuple[Step, ...]:
+def staircase(selection: Selection, final: Candidate, held_out: Sequence[HeldOut]) -> tuple[Step, ...]:
     """From the rigid tip to the last effect added, each model refitted."""
-    steps = [_step(None, base.fit, held_out)]
+    steps = [_step(None, selection.base.fit, held_out)]
     effects = final.fit.model.effects
     for count in range(1, len(effects) + 1):
-        partial = final if count == len(effects) else refitted(final, effects[:count])
+        partial = final if count == len(effects) else selection.refitted(final, effects[:count])
         steps.append(_step(effects[count - 1].id, partial.fit, held_out))
     return tuple(steps)
 

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.part import between
-from estimation.fit import Fit, Problem, first_noise, start_of
+from estimation.fit import Fit, first_noise, start_of
 from estimation.layout import Layout, layout
 from estimation.linear.descent import Minimum
 from estimation.noise import Noise
+from estimation.problem import Linearised, Problem
 from estimation.recording import Recording
 from modeling.effect import Effect
 from modeling.parameter import Parameter
@@ -26,10 +27,10 @@ class PartlyFree(Problem):
 
     free: NDArray[np.bool_]
 
-    def evaluate(self, theta: Array) -> tuple[Array, Array]:
-        """Whitened residual, and derivative that vanishes in the unknowns that are kept."""
-        residual, derivative = super().evaluate(theta)
-        return residual, derivative * self.free
+    def linearised(self, theta: Array) -> Linearised:
+        """The whitened rows, their derivative vanishing in the unknowns that are kept."""
+        whole = super().linearised(theta)
+        return replace(whole, derivative=whole.derivative * self.free)
 
     def minimise(self, start: Array) -> Minimum:
         """The least-squares minimum in the free unknowns; the others are the same to the last digit."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import median_abs_deviation
 
+from estimation.distributions import normal_isf
 from modeling.errors import InputError
 
 WINDOW = 50  # samples at most over which stamps are compared: longer than a burst of a buffered driver
@@ -61,7 +61,7 @@ def _require_whole(stamps: NDArray[np.float64], where: str, first_row: int) -> N
     # A driver that hands over bursts makes a long step before each of them; only longer ones are holes.
     bursts = float(np.median(steps)) < 0.75
     usual = float(np.quantile(steps, 0.98)) + 0.4 if bursts else 1.5
-    jitter = float(median_abs_deviation(steps, scale="normal")) / np.sqrt(2)
+    jitter = float(np.median(np.abs(steps - np.median(steps)))) / normal_isf(0.25) / np.sqrt(2)
     for i in np.flatnonzero(steps > usual) + 1:
         before, after = late[max(i - window, 0) : i], late[i : i + window]
         lost = float(np.median(after) - np.median(before))

@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_lsq_spline
-from scipy.stats import theilslopes
 
 Array = NDArray[np.float64]
 
@@ -117,10 +116,16 @@ def noise_floor(power: Array) -> Array:
     pieces = [slice(a, b) for a, b in pairwise(edges)]
     level = np.log([max(float(np.median(power[piece])) / np.log(2), rounding) for piece in pieces])
     middle = np.log([float(lines[piece].mean()) for piece in pieces])
-    slope = float(np.clip(theilslopes(level, middle)[0], -4.0, 0.0))
+    slope = float(np.clip(_robust_slope(level, middle), -4.0, 0.0))
     height = float(np.median(level - slope * middle))
     floor: Array = np.maximum(np.exp(height + slope * np.log(np.maximum(lines, 1.0))), rounding)
     return floor
+
+
+def _robust_slope(values: Array, places: Array) -> float:
+    """Median of the slopes between all pairs of points (Theil and Sen)."""
+    first, second = np.triu_indices(len(values), 1)
+    return float(np.median((values[second] - values[first]) / (places[second] - places[first])))
 
 
 def _coloured(power: Array) -> bool:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from estimation.distributions import chi2_isf
 from estimation.noise import step_of
 from estimation.passing import passing_basis
 from estimation.recording import Recording
@@ -131,7 +131,7 @@ def _loudest_window(
     end = start + np.repeat(lengths, [len(s) for s in starts])
     score = windows.scores(start, end)
     best = int(score.argmax())
-    limit = chi2.isf(0.001 / len(start), p)
+    limit = chi2_isf(0.001 / len(start), p)
     first, last = _sharpened(windows, int(start[best]), int(end[best]), n)
     if score[best] * windows.without_loudest(first, last) ** 2 < limit:
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, overload
 
@@ -15,12 +15,12 @@ from estimation.constrained import ConstrainedMinimum, Constraints
 from estimation.constrained import minimise as constrained
 from estimation.convention import decided
 from estimation.layout import Layout, layout
-from estimation.linear.descent import Minimum, minimise
 from estimation.linear.estimate import Estimate, Estimates, table
 from estimation.linear.least_squares import Solution
 from estimation.linear.square_root import SquareRoot
 from estimation.noise import Noise, NoiseSource, step_of
 from estimation.noise_source import noise_of
+from estimation.problem import Linearised, Problem
 from estimation.push import find_pushes
 from estimation.recording import Recording
 from estimation.response import Response, respond
@@ -79,10 +79,19 @@ class Fit(Estimates):
         """The model's parameters, then the biases of the further recordings."""
         return self.layout.parameters
 
+    @property
+    def problem(self) -> Problem:
+        """The whitened least-squares problem that was solved."""
+        return Problem(self.layout, self.recordings, self.noise)
+
+    def linearised(self) -> Linearised:
+        """Its whitened rows at the estimate."""
+        return self.problem.linearised(self.theta)
+
     @cached_property
     def information(self) -> SquareRoot:
         """All that the whitened rows at theta say of it, in one triangle."""
-        return Problem(self.layout, self.recordings, self.noise).information(self.theta).moved(-self.theta)
+        return self.linearised().information.moved(-self.theta)
 
     def intervals(self, level: float = 0.95) -> Intervals:
         """Intervals of every unknown, with the degrees of freedom of the noise that was estimated."""
@@ -99,49 +108,6 @@ class Fit(Estimates):
     def residuals(self) -> tuple[Array, ...]:
         """Measured minus predicted of each recording, (n, p) in the channels' units."""
         return tuple(r.wrench - self.response(i).value for i, r in enumerate(self.recordings))
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """The whitened least-squares problem of one model, its recordings and their noise."""
-
-    layout: Layout
-    recordings: tuple[Recording, ...]
-    noise: tuple[Noise, ...]
-
-    @cached_property
-    def measured(self) -> tuple[Array, ...]:
-        """Whitened readings of each recording, (rows,)."""
-        return tuple(n.whitener.series(r.wrench) for n, r in zip(self.noise, self.recordings, strict=True))
-
-    def evaluate(self, theta: Array) -> tuple[Array, Array]:
-        """Whitened residual (rows,), measured minus predicted, and derivative of the prediction (rows, k)."""
-        residuals, derivatives = [], []
-        for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
-            index = self.layout.index[number]
-            value, own = noise.whitener.response(respond(self.layout.models[number], recording, theta[index]))
-            derivative = np.zeros((len(value), self.layout.size))
-            derivative[:, index] = own
-            residuals.append(self.measured[number] - value)
-            derivatives.append(derivative)
-        return np.concatenate(residuals), np.concatenate(derivatives)
-
-    def information(self, theta: Array) -> SquareRoot:
-        """What the whitened rows say of a step from theta."""
-        residual, derivative = self.evaluate(theta)
-        reached = derivative.any(axis=1)  # lines that no motion lives on are not worth a factorisation
-        rows = derivative[reached]
-        moving = np.flatnonzero(np.einsum("ij,ij->j", rows, rows))  # nor are parameters that move nothing
-        whole = len(moving) == rows.shape[1]
-        found = SquareRoot.of(rows if whole else rows[:, moving], residual[reached])
-        rest = float((residual[~reached] ** 2).sum())
-        found = replace(found, power=found.power + rest, rows=len(residual))
-        return found if whole else found.spread(moving, rows.shape[1])
-
-    def minimise(self, start: Array) -> Minimum:
-        """The least-squares minimum within the physical bounds; derivatives are exact (CasADi)."""
-        low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
-        return minimise(self.information, start, (low, high))
 
 
 def start_of(unknowns: Layout, start: Mapping[str, float]) -> Array:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.optimize import brentq
 from scipy.special import polygamma
-from scipy.stats import t
 
+from estimation.distributions import student_isf
 from estimation.fit import Fit, Problem, table
 from estimation.noise import Noise, NoiseSource
 from estimation.recording import Recording
@@ -44,7 +44,7 @@ class Intervals:
     @property
     def half_width(self) -> Array:
         """(k,) t quantile times std; infinite where the recordings do not show an unknown."""
-        reach = t.ppf(0.5 + self.level / 2, self.freedom)
+        reach = student_isf(0.5 - self.level / 2, self.freedom)
         return np.asarray(np.where(self.fit.shown, reach * self.std, np.inf))
 
     @property
@@ -203,6 +203,38 @@ def _power(spectrum: Spectrum, frequency: Array, ordinates: Array) -> Array:
 
 def orthonormal(derivative: Array) -> Array:
     """Orthonormal basis (rows, r) of the columns of a derivative, whatever their units."""
-    scale = np.linalg.norm(derivative, axis=0)
-    left, singular, _ = np.linalg.svd(derivative[:, scale > 0] / scale[scale > 0], full_matrices=False)
-    return np.asarray(left[:, singular > 1e-9 * singular.max(initial=0.0)])
+    return Directions.of(derivative).basis
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """What the columns of a derivative D (rows, k) span: D / scale = basis diag(singular) right.
+
+    scale     (k,) lengths of the columns; those of length 0 are left out, `kept` (k',) are the others
+    basis     (rows, r) orthonormal, `singular` (r,) and `right` (r, k'); a billionth of the largest is rounding
+    """
+
+    scale: Array
+    kept: NDArray[np.intp]
+    basis: Array
+    singular: Array
+    right: Array
+
+    @classmethod
+    def of(cls, derivative: Array) -> Directions:
+        """By Householder's reflections and the singular values of the triangle."""
+        scale = np.linalg.norm(derivative, axis=0)
+        kept = np.flatnonzero(scale > 0)
+        if len(derivative) < len(kept):
+            derivative = np.pad(derivative, ((0, len(kept) - len(derivative)), (0, 0)))
+        span, root = np.linalg.qr(derivative[:, kept] / scale[kept])
+        left, singular, right = np.linalg.svd(root)
+        shown = singular > 1e-9 * singular.max(initial=0.0)
+        return cls(scale, kept, np.asarray(span @ left[:, shown]), singular[shown], right[shown])
+
+    def amounts(self, columns: Array) -> Array:
+        """Least-squares amounts (k, a) of the derivative's columns that imitate other columns (rows, a) best."""
+        found = np.zeros((len(self.scale), columns.shape[1]))
+        inner = self.right.T @ ((self.basis.T @ columns) / self.singular[:, None])
+        found[self.kept] = inner / self.scale[self.kept, None]
+        return found

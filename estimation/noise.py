@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +47,17 @@ class Noise:
     events: tuple[tuple[float, float], ...] = ()
     frequency: Array = field(default_factory=lambda: np.zeros(0))
     tones: tuple[float, ...] = ()
+
+    def readings(self, recording: Recording) -> Array:
+        """Whitened readings (rows,) of the recording that this is the noise of, transformed once."""
+        known = self._readings.get(recording)
+        if known is None:
+            known = self._readings[recording] = self.whitener.series(recording.wrench)
+        return known
+
+    @cached_property
+    def _readings(self) -> WeakKeyDictionary[Recording, Array]:
+        return WeakKeyDictionary()
 
     def doubt_of(self, shares: Array) -> Array:
         """Variance (g,) of the logarithm of sums of squared rows, whose parts come from each row by `shares` (rows, g).

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
+from estimation.distributions import student_isf
 from estimation.layout import Layout, layout
 from estimation.recording import Recording
 from estimation.response import respond
@@ -151,5 +151,5 @@ def _exceeds(wrench: Array, soaked: Array, rest: Array, raw_spread: Array, windo
     spread = np.sqrt((rest**2).mean(axis=0))
     correlation = np.clip((rest[1:] * rest[:-1]).mean(axis=0) / np.maximum(spread**2, 1e-300), 0.0, 0.99)
     freedom = np.maximum(2.0, len(rest) * (1 - correlation) / (1 + correlation))
-    limit = student.isf(CHANCE / 2 / (len(wrench) * windows), freedom)
+    limit = student_isf(CHANCE / 2 / (len(wrench) * windows), freedom)
     return bool(np.any(np.abs(wrench) > limit * soaked * np.maximum(spread, raw_spread)))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.spectrum import Spectrum
-from estimation.whitening import LineWhitener
+from estimation.whitening import Lines, LineWhitener
 
 Array = NDArray[np.float64]
 
@@ -30,26 +30,22 @@ class SeamlessWhitener(LineWhitener):
     steady_seam: Array
     rest_seam: Array
 
-    def series(self, values: Array) -> Array:
-        """Rows of a series over the whole record, without the seam."""
-        rows = super().series(values)
-        parts = (
-            _without(rows[: self.steady_rows], self.steady_seam),
-            _without(rows[self.steady_rows :], self.rest_seam),
-        )
-        return np.concatenate(parts)
+    def at_motion(self, lines: Lines) -> Array:
+        """Rows of the motion's own lines, without the seam."""
+        return _without(super().at_motion(lines), self.steady_seam)
 
-    def steady(self, values: Array) -> Array:
-        """Rows of one repeat of a periodic series, without the seam."""
-        return _without(super().steady(values), self.steady_seam)
+    def beside(self, lines: Lines) -> Array:
+        """Rows of the lines between, without the seam."""
+        return _without(super().beside(lines), self.rest_seam)
 
 
 def _without(rows: Array, seam: Array) -> Array:
     if not rows.size or not seam.size:
         return rows
     flat = rows.reshape(len(rows), -1)
-    kept = flat - seam @ (seam.T @ flat)
-    return np.asarray(kept * np.sqrt(len(rows) / (len(rows) - seam.shape[1]))).reshape(rows.shape)
+    flat -= seam @ (seam.T @ flat)
+    flat *= np.sqrt(len(rows) / (len(rows) - seam.shape[1]))
+    return flat.reshape(rows.shape)
 
 
 def seamless(
@@ -64,7 +60,7 @@ def seamless(
     steady = plain.steady(shocks_of(spectra, once, dt))
     rest = np.zeros((0, 1))
     if len(plain.between):
-        rest = plain.series(shocks_of(spectra, plain.samples, dt))[plain.steady_rows :]
+        rest = plain.rest(shocks_of(spectra, plain.samples, dt))
     if tones is not None and tones.size:
         rows = plain.series(tones)
         steady = np.hstack([steady, rows[: plain.steady_rows]])

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
-from scipy.stats import gamma
 
+from estimation.distributions import gamma_isf
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]
@@ -87,7 +87,7 @@ def smooth_spectrum(frequency: Array, ordinates: Array, *, shape: float = 1.0, s
     tones = ~keep
     for _ in range(4):
         curve = _fitted(frequency, ordinates, ~tones, shape, begin)
-        limit = gamma.isf(TONE_PROBABILITY / len(frequency), shape) / shape
+        limit = gamma_isf(TONE_PROBABILITY / len(frequency), shape) / shape
         loud = keep & (ordinates > limit * curve(frequency))
         found = tones | loud | np.roll(loud, 1) | np.roll(loud, -1)
         if (found == tones).all() or found.mean() > 0.3:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import rfft
 from scipy.linalg import solve_triangular
-from scipy.signal import lfilter
 
 from estimation.response import Response
 
@@ -33,17 +33,33 @@ class Whitener(ABC):
     def steady(self, values: Array) -> Array:
         """Rows (steady_rows, ...) of one repeat of a periodic series (n / repeats, p, ...)."""
 
+    def rest(self, values: Array) -> Array:
+        """Rows (rows - steady_rows, ...) of a series over the whole record, which nothing periodic reaches."""
+        return self.series(values)[self.steady_rows :]
+
+    def reached(self, response: Response) -> Array:
+        """Rows (r, 1 + k) of a predicted value and of its derivative, r those that it reaches.
+
+        They are the first `steady_rows` where all of it repeats with the motion, else all rows.
+        """
+        steady = self.steady(_joined(response.periodic))
+        if response.whole is None:
+            return steady
+        rows = self.series(_joined(response.whole))
+        rows[: self.steady_rows] += steady
+        return rows
+
     def response(self, response: Response) -> tuple[Array, Array]:
         """Rows of a predicted value, (rows,), and of its derivative, (rows, k)."""
-        both = [self._padded(part) for part in response.periodic]
-        if response.whole is not None:
-            both = [a + self.series(part) for a, part in zip(both, response.whole, strict=True)]
-        return both[0], both[1]
+        reached = self.reached(response)
+        rows = np.zeros((self.rows, reached.shape[1]))
+        rows[: len(reached)] = reached
+        return rows[:, 0], rows[:, 1:]
 
-    def _padded(self, part: Array) -> Array:
-        steady = self.steady(part)
-        rest = np.zeros((self.rows - self.steady_rows, *steady.shape[1:]))
-        return np.concatenate([steady, rest])
+
+def _joined(part: tuple[Array, Array]) -> Array:
+    """A value (n, p) and its derivative (n, p, k) as one series (n, p, 1 + k), to be transformed at once."""
+    return np.concatenate([part[0][:, :, None], part[1]], axis=2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +90,25 @@ class LineWhitener(Whitener):
 
     def series(self, values: Array) -> Array:
         """Rows of a series over the whole record, those of the motion's lines first."""
-        lines = np.fft.rfft(values, axis=0)
-        count = len(self.motion)
-        steady = self._rows(lines[self.motion], self.motion, self.root[:count])
-        if not len(self.between):
-            return steady
-        return np.concatenate([steady, self._rows(lines[self.between], self.between, self.root[count:])])
+        lines = rfft(values, axis=0)
+        steady = self.at_motion(lines[self.motion])
+        return np.concatenate([steady, self.beside(lines)]) if len(self.between) else steady
 
     def steady(self, values: Array) -> Array:
         """Rows of one repeat of a periodic series, at the motion's lines."""
-        lines = np.fft.rfft(values, axis=0)[self.motion // self.repeats] * self.repeats
+        return self.at_motion(rfft(values, axis=0)[self.motion // self.repeats] * self.repeats)
+
+    def rest(self, values: Array) -> Array:
+        """Rows of a series over the whole record at the lines between the motion's."""
+        return self.beside(rfft(values, axis=0))
+
+    def at_motion(self, lines: Lines) -> Array:
+        """Rows of the motion's own lines."""
         return self._rows(lines, self.motion, self.root[: len(self.motion)])
+
+    def beside(self, lines: Lines) -> Array:
+        """Rows of the lines between, given all lines."""
+        return self._rows(lines[self.between], self.between, self.root[len(self.motion) :])
 
     def _rows(self, lines: Lines, index: NDArray[np.intp], root: Lines) -> Array:
         shape = lines.shape
@@ -127,9 +151,9 @@ class RegressionWhitener(Whitener):
         """Rows of a series over the whole record."""
         order = len(self.coefficients)
         flat = block_means(values.reshape(*values.shape[:2], -1), self.block)
-        innovation = np.stack(
-            [lfilter([1.0, *-a], [1.0], flat[:, c], axis=0)[order:] for c, a in enumerate(self.coefficients.T)], axis=1
-        )
+        innovation = flat[order:].copy()
+        for lag, past in enumerate(self.coefficients, start=1):
+            innovation -= past[:, None] * flat[order - lag : len(flat) - lag]
         white = np.matmul(self.root, innovation)
         for start, end in self.events if self.event_root is not None else ():
             first, last = max(start, order), max(end, order)

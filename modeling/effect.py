@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -42,6 +42,24 @@ class Extent:
     largest: tuple[float, ...] = ()
     swing: tuple[float, ...] = ()
     inertia: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Combination:
+    """Points of a search domain whose sensitivities are sums of those at other points, the building blocks.
+
+    blocks   values of the nuisance parameters at b points
+    index    (g, s) which blocks each of g points is the sum of, with the weights (g, s)
+    """
+
+    blocks: tuple[Values, ...]
+    index: tuple[tuple[int, ...], ...]
+    weights: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def plain(cls, points: Sequence[Values]) -> Combination:
+        """Every point its own block."""
+        return cls(blocks=tuple(points), index=tuple((i,) for i in range(len(points))), weights=((1.0,),) * len(points))
 
 
 @dataclass(frozen=True)
@@ -90,6 +108,10 @@ class Effect(ABC):
         the nominal.
         """
         return ({},)
+
+    def combination(self, points: Sequence[Values]) -> Combination:
+        """How the sensitivities at these nuisance values add up from fewer, exactly; by default each stands alone."""
+        return Combination.plain(points)
 
     def fitting(self, arm: Arm | None) -> Self:
         """The effect for a model of that arm."""

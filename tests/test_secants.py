@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from diagnosis.background import Background
+from diagnosis.rows import Rows
 from diagnosis.screening import screen
 from diagnosis.search import points_of
 from diagnosis.secants import Point, effect_columns
@@ -80,7 +81,7 @@ def test_column_of_a_clipped_channel_is_what_clipping_takes() -> None:
     model = fitted().model + Saturation()
     levels = {"fx": 20.0, "fy": 15.0, "tau": 2.0}
     (point,) = points_of(model, model.effects[-1], [levels])
-    columns = effect_columns(background, model, [point])
+    columns = effect_columns(background, model, [point], (Rows.WHOLE,))
     load = fitted().recordings[0].wrench - fitted().residuals[0]
     for place, level in enumerate(levels.values()):
         taken = np.zeros_like(load)

@@ -12,7 +12,7 @@ import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening import screen
-from diagnosis.selection import Candidate, extended, refitted
+from diagnosis.selection import Candidate, Selection, extended, refitted
 from diagnosis.step import explainable, staircase
 from diagnosis.verdict import RecordVerdict
 from estimation.fit import Problem, fit
@@ -75,7 +75,7 @@ def test_noise_alone_lacks_nothing(noise: NoiseModel | str) -> None:
 def test_noise_is_no_part_of_what_can_be_explained() -> None:
     """A right effect takes most of what can be explained, though hardly any of the raw RMS."""
     base, best = with_drag(run(3000, TINY))
-    steps = staircase(base, best, ())
+    steps = staircase(Selection(base, best), best, ())
     before, after = (s.training[0].rms for s in (steps[0], steps[-1]))
     assert all(after[c] > 0.9 * before[c] for c in before)
     left = explainable(steps)
@@ -102,7 +102,7 @@ def test_explainable_power_is_that_of_the_effect() -> None:
     basis = np.linalg.qr(taken / np.linalg.norm(taken, axis=0))[0]
     strength = float(np.sum((column - basis @ (basis.T @ column)) ** 2))
     rows = len(column)
-    measured = explainable(staircase(base, best, ()))[0] * rows / 3
+    measured = explainable(staircase(Selection(base, best), best, ()))[0] * rows / 3
     assert abs(measured - strength) < 4 * np.sqrt(2 * rows + 4 * strength)
 
 

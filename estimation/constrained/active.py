@@ -8,11 +8,11 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from estimation.constrained.edge import svec_size
 from estimation.constrained.optimality import OPTIMAL, Optimality, sum_of_squares
 from estimation.constrained.tangent import Tangent
+from estimation.distributions import chi2_sf
 from modeling.pseudo_inertia import PseudoInertia
 
 Array = NDArray[np.float64]
@@ -126,7 +126,7 @@ def _of_end(found: Optimality, index: int, *, lower: bool, lifted: Tangent | Non
         return idle
     wanted, std = held + float(lifted.step[index]), float(np.sqrt(lifted.covariance[index, index]))
     cost = lifted.gain
-    p_value = float(chi2.sf(cost, 1)) if region.fixed[index] else chi_bar(cost, 1)
+    p_value = float(chi2_sf(cost, 1)) if region.fixed[index] else chi_bar(cost, 1)
     against = Pressure.NEGATIVE_MASS if parameter.name == "m" and wanted < 0 else Pressure.CONTRADICTED
     return _pressed(idle, wanted, std, cost, p_value, against)
 
@@ -156,8 +156,8 @@ def _pressed(idle: Active, wanted: float, std: float, cost: float, p_value: floa
 
 def chi_bar(cost: float, q: int) -> float:
     """(P(chi²_q-1 > cost) + P(chi²_q > cost)) / 2."""
-    lower = chi2.sf(cost, q - 1) if q > 1 else float(cost <= 0)
-    return float(lower + chi2.sf(cost, q)) / 2
+    lower = chi2_sf(cost, q - 1) if q > 1 else float(cost <= 0)
+    return float(lower + chi2_sf(cost, q)) / 2
 
 
 def witness(inertia: PseudoInertia, theta: Array) -> tuple[str, str, Array]:

@@ -10,7 +10,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from estimation.noise import Noise, NoiseSource
 from estimation.whitening import LineWhitener, RegressionWhitener, inverse_root
@@ -102,6 +101,8 @@ class NoiseModel:
             return self.sample_std
         shock = np.zeros(FREQUENCIES)
         shock[0] = 1.0
+        from scipy.signal import lfilter  # which takes long to load
+
         answers = [lfilter([1.0], [1.0, *-a], shock) for a in self.coefficients.T]
         return np.sqrt(np.diag(self.covariance) * [float(answer @ answer) for answer in answers])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import combinations, product
@@ -10,7 +10,7 @@ from itertools import combinations, product
 from modeling import symbolic as sp
 from modeling.chain import Chain, Stage, point_on_tip
 from modeling.contact import applied, components
-from modeling.effect import Effect, Extent, Values
+from modeling.effect import Combination, Effect, Extent, Values
 from modeling.effects.push import DISTANCE
 from modeling.parameter import Parameter
 from modeling.space import Space, signals
@@ -18,6 +18,8 @@ from modeling.tip import Body
 
 EDGE = Fraction(1, 100)
 """Seconds in which an event begins or ends, so that its times have a derivative."""
+NEVER = 1e9
+"""An end (s) that no recording reaches."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,27 @@ class ContactEvent(Effect):
         times = np.linspace(extent.start, extent.end, 17)
         windows = [*extent.events, *combinations(map(float, times), 2)]
         return tuple({"start": start, "end": end} for start, end in windows)
+
+    def combination(self, points: Sequence[Values]) -> Combination:
+        """A push that has come to its full height is one that starts and stays, less another that starts at its end.
+
+        min(risen(t - start), risen(end - t)) = risen(t - start) + risen(end - t) - 1 when end - start is an edge or
+        more, and risen(end - t) = 1 - risen(t - end).
+        """
+        whole = [v["end"] - v["start"] >= float(EDGE) for v in points]
+        starts = sorted({t for v, w in zip(points, whole, strict=True) if w for t in (v["start"], v["end"])})
+        place = {t: i for i, t in enumerate(starts)}
+        blocks: list[Values] = [{"start": t, "end": NEVER} for t in starts]
+        index, weights = [], []
+        for values, combined in zip(points, whole, strict=True):
+            if combined:
+                index.append((place[values["start"]], place[values["end"]]))
+                weights.append((1.0, -1.0))
+            else:
+                index.append((len(blocks), len(blocks)))
+                weights.append((1.0, 0.0))
+                blocks.append(values)
+        return Combination(blocks=tuple(blocks), index=tuple(index), weights=tuple(weights))
 
 
 def risen(late: sp.Expr) -> sp.Expr:

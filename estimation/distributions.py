@@ -1,0 +1,69 @@
+"""Distributions: tails and quantiles of the tests, by `scipy.special` alone, which loads ten times as fast as `stats`.
+
+`sf` is the survival function P(X > x), `isf` its inverse, as `scipy.stats` calls them; arrays broadcast.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.special import (
+    chdtrc,
+    chdtri,
+    chndtr,
+    fdtrc,
+    gammainccinv,
+    ndtr,
+    ndtri,
+    stdtr,
+    stdtrit,
+)
+
+Numbers = Any
+"""A number, or an array of them."""
+
+
+def chi2_sf(statistic: Numbers, freedom: Numbers) -> Numbers:
+    """P(X > statistic) of chi-square with `freedom` degrees of freedom."""
+    return chdtrc(freedom, statistic)
+
+
+def chi2_isf(probability: Numbers, freedom: Numbers) -> Numbers:
+    """The value that chi-square exceeds with that probability."""
+    return chdtri(freedom, probability)
+
+
+def noncentral_chi2_sf(statistic: Numbers, freedom: Numbers, noncentrality: Numbers) -> Numbers:
+    """P(X > statistic) of noncentral chi-square."""
+    return 1.0 - chndtr(statistic, freedom, noncentrality)
+
+
+def f_sf(ratio: Numbers, above: Numbers, below: Numbers) -> Numbers:
+    """P(X > ratio) of Fisher's F with degrees of freedom above and below the bar."""
+    return fdtrc(above, below, ratio)
+
+
+def gamma_isf(probability: Numbers, shape: Numbers) -> Numbers:
+    """The value that a Gamma variable of unit scale exceeds with that probability."""
+    return gammainccinv(shape, probability)
+
+
+def normal_cdf(value: Numbers) -> Numbers:
+    """P(X < value) of the standard normal."""
+    return ndtr(value)
+
+
+def normal_isf(probability: Numbers) -> Numbers:
+    """The value that a standard normal exceeds with that probability."""
+    return -ndtri(probability)
+
+
+def student_sf(value: Numbers, freedom: Numbers) -> Numbers:
+    """P(X > value) of Student's t."""
+    return stdtr(freedom, -np.asarray(value))
+
+
+def student_isf(probability: Numbers, freedom: Numbers) -> Numbers:
+    """The value that Student's t exceeds with that probability."""
+    return -stdtrit(freedom, probability)
