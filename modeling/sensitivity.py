@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.emission import numpy_function
 from modeling.prediction import Emitted, Signals
 
 Array = NDArray[np.float64]
 
-UNEVALUATED = (sp.Derivative, sp.Heaviside, sp.sign, sp.Piecewise)
+UNEVALUATED = ("Derivative", "Heaviside", "sign", "Piecewise")
 """What SymPy makes of kinks that an amplitude moves: those derivatives are left to the exact sensitivities."""
 
 
@@ -62,7 +62,7 @@ def _derived(emitted: Emitted, which: tuple[int, ...], nominal: tuple[float, ...
     at = {symbol: sp.Float(value) if value else sp.S.Zero for symbol, value in zip(amplitudes, nominal, strict=True)}
     columns = [[row.diff(symbol).xreplace(at) for symbol in amplitudes] for row in emitted.expression]
     expression = sp.ImmutableMatrix(columns)
-    if expression.has(*UNEVALUATED):
+    if expression.has(*(getattr(sp, name) for name in UNEVALUATED)):
         return None
     free = {s.name for s in expression.free_symbols}
     parameters = tuple(s.name for s in emitted.parameters if s.name in free)
