@@ -30,6 +30,11 @@ class Column:
             known[symbol] = casadi_expression(known, step)
         return ca.densify(ca.vertcat(ca.SX(0, 1), *casadi_expressions(known, list(self.expression))))
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names."""
+        return tuple(symbol.name for symbol in self.parameters)
+
     @cached_property
     def active(self) -> tuple[int, ...]:
         """Which parameters it depends on."""

@@ -16,6 +16,7 @@ from modeling.compiled_column import CompiledColumn
 from modeling.errors import InputError
 from modeling.evaluation import Evaluation
 from modeling.steps import Definitions
+from modeling.tape import Tape
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, Array]
@@ -26,13 +27,13 @@ class Emitted:
     """A column (p,) as a function of signals and parameters (k,).
 
     inputs    names of the signals
-    count     the number k
+    names     of the k parameters
     active    which parameters it depends on
     symbolic  gives what SymPy has of it, `compile` the tape: neither is asked before it is needed
     """
 
     inputs: tuple[str, ...]
-    count: int
+    names: tuple[str, ...]
     active: tuple[int, ...]
     symbolic: Callable[[], Column]
     compile: Callable[[], CompiledColumn]
@@ -47,7 +48,12 @@ class Emitted:
     ) -> Self:
         """Of a symbolic column; `definitions` are the steps, in order, that say what symbols of it are."""
         column = Column(expression, inputs, parameters, definitions)
-        return cls(inputs, len(parameters), column.active, lambda: column, lambda: CompiledColumn.of(column))
+        return cls(inputs, column.names, column.active, lambda: column, lambda: CompiledColumn.of(column))
+
+    @property
+    def count(self) -> int:
+        """The number k of parameters."""
+        return len(self.names)
 
     @property
     def expression(self) -> sp.Matrix:
@@ -127,6 +133,11 @@ class Emitted:
         evaluation = _evaluation(self, tuple(i for _, i in places), False, False)
         evaluation.run(self.columns(signals, samples), theta, outputs)
         return derivative
+
+    def derivative(self, which: tuple[int, ...]) -> Tape:
+        """The tape of the derivative in some of the active parameters, column after column."""
+        begins = [(self.active.index(i) + 1) * self.rows for i in which]
+        return self.compiled.tape.only([begin + row for begin in begins for row in range(self.rows)])
 
     def _evaluate(
         self, which: tuple[int, ...], signals: Signals, theta: Array, samples: int, outputs: list[Array]

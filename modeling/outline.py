@@ -12,10 +12,10 @@ from modeling.column import Column
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """A column: the signals that it takes, the number of its parameters, and which of these it depends on."""
+    """A column: the signals that it takes, the names of its parameters, and which of these it depends on."""
 
     inputs: tuple[str, ...]
-    count: int
+    names: tuple[str, ...]
     active: tuple[int, ...]
 
 
@@ -29,7 +29,7 @@ class Outline:
     @classmethod
     def of(cls, columns: Mapping[str, Column], memory: sp.Expr) -> Self:
         """Of what was derived."""
-        parts = {n: Part(inputs=c.inputs, count=len(c.parameters), active=c.active) for n, c in columns.items()}
+        parts = {n: Part(inputs=c.inputs, names=c.names, active=c.active) for n, c in columns.items()}
         return cls(parts=parts, remembers=bool(memory != 1))
 
     @classmethod
@@ -49,5 +49,5 @@ class Outline:
         return tuple(sorted(names | ({"time"} if self.remembers else set())))
 
 
-def _part(*, inputs: list[str], count: int, active: list[int]) -> Part:
-    return Part(inputs=tuple(inputs), count=count, active=tuple(active))
+def _part(*, inputs: list[str], names: list[str], active: list[int]) -> Part:
+    return Part(inputs=tuple(inputs), names=tuple(names), active=tuple(active))

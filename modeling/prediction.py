@@ -110,7 +110,7 @@ class Prediction:
                 name, lambda: CompiledColumn.of(model.columns[name]).to_data(), CompiledColumn.from_data
             )
 
-        return Emitted(part.inputs, part.count, part.active, lambda: model.columns[name], compiled_part)
+        return Emitted(part.inputs, part.names, part.active, lambda: model.columns[name], compiled_part)
 
     @property
     def remembers(self) -> bool:
