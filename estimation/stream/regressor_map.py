@@ -8,9 +8,9 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.emission import numpy_function
 from modeling.errors import InputError
 from modeling.model import WrenchModel
