@@ -2,7 +2,8 @@
 
 from a file     a process each, from its start to its end: `tw.fit` of `tw.read_chunks` with a `NoiseModel`, and the
                 script of a user, `pandas.read_parquet` of the columns needed, the module that `truewrench emit planar
-                --to numpy` wrote, `lstsq`. Memory is the peak of the resident set, interpreter and libraries included
+                --to numpy` wrote, `lstsq`. The first round derives the model, the others find that in the cache. Memory
+                is the peak of the resident set, interpreter and libraries included
 in memory       a fit of one `Chunk` of arrays, and the same two steps on the same arrays; deriving and emitting is
                 outside the clock for both. Memory is what NumPy allocates beyond the arrays; the copy that LAPACK works
                 on is not seen
@@ -108,6 +109,7 @@ def from_file(folder: Path, samples: int) -> list[Row]:
     path = folder / "log.parquet"
     written(path, samples)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER), str(folder)])}
+    environment["TRUEWRENCH_CACHE"] = str(folder / "cache")
     std = json.dumps(NOISE.floor.tolist())
     costs: dict[str, list[Cost]] = {"ours": [], "instead": []}
     peaks: dict[str, list[float]] = {"ours": [], "instead": []}

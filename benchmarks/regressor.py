@@ -103,7 +103,7 @@ class Task:
         return run
 
     def _casadi_map(self) -> Evaluation:
-        emitted = Emitted(sp.Matrix(list(self.phi)), tuple(s.name for s in self.inputs), ())
+        emitted = Emitted.of(sp.Matrix(list(self.phi)), tuple(s.name for s in self.inputs), ())
         return lambda: emitted.value(self.signals, np.zeros(0), SAMPLES).reshape(SAMPLES, *self.phi.shape)
 
     def _lambdify_loop(self) -> Evaluation:

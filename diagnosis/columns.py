@@ -117,7 +117,6 @@ def _slopes(emitted: Emitted, recording: Recording, theta: Array, which: tuple[i
     if len(theta) > FEW:
         sensitivity = Sensitivity.of(emitted, which, tuple(float(theta[0, i]) for i in which))
         if sensitivity is not None:
-            names = [s.name for s in emitted.parameters]
-            values = {n: theta[:, names.index(n)] for n in sensitivity.parameters}
+            values = {n: theta[:, emitted.names.index(n)] for n in sensitivity.parameters}
             return sensitivity.values(signals, values, samples)
     return emitted.slopes(signals, theta, which, samples)

@@ -123,7 +123,7 @@ def _part(
         return _bent(bend, recording, theta, derivative=derivative)
     if derivative:
         return Part(*emitted.tangent(signals, theta, samples), steady=steady)
-    return Part(emitted.value(signals, theta, samples), np.zeros((samples, len(emitted.expression), 0)), steady=steady)
+    return Part(emitted.value(signals, theta, samples), np.zeros((samples, emitted.rows, 0)), steady=steady)
 
 
 def _bent(bend: BentLoad, recording: Recording, theta: Array, *, derivative: bool) -> Part:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.arm import joint_rates, joint_symbols
 from modeling.kinematics import Arm, Calculus, Frames
 from modeling.space import Motion, Space, vector

@@ -8,13 +8,17 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
-from modeling.emission import casadi_expressions, numpy_function
+from modeling import symbolic as sp
+from modeling.description import described
+from modeling.emission import casadi_expressions
+from modeling.evaluation import Evaluation
 from modeling.kinematics import Arm, Calculus, Frames
 from modeling.space import Space
 from modeling.steps import Steps
+from modeling.store import stored
+from modeling.tape import Tape
 
 POSE_SIGNALS = ("phi", "dphi", "ddphi", "px", "py", "vx", "vy", "ax", "ay")
 
@@ -55,25 +59,35 @@ class PlanarArm(Arm):
         """phi, px, py with their velocities and accelerations (the Ps'' of 22.4)."""
         return pose_signals(pose, steps)
 
+    @cached_property
+    def tape(self) -> Tape:
+        """The pose signals in their order, over q, dq, ddq (3 n), derived once for all processes."""
+        what = {"part": "pose", "arm": described(self)}
+        return stored(what, lambda: self._derived_tape().to_data(), Tape.from_data)
+
+    def _derived_tape(self) -> Tape:
+        import casadi as ca
+
+        u = ca.SX.sym("u", 3 * self.joints)
+        symbols = (symbol for prefix in ("q", "dq", "ddq") for symbol in joint_symbols(self.joints, prefix))
+        known = {symbol: u[i] for i, symbol in enumerate(symbols)}
+        expressions = casadi_expressions(known, [self.kinematics[name] for name in self.names])
+        return Tape.of(u, ca.SX.sym("theta", 0), ca.vertcat(*expressions))
+
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
         """The pose signals as CasADi expressions of q, dq, ddq (n,)."""
-        symbols = (joint_symbols(self.joints, prefix) for prefix in ("q", "dq", "ddq"))
-        moving = zip(symbols, (q, dq, ddq), strict=True)
-        known = {symbol: values[j] for own, values in moving for j, symbol in enumerate(own)}
-        expressions = casadi_expressions(known, [self.kinematics[name] for name in self.names])
-        return dict(zip(self.names, expressions, strict=True))
+        import casadi as ca
 
-    @cached_property
-    def _pose_function(self):  # type: ignore[no-untyped-def]
-        inputs = [s for p in ("q", "dq", "ddq") for s in joint_symbols(self.joints, p)]
-        return numpy_function(inputs, [self.kinematics[name] for name in POSE_SIGNALS])
+        signals = self.tape.graph(ca.vertcat(q, dq, ddq), ca.SX(0, 1))
+        return {name: signals[i] for i, name in enumerate(self.names)}
 
     def pose(
         self, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]
     ) -> dict[str, NDArray[np.float64]]:
         """Pose signals of joint motions (N, n): phi, dphi, ddphi (rad), px .. ay (m, world), each (N,)."""
-        values = self._pose_function(*q.T, *dq.T, *ddq.T)
-        return {name: np.broadcast_to(v, (len(q),)).astype(float) for name, v in zip(POSE_SIGNALS, values, strict=True)}
+        found = np.zeros((len(self.names), len(q), 1))
+        Evaluation(self.tape).run([*q.T, *dq.T, *ddq.T], np.zeros((1, 0)), list(found))
+        return dict(zip(self.names, found[:, :, 0], strict=True))
 
 
 def chained(lengths: Sequence[Any], q: Sequence[Any], calculus: Calculus) -> Frames:

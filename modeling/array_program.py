@@ -56,14 +56,12 @@ class ArrayProgram:
         steps = tuple(Step(operation, tuple(operands)) for operation, *operands in data["steps"])
         inputs = tuple(data["inputs"])
         for place, step in enumerate(steps, start=len(inputs)):
-            values = [v for v in step.operands if isinstance(v, int)]
-            if step.operation not in UFUNCS or not all(0 <= v < place for v in values):
+            if step.operation not in UFUNCS or not all(_known(v, place) for v in step.operands):
                 raise ValueError(f"step {place - len(inputs)} of a program, {step}, cannot be evaluated")
-        return cls(inputs, steps, tuple(data["results"]))
-
-    @property
-    def _values(self) -> int:
-        return len(self.inputs) + len(self.steps)
+        results = tuple(data["results"])
+        if not all(_known(value, len(inputs) + len(steps)) for value in results):
+            raise ValueError(f"results {results} of a program cannot be evaluated")
+        return cls(inputs, steps, results)
 
     @cached_property
     def _places(self) -> tuple[tuple[int, ...], int]:
@@ -110,3 +108,8 @@ class ArrayProgram:
                 out[row] = value
             elif value < len(self.inputs) or self._places[0][value - len(self.inputs)] != row:
                 out[row] = values[value]
+
+
+def _known(operand: object, place: int) -> bool:
+    """Whether it is a constant, or the number of a value before that place."""
+    return type(operand) is float or (type(operand) is int and 0 <= operand < place)

@@ -14,8 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.space import Motion, Space, signals, turned, vector
 from modeling.steps import Definitions, Steps
 

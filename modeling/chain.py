@@ -6,17 +6,14 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
-import sympy as sp
-
-from modeling.actual_arm import ActualArm
+from modeling import symbolic as sp
 from modeling.space import Motion, Space, vector
 from modeling.steps import Definitions
 from modeling.tip import Body, newton_euler, rigid_body
 
 if TYPE_CHECKING:
+    from modeling.actual_arm import ActualArm
     from modeling.bend import Bend
-
-LAPLACE = sp.Symbol("s")
 
 
 class Stage(Enum):
@@ -73,7 +70,7 @@ class Chain:
     torque: sp.Matrix = field(default_factory=lambda: sp.zeros(3, 1))
     mounting: sp.Matrix = field(default_factory=lambda: sp.eye(3))
     play: sp.Matrix | None = None
-    memory: sp.Expr = sp.S.One
+    memory: sp.Expr = field(default_factory=lambda: sp.S.One)
     level: sp.Matrix | None = None
 
     @property
@@ -135,6 +132,11 @@ def rigid_chain(
         arm=arm,
         mounting=mounting,
     )
+
+
+def laplace() -> sp.Symbol:
+    """The s of transfer functions, 1/s."""
+    return sp.Symbol("s")
 
 
 def point_on_tip(chain: Chain, distance: sp.Expr) -> sp.Matrix:

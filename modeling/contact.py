@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.space import Space, vector
 
 

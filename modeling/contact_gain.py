@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.contact import applied, components
 from modeling.emission import numpy_function
 from modeling.errors import InputError
@@ -53,10 +53,10 @@ def contact_gain_at(model: WrenchModel, theta: Array) -> tuple[Array, Array]:
 
 def lateness(model: WrenchModel, theta: Array) -> float:
     """By how much (s) the sensor shows slow changes late: -dH/ds at s = 0, the group delay of its memory there."""
-    from modeling.chain import LAPLACE
+    from modeling.chain import laplace
 
     if model.memory == 1:
         return 0.0
-    slope = -sp.diff(model.memory, LAPLACE).subs(LAPLACE, 0)
+    slope = -sp.diff(model.memory, laplace()).subs(laplace(), 0)
     symbols = [p.symbol for p in model.parameters]
     return float(numpy_function(symbols, [slope])(*theta)[0])

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage
 from modeling.parameter import Parameter
 from modeling.space import Space

@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.emission import casadi_expressions
 from modeling.space import Space
 from modeling.steps import Steps

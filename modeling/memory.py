@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
+from typing import TypeAlias
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
-from modeling.chain import LAPLACE
+from modeling import symbolic as sp
+from modeling.chain import laplace
 from modeling.emission import numpy_function
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]
-Coefficients = tuple[sp.Expr, ...]
+Coefficients: TypeAlias = "tuple[sp.Expr, ...]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +64,9 @@ class Memory:
         """
         delay, ratio = reduce(_with_factor, sp.Mul.make_args(transfer), (sp.S.Zero, sp.S.One))
         numerator, denominator = sp.fraction(sp.together(ratio))
-        if not (numerator.is_polynomial(LAPLACE) and denominator.is_polynomial(LAPLACE)):
+        if not (numerator.is_polynomial(laplace()) and denominator.is_polynomial(laplace())):
             raise _unsplit(transfer)
-        above, below = (tuple(sp.Poly(part, LAPLACE).all_coeffs()) for part in (numerator, denominator))
+        above, below = (tuple(sp.Poly(part, laplace()).all_coeffs()) for part in (numerator, denominator))
         if len(above) > len(below):
             raise _unsplit(transfer)
         return cls(delay, above, below)
@@ -73,8 +74,8 @@ class Memory:
     @property
     def expression(self) -> sp.Expr:
         """The transfer function again."""
-        above, below = (sp.Poly(part, LAPLACE).as_expr() for part in (self.numerator, self.denominator))
-        return sp.exp(-LAPLACE * self.delay) * above / below
+        above, below = (sp.Poly(part, laplace()).as_expr() for part in (self.numerator, self.denominator))
+        return sp.exp(-laplace() * self.delay) * above / below
 
     def at(self, values: Mapping[sp.Symbol, float]) -> Transfer:
         """In numbers, at the parameters' values; vanishing leading coefficients are left out.
@@ -98,12 +99,12 @@ class Memory:
 def _with_factor(split: tuple[sp.Expr, sp.Expr], factor: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
     """Delay and ratio with one more factor of H in them."""
     delay, ratio = split
-    if not isinstance(factor, sp.exp) or not factor.has(LAPLACE):
+    if not isinstance(factor, sp.exp) or not factor.has(laplace()):
         return delay, ratio * factor
     exponent = factor.exp.expand()
-    slope = exponent.coeff(LAPLACE, 1)
-    constant = sp.expand(exponent - slope * LAPLACE)
-    if slope.has(LAPLACE) or constant.has(LAPLACE):
+    slope = exponent.coeff(laplace(), 1)
+    constant = sp.expand(exponent - slope * laplace())
+    if slope.has(laplace()) or constant.has(laplace()):
         return delay, ratio * factor
     return delay - slope, ratio * sp.exp(constant)
 

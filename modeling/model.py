@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import permutations, product
+from typing import TypeVar
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.actual_arm import ActualArm
 from modeling.chain import Chain, Stage, rigid_chain
+from modeling.column import Column
+from modeling.description import described
 from modeling.effect import Effect
 from modeling.errors import InputError
 from modeling.kinematics import Arm
+from modeling.outline import Outline
 from modeling.parameter import Parameter
 from modeling.rig import STANDARD_GRAVITY, Convention, Rig
 from modeling.space import Space
 from modeling.steps import Definitions, needed
+from modeling.store import Data, stored
 from modeling.tip import body_parameters
 
+T = TypeVar("T")
 QuarterTurns = tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, int, int]]
 ALIGNED: QuarterTurns = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
@@ -29,10 +34,15 @@ def _quarter_turns() -> tuple[QuarterTurns, ...]:
     turns = []
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         rows = [[signs[i] if j == order[i] else 0 for j in range(3)] for i in range(3)]
-        if sp.Matrix(rows).det() == 1:
+        if _determinant(rows) == 1:
             first, second, third = ((row[0], row[1], row[2]) for row in rows)
             turns.append((first, second, third))
     return tuple(turns)
+
+
+def _determinant(rows: list[list[int]]) -> int:
+    a, b, c = rows
+    return sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
 
 
 QUARTER_TURNS = _quarter_turns()
@@ -187,11 +197,40 @@ class WrenchModel:
         return tuple(sorted(s.name for s in used - own - set(bend) if isinstance(s, sp.Symbol)))
 
     @cached_property
+    def columns(self) -> Mapping[str, Column]:
+        """The symbolic parts: load and zero, play and level where there are such, and what a bend adds.
+
+        `bent load` and `equilibrium` have the bend's signals among their parameters, and the same inputs.
+        """
+        chain, symbols = self.chain, tuple(p.symbol for p in self.parameters)
+        parts = {"load": self.load, "zero": chain.zero, "play": chain.play, "level": chain.level}
+        there = {name: part for name, part in parts.items() if part is not None}
+        found = {n: Column(part, self.inputs_of(part), symbols, self.definitions) for n, part in there.items()}
+        if chain.bend is not None:
+            bent, equilibrium = symbols + chain.bend.signals, chain.equilibrium()
+            inputs = self.inputs_of(sp.Matrix.vstack(self.load, equilibrium))
+            found["bent load"] = Column(self.load, inputs, bent, self.definitions)
+            found["equilibrium"] = Column(equilibrium, inputs, bent, self.definitions)
+        return found
+
+    @cached_property
+    def outline(self) -> Outline:
+        """What can be said of the model before it is evaluated, from the store where it was derived once."""
+        return self.stored("outline", lambda: Outline.of(self.columns, self.memory).to_data(), Outline.from_data)
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         """Names of all signals that the prediction needs."""
-        needs = set(self.inputs_of(self.load)) | set(self.inputs_of(self.zero))
-        needs |= set(self.inputs_of(self.chain.equilibrium()))
-        return tuple(sorted(needs | ({"time"} if self.memory != 1 else set())))
+        return self.outline.inputs
+
+    def stored(self, part: str, derive: Callable[[], Data], read: Callable[[Data], T]) -> T:
+        """What `read` makes of the data that `derive` gives of a part of this model, derived once for all processes."""
+        own = self if any(effect.needs_joints for effect in self.effects) else replace(self, arm=None)
+        try:
+            what = {"part": part, "model": described(own)}
+        except TypeError:  # an effect from elsewhere, whose source nobody follows
+            return read(derive())
+        return stored(what, derive, read)
 
 
 def planar(rig: Rig | None = None) -> WrenchModel:

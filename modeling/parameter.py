@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 
-import sympy as sp
+from modeling import symbolic as sp
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.chain import Chain
 from modeling.errors import InputError
 from modeling.model import WrenchModel

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.space import Space, signals
 
 COMPONENTS = ("qx", "qy", "qz", "qw")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.errors import InputError
 from modeling.model import WrenchModel
 from modeling.space import Space

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling.array_program import ArrayProgram
+from modeling.description import described
+from modeling.store import stored
 
 if TYPE_CHECKING:
     from modeling.model import WrenchModel
@@ -52,9 +54,21 @@ class RegressorForm:
 def regressor_form(model: WrenchModel) -> RegressorForm | None:
     """The form of a model that is linear in its parameters and has no memory, None of any other.
 
-    It is plain data (`to_data`, `from_data`), a function of the model alone, and all that a fit of a linear model needs
-    to know of the derivation.
+    It is all that a fit of a linear model needs to know of the derivation, and is kept on disk by what the model is.
     """
+    try:
+        what = {"regressor form": described(model)}
+    except TypeError:  # an effect of somebody else's module
+        return _read(_derived(model))
+    return stored(what, lambda: _derived(model), _read)
+
+
+def _derived(model: WrenchModel) -> Mapping[str, Any]:
     from modeling.linear_derivation import derived  # SymPy is slow to import
 
-    return derived(model)
+    found = derived(model)
+    return {"form": None if found is None else found.to_data()}
+
+
+def _read(data: Mapping[str, Any]) -> RegressorForm | None:
+    return None if data["form"] is None else RegressorForm.from_data(data["form"])

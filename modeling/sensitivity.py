@@ -2,68 +2,85 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
-from modeling.emission import numpy_function
+from modeling.evaluation import Evaluation
+from modeling.folding import folded
 from modeling.prediction import Emitted, Signals
+from modeling.tape import NONE, Tape
 
 Array = NDArray[np.float64]
-
-UNEVALUATED = (sp.Derivative, sp.Heaviside, sp.sign, sp.Piecewise)
-"""What SymPy makes of kinks that an amplitude moves: those derivatives are left to the exact sensitivities."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
     """Derivative (p, a) of an expression in a parameters, which stand at their nominal values.
 
-    Evaluated on whole arrays, samples along the first axis and parameter values along the second, so that what depends
-    on the motion alone is computed once for all values.
+    What depends on the motion alone is computed once for all values of the other parameters.
     """
 
-    expression: sp.ImmutableMatrix
-    signals: tuple[str, ...]
-    parameters: tuple[str, ...]
+    emitted: Emitted
+    tape: Tape
+    which: tuple[int, ...]
 
     @classmethod
     def of(cls, emitted: Emitted, which: tuple[int, ...], nominal: tuple[float, ...]) -> Sensitivity | None:
-        """Of an expression in the parameters `which`; None where arrays cannot evaluate it."""
+        """Of an expression in the parameters `which`."""
         return _derived(emitted, which, nominal)
 
     @cached_property
-    def _function(self):  # type: ignore[no-untyped-def]
-        inputs = [sp.Symbol(n, real=True) for n in self.signals] + [sp.Symbol(n, real=True) for n in self.parameters]
-        return numpy_function(inputs, list(self.expression))
+    def _used(self) -> set[int]:
+        return {number for _, *operands in self.tape.operations for number in operands} | set(self.tape.results)
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals that it depends on."""
+        return tuple(name for number, name in enumerate(self.emitted.inputs) if number in self._used)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that it depends on."""
+        first = self.tape.inputs
+        return tuple(name for number, name in enumerate(self.emitted.names, first) if number in self._used)
+
+    @cached_property
+    def expression(self) -> Hashable:
+        """What is equal for sensitivities that are the same function of the same signals and parameters."""
+        names: dict[int, object] = dict(enumerate((*self.emitted.inputs, *self.emitted.names, *self.tape.constants)))
+        names[NONE] = None
+
+        def named(number: int) -> object:
+            return names.get(number, number - self.tape.first)
+
+        steps = tuple((name, named(a), named(b)) for name, a, b in self.tape.operations)
+        return steps, tuple(map(named, self.tape.results))
+
+    @cached_property
+    def _evaluation(self) -> Evaluation:
+        return Evaluation(self.tape)
 
     def values(self, signals: Signals, parameters: Mapping[str, Array], samples: int) -> Array:
         """(samples, p, g, a) at g values of each parameter (g,)."""
-        p, a = self.expression.shape
-        motion = [np.asarray(signals[n], dtype=np.float64)[:samples, None] for n in self.signals]
-        others = [np.asarray(parameters[n], dtype=np.float64)[None, :] for n in self.parameters]
-        count = max((o.shape[1] for o in others), default=1)
-        found = np.empty((samples, p, count, a))
-        entries = self._function(*motion, *others)
-        for place, entry in enumerate(entries):
-            found[:, place // a, :, place % a] = entry
+        others = {name: np.asarray(parameters[name], dtype=np.float64) for name in self.parameters}
+        count = max((len(values) for values in others.values()), default=1)
+        theta = np.zeros((count, self.emitted.count))
+        for place, name in enumerate(self.emitted.names):
+            if name in others:
+                theta[:, place] = others[name]
+        p, active = self.emitted.rows, self.emitted.active
+        found = np.zeros((samples, p, count, len(self.which)))
+        moved = [column for column, i in enumerate(self.which) if i in active]
+        outputs = [found[:, row, :, column] for column in moved for row in range(p)]
+        self._evaluation.run(self.emitted.columns(signals, samples), theta, outputs)
         return found
 
 
 @lru_cache(maxsize=256)
-def _derived(emitted: Emitted, which: tuple[int, ...], nominal: tuple[float, ...]) -> Sensitivity | None:
-    if emitted.definitions:
-        return None
-    amplitudes = [emitted.parameters[i] for i in which]
-    at = {symbol: sp.Float(value) if value else sp.S.Zero for symbol, value in zip(amplitudes, nominal, strict=True)}
-    columns = [[row.diff(symbol).xreplace(at) for symbol in amplitudes] for row in emitted.expression]
-    expression = sp.ImmutableMatrix(columns)
-    if expression.has(*UNEVALUATED):
-        return None
-    free = {s.name for s in expression.free_symbols}
-    parameters = tuple(s.name for s in emitted.parameters if s.name in free)
-    return Sensitivity(expression, tuple(n for n in emitted.inputs if n in free), parameters)
+def _derived(emitted: Emitted, which: tuple[int, ...], nominal: tuple[float, ...]) -> Sensitivity:
+    tape = emitted.derivative(tuple(i for i in which if i in emitted.active))
+    return Sensitivity(emitted, folded(tape, dict(zip(which, nominal, strict=True))), which)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
-import sympy as sp
+from modeling import symbolic as sp
 
 FORCE_UNIT, TORQUE_UNIT = "N", "N m"
 

@@ -8,9 +8,9 @@ from math import hypot
 from typing import Any, ClassVar
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.joint import UNMOVED, Joint, JointKind, Placement, moved
 from modeling.kinematics import Arm, Calculus, Frames
 from modeling.quaternion import COMPONENTS, conjugate, product, rotated

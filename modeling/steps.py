@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
-import sympy as sp
+from modeling import symbolic as sp
 
-Definitions = tuple[tuple[sp.Symbol, sp.Expr], ...]
+Definitions: TypeAlias = "tuple[tuple[sp.Symbol, sp.Expr], ...]"
 
 
 class Steps:

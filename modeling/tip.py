@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.parameter import Parameter
 from modeling.space import Space, vector
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,8 @@ position = [1.2, 1.2, 1.2]
 velocity = [2.5, 2.5, 2.5]
 acceleration = [12.0, 12.0, 12.0]
 """
-HEAVY = ("numpy", "scipy", "pandas", "sympy", "casadi", "matplotlib", "pydantic", "jinja2", "mujoco")
+HEAVY = ("numpy", "scipy", "pandas", "sympy", "casadi", "cvxpy", "matplotlib", "pydantic", "jinja2", "mujoco")
+IDS = tuple(effect.id for effect in CATALOGUE)
 
 
 def motion(seed: int) -> Motion:
@@ -462,16 +464,36 @@ def program(*argv: str, **options: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", PROGRAM, *argv], text=True, capture_output=True, **options)
 
 
-def test_help_imports_nothing_heavy() -> None:
+@pytest.mark.parametrize(
+    ("calls", "says"),
+    [
+        ([["--help"]], ["\n    demo ", "\n    diagnose ", "\n    fit ", "\n    effects "]),
+        ([["diagnose", "--help"]], ["--validate"]),
+        ([["--version"]], [f"truewrench {version('truewrench')}\n"]),
+        ([["effects"]], list(IDS)),
+        ([["effects", effect] for effect in IDS], [f"{effect}: " for effect in IDS]),
+    ],
+    ids=("help", "help-of-a-command", "version", "effects", "effects-id"),
+)
+def test_what_only_describes_imports_nothing_heavy(calls: list[list[str]], says: list[str]) -> None:
     code = (
         "import sys\nfrom truewrench.command_line import main\n"
-        "try:\n    main(['--help'])\nexcept SystemExit as end:\n    assert not end.code\n"
+        f"for argv in {calls}:\n    try:\n        main(argv)\n"
+        "    except SystemExit as end:\n        assert not end.code\n"
         f"print('loaded:', [name for name in {HEAVY} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
     assert "loaded: []" in done.stdout
-    for command in ("demo", "diagnose", "fit", "effects"):
-        assert f"\n    {command} " in done.stdout
+    assert not [text for text in says if text not in done.stdout]
+
+
+def test_the_public_names_are_loaded_one_by_one() -> None:
+    code = (
+        "import sys, truewrench as tw\nassert 'modeling' not in sys.modules\n"
+        f"tw.effects.viscous_drag\nprint('loaded:', [name for name in {HEAVY} if name in sys.modules], tw.__version__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
+    assert done.stdout == f"loaded: [] {version('truewrench')}\n"
 
 
 def test_exit_codes_reach_the_shell() -> None:

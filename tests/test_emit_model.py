@@ -19,7 +19,7 @@ from estimation.contact.contact import compensate
 from estimation.reading import read
 from estimation.response import signals_of
 from modeling import effects
-from modeling.chain import LAPLACE, Chain, Stage
+from modeling.chain import Chain, Stage, laplace
 from modeling.effect import Effect
 from modeling.effects import catalogue, named
 from modeling.emit.c_model import c_model
@@ -298,7 +298,7 @@ class Filter(Effect):
         return replace(chain, memory=self.transfer)
 
 
-S = LAPLACE
+S = laplace()
 
 
 @pytest.mark.parametrize(

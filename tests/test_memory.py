@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lsim
 
 from modeling import effects
-from modeling.chain import LAPLACE
+from modeling.chain import laplace
 from modeling.errors import InputError
 from modeling.memory import Memory, Transfer
 from modeling.model import planar
@@ -19,7 +19,7 @@ from modeling.running_memory import RunningMemory
 
 Array = NDArray[np.float64]
 
-S = LAPLACE
+S = laplace()
 TAU, DELAY = sp.symbols("tau delay", real=True)
 DT = 0.004
 

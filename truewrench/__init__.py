@@ -157,6 +157,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used, so that importing truewrench stays fast."""
+    if name == "__version__":
+        return import_module("importlib.metadata").version("truewrench")
     if name == "effects":
         return import_module("modeling.effects")
     if name in _HOMES:

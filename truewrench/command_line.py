@@ -30,6 +30,17 @@ class Parser(argparse.ArgumentParser):
         raise InputError(what=message, where=self.prog, remedy=f"see `{self.prog} --help`")
 
 
+class Version(argparse.Action):
+    """Print the version and end: it is looked up when somebody asks."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print it."""
+        from truewrench import __version__
+
+        print(f"truewrench {__version__}")
+        parser.exit()
+
+
 def parser() -> Parser:
     """The parser of every command."""
     top = Parser(
@@ -38,6 +49,7 @@ def parser() -> Parser:
         epilog="`truewrench COMMAND --help` says more.",
         allow_abbrev=False,
     )
+    top.add_argument("--version", action=Version, nargs=0, help="print the version and end")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
     for command in (demo, diagnose, fit, design, compensate, emit, effects):
         command.add_to(commands)

@@ -9,10 +9,10 @@ from math import prod
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from design.bound.symmetry import Change
 from design.bound.viability import ViableStates
+from modeling import symbolic as sp
 from modeling.emission import casadi_expressions
 
 

@@ -8,7 +8,6 @@ from copy import copy
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
 from estimation.contact.calibration import Calibration
@@ -16,6 +15,7 @@ from estimation.contact.local_polynomial import LocalPolynomial
 from estimation.contact.row_motion import RowMotion, Tap
 from estimation.fit import Fit
 from estimation.linear.estimate import table
+from modeling import symbolic as sp
 from modeling.contact import components
 from modeling.contact_gain import contact_gain_at, lateness
 from modeling.errors import InputError

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.motion_form import motion_form
 from estimation.recording import QUATERNION, MotionForm, motion_columns, numbered
 from estimation.table import Table
+from modeling import symbolic as sp
 from modeling.errors import InputError
 from modeling.kinematics import Arm
 from modeling.model import WrenchModel
@@ -21,7 +21,7 @@ from modeling.quaternion import turning
 from modeling.rig import Rig
 
 Array = NDArray[np.float64]
-Signals = dict[str, sp.Expr]
+Signals: TypeAlias = "dict[str, sp.Expr]"
 
 TURN = 2 * np.pi
 
@@ -102,7 +102,7 @@ class RowMotion:
             state = ca.vertcat(*(known[name] for name in self._state))
             motion = self.arm.function(*ca.vertsplit(state, self.arm.joints))
             known |= dict(zip(self.arm.names, ca.vertsplit(motion), strict=True))
-        emitted = Emitted(expression, inputs, tuple(parameters))
+        emitted = Emitted.of(expression, inputs, tuple(parameters))
         function = ca.Function("row", list(emitted.symbols), [emitted.graph])
         theta = emitted.symbols[1]
         return taps, ca.Function("row", [values, theta], [function(ca.vertcat(*(known[n] for n in inputs)), theta)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +14,7 @@ from estimation.linear.descent import FAINT, MOST_STEPS, UNSHOWN
 from estimation.linear.least_squares import Sight
 from estimation.linear.square_root import SquareRoot
 from estimation.linear.unseen import UnseenDirection, WeakestDirection, unseen_directions, weakest_direction
+from estimation.text_table import table as table
 from modeling.parameter import Parameter
 
 Array = NDArray[np.float64]
@@ -108,10 +109,3 @@ class Estimates(ABC):
 
     def __str__(self) -> str:
         return "\n".join([table(("parameter", "value", "std", "unit"), self.rows()), *self.remarks()])
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Text columns under a header."""
-    lines = [tuple(header), *map(tuple, rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    return "\n".join("  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines)

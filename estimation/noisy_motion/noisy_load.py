@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 
-import sympy as sp
-
 from estimation.noisy_motion.input_noise import TURNS, InputNoise
 from estimation.recording import QUATERNION, Recording
+from modeling import symbolic as sp
 from modeling.arm import POSE_SIGNALS, PlanarArm
 from modeling.errors import InputError
 from modeling.model import WrenchModel
@@ -148,7 +147,7 @@ class NoisyLoad:
     def emitted(self) -> Emitted:
         """`slopes` (p s,), channel by channel, as a function of signals and parameters."""
         expression = self.slopes.reshape(self.slopes.rows * self.slopes.cols, 1)
-        return Emitted(expression, self.model.inputs_of(expression), compiled(self.model).symbols)
+        return Emitted.of(expression, self.model.inputs_of(expression), compiled(self.model).symbols)
 
 
 @lru_cache(maxsize=32)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.fit import Fit
 from estimation.linear.estimate import table
+from modeling import symbolic as sp
 from modeling.emission import numpy_function
 from modeling.space import Space
 

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import pi
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage
 from modeling.effect import Effect
 from modeling.parameter import Parameter

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import hypot, inf
+from math import dist, inf
 
-import numpy as np
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage, in_plane, point_on_tip
 from modeling.effect import Effect, Extent, Values
 from modeling.effects.push import DISTANCE, SLOWEST, pushed
@@ -52,6 +50,8 @@ class CableSpring(Effect):
 
     def nuisance_grid(self, extent: Extent) -> tuple[Values, ...]:
         """Anchors in and around the box that was visited, for cables always taut and taut in a part of it."""
+        import numpy as np
+
         if not extent.low:
             return ()
         low, high = np.array(extent.low), np.array(extent.high)
@@ -62,13 +62,13 @@ class CableSpring(Effect):
         return tuple(
             dict(zip(names, map(float, anchor), strict=True)) | {"length": length, "d": d}
             for anchor in product(*lines)
-            for length in _slack_lengths(np.array(anchor), low, high)
+            for length in _slack_lengths(anchor, extent)
             for d in (0.0, 0.5 * extent.reach, extent.reach)
         )
 
 
-def _slack_lengths(anchor: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[float]:
+def _slack_lengths(anchor: Sequence[float], extent: Extent) -> list[float]:
     """Natural lengths between zero and the farthest corner of the box from the anchor."""
-    corners = [hypot(*(np.array(corner) - anchor)) for corner in product(*zip(low, high, strict=True))]
+    corners = [dist(corner, anchor) for corner in product(*zip(extent.low, extent.high, strict=True))]
     nearest, farthest = min(corners), max(corners)
     return [0.0, nearest + 0.25 * (farthest - nearest), nearest + 0.6 * (farthest - nearest)]

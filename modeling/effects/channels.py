@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from math import inf, pi
 from typing import Any
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage
 from modeling.effect import Effect, Extent, Values
 from modeling.parameter import Parameter

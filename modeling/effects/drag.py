@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage, velocity_on_tip
 from modeling.effect import Effect, Extent, Values
 from modeling.effects.push import DISTANCE, SLOWEST, distances, pushed

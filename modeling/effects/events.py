@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from itertools import combinations, product
 
-import numpy as np
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage, point_on_tip
 from modeling.contact import applied, components
 from modeling.effect import Combination, Effect, Extent, Values
@@ -17,7 +16,7 @@ from modeling.parameter import Parameter
 from modeling.space import Space, signals
 from modeling.tip import Body
 
-EDGE = sp.Rational(1, 100)
+EDGE = Fraction(1, 100)
 """Seconds in which an event begins or ends, so that its times have a derivative."""
 NEVER = 1e9
 """An end (s) that no recording reaches."""
@@ -58,6 +57,8 @@ class PayloadChange(Effect):
 
     def nuisance_grid(self, extent: Extent) -> tuple[Values, ...]:
         """Edges of what was noticed and 31 times over the recording, each at three points of the tip."""
+        import numpy as np
+
         edges = [edge for event in extent.events for edge in event]
         times = [*edges, *map(float, np.linspace(extent.start, extent.end, 33)[1:-1])]
         return tuple({"d": d, "time": t} for t, d in product(times, (0.0, 0.5 * extent.reach, extent.reach)))
@@ -93,6 +94,8 @@ class ContactEvent(Effect):
 
     def nuisance_grid(self, extent: Extent) -> tuple[Values, ...]:
         """Intervals that were noticed, and those between the points of a grid of 17 times over the recording."""
+        import numpy as np
+
         times = np.linspace(extent.start, extent.end, 17)
         windows = [*extent.events, *combinations(map(float, times), 2)]
         return tuple({"start": start, "end": end} for start, end in windows)

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, pi
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-import sympy as sp
-
-from modeling.actual_arm import ActualArm
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage
 from modeling.effect import Effect
 from modeling.errors import InputError
-from modeling.kinematics import Arm
 from modeling.parameter import Parameter
 from modeling.space import Space
+
+if TYPE_CHECKING:
+    from modeling.actual_arm import ActualArm
+    from modeling.kinematics import Arm
 
 
 @dataclass(frozen=True)

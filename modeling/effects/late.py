@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import sympy as sp
-
-from modeling.chain import LAPLACE, Chain, Stage
+from modeling import symbolic as sp
+from modeling.chain import Chain, Stage, laplace
 from modeling.effect import Effect
 from modeling.parameter import Parameter
 from modeling.space import Space
@@ -30,7 +29,7 @@ class SensorLag(Effect):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Low-pass every channel."""
-        return replace(chain, memory=chain.memory / (1 + LAPLACE * p["time_constant"]))
+        return replace(chain, memory=chain.memory / (1 + laplace() * p["time_constant"]))
 
 
 @dataclass(frozen=True)
@@ -50,4 +49,4 @@ class TimeDelay(Effect):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Delay every channel."""
-        return replace(chain, memory=chain.memory * sp.exp(-LAPLACE * p["delay"]))
+        return replace(chain, memory=chain.memory * sp.exp(-laplace() * p["delay"]))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, point_on_tip
 from modeling.effect import Extent
 from modeling.parameter import Parameter
@@ -25,4 +23,6 @@ def pushed(chain: Chain, force: sp.Matrix, distance: sp.Expr) -> Chain:
 
 def distances(extent: Extent) -> list[float]:
     """Where along the tip a force may act, m."""
+    import numpy as np
+
     return [float(d) for d in np.linspace(0.0, extent.reach, 5)]

@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from math import inf, sqrt
 
-import numpy as np
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.bend import Bend
 from modeling.chain import Chain, Stage
 from modeling.effect import Effect, Extent, Values
@@ -66,6 +64,8 @@ class TipFlexibility(Effect):
         stiffness = inertia (2 pi f)², damping = 2 ratio sqrt(stiffness inertia); where the inertia is not known, that
         of a rod as long as `reach`.
         """
+        import numpy as np
+
         inertia = extent.inertia or TYPICAL_MASS * extent.reach**2 / 3
         stiffnesses = np.clip(inertia * (2 * np.pi * np.geomspace(*RINGING, 8)) ** 2, SOFTEST, STIFFEST)
         return tuple(

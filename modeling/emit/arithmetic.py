@@ -6,32 +6,31 @@ from abc import ABC, abstractmethod
 from functools import reduce
 from typing import Generic, TypeVar
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.errors import InputError
 
 T = TypeVar("T")
 
-FUNCTIONS: dict[type[sp.Basic], str] = {
-    sp.sin: "sin",
-    sp.cos: "cos",
-    sp.tan: "tan",
-    sp.asin: "asin",
-    sp.acos: "acos",
-    sp.atan: "atan",
-    sp.atan2: "atan2",
-    sp.sinh: "sinh",
-    sp.cosh: "cosh",
-    sp.tanh: "tanh",
-    sp.exp: "exp",
-    sp.log: "log",
-    sp.Abs: "fabs",
-    sp.sign: "sign",
-    sp.Heaviside: "step",
+FUNCTIONS: dict[str, str] = {
+    "sin": "sin",
+    "cos": "cos",
+    "tan": "tan",
+    "asin": "asin",
+    "acos": "acos",
+    "atan": "atan",
+    "atan2": "atan2",
+    "sinh": "sinh",
+    "cosh": "cosh",
+    "tanh": "tanh",
+    "exp": "exp",
+    "log": "log",
+    "Abs": "fabs",
+    "sign": "sign",
+    "Heaviside": "step",
 }
-"""Functions of SymPy under the name that arithmetics know them by: C's, where C has it."""
+"""Functions of SymPy by their names there, under the name that arithmetics know them by: C's, where C has it."""
 
-FOLDED = {sp.Max: "fmax", sp.Min: "fmin"}
+FOLDED = {"Max": "fmax", "Min": "fmin"}
 """Functions of any number of arguments, taken two at a time."""
 
 
@@ -128,12 +127,13 @@ class Arithmetic(ABC, Generic[T]):
         if isinstance(expression, sp.DiracDelta):
             return self.number(0.0)  # the derivative of a jump, which is nothing everywhere but there
         arguments = [self.of(argument) for argument in expression.args]
-        if expression.func in FOLDED:
-            name = FOLDED[expression.func]
+        own = expression.func.__name__
+        if own in FOLDED:
+            name = FOLDED[own]
             return reduce(lambda left, right: self.call(name, left, right), arguments)
-        if expression.func in FUNCTIONS:
+        if own in FUNCTIONS:
             wanted = 1 if expression.func is sp.Heaviside else len(arguments)
-            return self.call(FUNCTIONS[expression.func], *arguments[:wanted])
+            return self.call(FUNCTIONS[own], *arguments[:wanted])
         what = f"the function {expression.func} has no counterpart in emitted code"
         raise InputError(what=what, where="emit", remedy="leave the effect out")
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.emit.program import Program
 from modeling.model import WrenchModel, planar
 from modeling.parameter import Parameter

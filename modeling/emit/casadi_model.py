@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.emit.casadi_state import CasadiState
 from modeling.emit.fitted import FittedModel
 from modeling.emit.graph import graphs_of
@@ -15,7 +14,7 @@ from modeling.running_bend import NEWTON_STEPS, SampledBend
 from modeling.space import signals
 
 RESERVED = ("reading", "change", "state")
-Values = dict[sp.Symbol, Any]
+Values: TypeAlias = "dict[sp.Symbol, Any]"
 
 
 def casadi_model(fitted: FittedModel) -> Any:

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.emit.program import Program
 
 

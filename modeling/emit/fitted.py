@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.contact import components
 from modeling.contact_gain import contact_gain
 from modeling.emit.derivative import derivative

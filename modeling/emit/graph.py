@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.emit.arithmetic import Arithmetic
 from modeling.emit.program import Program
 

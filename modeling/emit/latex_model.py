@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain
 from modeling.emit.about_fitted import about_model
 from modeling.emit.fitted import FittedModel

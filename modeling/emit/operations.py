@@ -8,8 +8,7 @@ from functools import reduce
 from operator import add
 from typing import Self
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.emit.arithmetic import Arithmetic
 
 

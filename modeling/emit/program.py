@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.emit.operations import Counting, Operations
 from modeling.steps import Definitions
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.emit.arithmetic import Arithmetic
 from modeling.emit.program import Program
 from modeling.errors import InputError

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.formula.source import Source
 from modeling.formula.tree import Call, Name, Node, Number, Power, Product, Sum
 
 LARGEST_WHOLE = 1000
 """Whole numbers up to here stay whole, so that x/2 prints as it was written; larger ones multiply as floats."""
-LARGEST = sp.Float("1e300")
+LARGEST = 1e300
 """Of a number that SymPy makes of others: floats end soon after."""
-
-_STRANGE = (sp.zoo, sp.nan, sp.oo, sp.S.NegativeInfinity, sp.I)
 
 
 def expression(tree: Node, values: Mapping[str, sp.Expr], source: Source) -> sp.Expr:
@@ -31,7 +28,8 @@ def expression(tree: Node, values: Mapping[str, sp.Expr], source: Source) -> sp.
         built = _combined(tree, values, source)
     except (ValueError, TypeError):  # SymPy's comparisons refuse what is infinite or not real
         built = sp.nan
-    if built.has(*_STRANGE) or not all(map(_is_plain, (built, *built.args))):
+    strange = (sp.zoo, sp.nan, sp.oo, sp.S.NegativeInfinity, sp.I)
+    if built.has(*strange) or not all(map(_is_plain, (built, *built.args))):
         raise source.refusal(tree.column, "this leaves no finite real number", "correct the formula there")
     return built
 

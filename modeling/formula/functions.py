@@ -6,9 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
-import sympy as sp
+from modeling import symbolic as sp
 
 MOST_ARGUMENTS = 8
 """Of min and max."""
@@ -44,9 +43,9 @@ class Function:
         return self.usage.partition("(")[0]
 
 
-def _unevaluated(function: Any) -> Callable[..., sp.Expr]:
-    """The function as it stands: what SymPy would do to order or simplify its arguments takes seconds when nested."""
-    return lambda *arguments: function(*arguments, evaluate=False)
+def _unevaluated(name: str) -> Callable[..., sp.Expr]:
+    """SymPy's function of that name as it stands: to order or simplify nested arguments would take seconds."""
+    return lambda *arguments: getattr(sp, name)(*arguments, evaluate=False)
 
 
 def _root(x: sp.Expr) -> sp.Expr:
@@ -64,16 +63,16 @@ def _step(x: sp.Expr, width: sp.Expr) -> sp.Expr:
 FUNCTIONS: Mapping[str, Function] = {
     function.name: function
     for function in (
-        Function("sin(x)", 1, 1, UnitRule.NUMBER, _unevaluated(sp.sin), math.sin),
-        Function("cos(x)", 1, 1, UnitRule.NUMBER, _unevaluated(sp.cos), math.cos),
-        Function("tan(x)", 1, 1, UnitRule.NUMBER, _unevaluated(sp.tan), math.tan),
-        Function("tanh(x)", 1, 1, UnitRule.NUMBER, _unevaluated(sp.tanh), math.tanh),
-        Function("exp(x)", 1, 1, UnitRule.NUMBER, _unevaluated(sp.exp), math.exp),
+        Function("sin(x)", 1, 1, UnitRule.NUMBER, _unevaluated("sin"), math.sin),
+        Function("cos(x)", 1, 1, UnitRule.NUMBER, _unevaluated("cos"), math.cos),
+        Function("tan(x)", 1, 1, UnitRule.NUMBER, _unevaluated("tan"), math.tan),
+        Function("tanh(x)", 1, 1, UnitRule.NUMBER, _unevaluated("tanh"), math.tanh),
+        Function("exp(x)", 1, 1, UnitRule.NUMBER, _unevaluated("exp"), math.exp),
         Function("sqrt(x)", 1, 1, UnitRule.ROOT, _root, math.sqrt),
-        Function("abs(x)", 1, 1, UnitRule.SAME, _unevaluated(sp.Abs), math.fabs),
-        Function("min(a, b, ..)", 2, MOST_ARGUMENTS, UnitRule.SAME, _unevaluated(sp.Min), min),
-        Function("max(a, b, ..)", 2, MOST_ARGUMENTS, UnitRule.SAME, _unevaluated(sp.Max), max),
-        Function("atan2(y, x)", 2, 2, UnitRule.RATIO, _unevaluated(sp.atan2), math.atan2),
+        Function("abs(x)", 1, 1, UnitRule.SAME, _unevaluated("Abs"), math.fabs),
+        Function("min(a, b, ..)", 2, MOST_ARGUMENTS, UnitRule.SAME, _unevaluated("Min"), min),
+        Function("max(a, b, ..)", 2, MOST_ARGUMENTS, UnitRule.SAME, _unevaluated("Max"), max),
+        Function("atan2(y, x)", 2, 2, UnitRule.RATIO, _unevaluated("atan2"), math.atan2),
         Function("sign(x, width)", 2, 2, UnitRule.RATIO, _sign, lambda x, width: math.tanh(x / width)),
         Function("step(x, width)", 2, 2, UnitRule.RATIO, _step, lambda x, width: (1 + math.tanh(x / width)) / 2),
     )

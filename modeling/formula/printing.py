@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-import sympy as sp
 from sympy.printing.str import StrPrinter
 
+from modeling import symbolic as sp
 from modeling.errors import InputError
 from modeling.formula.source import Source
 from modeling.formula.tokens import LONGEST

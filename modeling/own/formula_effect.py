@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Self
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage, in_plane
 from modeling.contact import applied, components
 from modeling.effect import Effect, Extent, Values

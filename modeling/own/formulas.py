@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage
 from modeling.errors import InputError
 from modeling.formula.checking import require_unit, unit_of

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
+from modeling import symbolic as sp
 from modeling.chain import rigid_chain
 from modeling.effect import Extent
 from modeling.errors import InputError
@@ -100,7 +100,7 @@ def _emitted(effect: FormulaEffect, space: Space, names: tuple[str, ...]) -> Emi
     added, _ = formulas_of(effect.definition).values(chain, known)
     expressions, symbols = sp.Matrix(list(added.values())), tuple(known[name] for name in names)
     inputs = tuple(sorted(s.name for s in expressions.free_symbols - set(symbols)))
-    return Emitted(expressions, inputs, symbols)
+    return Emitted.of(expressions, inputs, symbols)
 
 
 def _places(effect: FormulaEffect, inputs: tuple[str, ...]) -> dict[str, Array]:

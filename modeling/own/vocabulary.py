@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.chain import Chain, Stage, point_on_tip, velocity_on_tip
 from modeling.contact import components
 from modeling.space import FORCE_UNIT, TORQUE_UNIT, Space

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
-import sympy as sp
-
+from modeling import symbolic as sp
 from modeling.formula.printing import printed
 from modeling.own.formula_effect import FormulaEffect
 
-Written = Mapping[str, str | sp.Expr]
+Written: TypeAlias = "Mapping[str, str | sp.Expr]"
 
 
 def own_effect(

@@ -33,7 +33,7 @@ def part(model: WrenchModel, name: str) -> Emitted:
         return cast(Emitted, getattr(compiled(model), name))
     expression = chain.equilibrium() if name == "equilibrium" else model.load
     own = (model.inputs_of(expression), tuple(s.name for s in chain.bend.signals))
-    return Emitted(expression, own[0] + own[1], tuple(p.symbol for p in model.parameters), model.definitions)
+    return Emitted.of(expression, own[0] + own[1], tuple(p.symbol for p in model.parameters), model.definitions)
 
 
 def random_signals(case: Case, names: Sequence[str], samples: int, rng: np.random.Generator) -> dict[str, Array]:

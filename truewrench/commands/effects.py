@@ -29,9 +29,8 @@ def add_to(commands: Subcommands[Any]) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Print the table, or the one effect."""
     from modeling.effects import catalogue, named
-    from truewrench.effects_file import read_effects
 
-    own = () if arguments.effects is None else read_effects(arguments.effects)
+    own = () if arguments.effects is None else _written(arguments.effects)
     if arguments.id is None:
         print(listing((*catalogue(), *own)))
         return
@@ -39,9 +38,16 @@ def run(arguments: argparse.Namespace) -> None:
     print(description(written.get(arguments.id) or named(arguments.id)))
 
 
+def _written(path: str) -> tuple[Effect, ...]:
+    """The effects of a file; what reads formulas is loaded for those who have one."""
+    from truewrench.effects_file import read_effects
+
+    return read_effects(path)
+
+
 def listing(effects: Iterable[Effect]) -> str:
     """Id, title, stage of the chain and the sensors that each effect applies to."""
-    from estimation.fit import table
+    from estimation.text_table import table
 
     rows = [(e.id, e.title, e.stage.value, _sensors(e.spaces)) for e in effects]
     return table(("id", "what", "stage", "sensor"), rows)

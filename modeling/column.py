@@ -1,0 +1,44 @@
+"""Column: a symbolic part of a model, with what its symbols are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from modeling import symbolic as sp
+from modeling.emission import casadi_expression, casadi_expressions
+from modeling.steps import Definitions, needed
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A symbolic column of inputs and parameters, and the steps that say what its other symbols are, in order."""
+
+    expression: sp.Matrix
+    inputs: tuple[str, ...]
+    parameters: tuple[sp.Symbol, ...]
+    definitions: Definitions = ()
+
+    def graph(self, u: Any, theta: Any) -> Any:
+        """It as a dense CasADi column over CasADi columns of inputs and parameters."""
+        import casadi as ca
+
+        known: dict[sp.Symbol, Any] = {sp.Symbol(n, real=True): u[i] for i, n in enumerate(self.inputs)}
+        known |= {symbol: theta[i] for i, symbol in enumerate(self.parameters)}
+        for symbol, step in needed(self.definitions, self.expression):
+            known[symbol] = casadi_expression(known, step)
+        return ca.densify(ca.vertcat(ca.SX(0, 1), *casadi_expressions(known, list(self.expression))))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters' names."""
+        return tuple(symbol.name for symbol in self.parameters)
+
+    @cached_property
+    def active(self) -> tuple[int, ...]:
+        """Which parameters it depends on."""
+        free = set(self.expression.free_symbols)
+        for _, step in needed(self.definitions, self.expression):
+            free |= step.free_symbols
+        return tuple(i for i, symbol in enumerate(self.parameters) if symbol in free)

@@ -1,0 +1,172 @@
+"""Tape: a compiled expression as a straight line of elementary operations, as plain data that any arithmetic can run.
+
+It is the Wengert list of automatic differentiation (Griewank and Walther, Evaluating Derivatives, 2.2): every operation
+takes results of those before it, and makes one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Self
+
+Operation = tuple[str, int, int]
+
+NONE = -1
+"""In place of an operand that there is none of."""
+
+UNARY = (
+    *("neg", "sq", "twice", "inv", "sqrt", "exp", "expm1", "log", "log1p", "sign", "fabs", "not"),
+    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"),
+)
+BINARY = (
+    *("add", "sub", "mul", "div", "pow", "constpow", "fmin", "fmax", "atan2"),
+    *("lt", "le", "eq", "ne", "and", "or", "if_else_zero"),
+)
+"""Operations by CasADi's names (OP_ADD is add); comparisons give 1 or 0, if_else_zero(c, x) is x where c is not 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tape:
+    """Values are numbered: the inputs u (m), the parameters theta (k), the constants, then one for each operation.
+
+    operations  names with the numbers of their one or two operands
+    results     the numbers of what is wanted
+    """
+
+    inputs: int
+    parameters: int
+    constants: tuple[float, ...]
+    operations: tuple[Operation, ...]
+    results: tuple[int, ...]
+
+    @classmethod
+    def of(cls, u: Any, theta: Any, results: Any) -> Self:
+        """The tape of a CasADi column over symbols u (m,) and theta (k,), subexpressions that occur twice shared.
+
+        Raises ValueError for an operation that no tape has.
+        """
+        import casadi as ca
+
+        function = ca.Function("tape", [u, theta], [ca.densify(ca.cse(ca.vec(results)))])
+        return cls(u.numel(), theta.numel(), *_recorded(function))
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Self:
+        """The tape of what `to_data` gives.
+
+        Raises ValueError where that is no such thing: unknown operations, operands that do not come before.
+        """
+        m, k = _count(data["inputs"]), _count(data["parameters"])
+        constants = tuple(map(float, data["constants"]))
+        names, left, right = data["operations"]
+        first = m + k + len(constants)
+        for place, (name, a, b) in enumerate(zip(names, left, right, strict=True), start=first):
+            if not (_before(a, place) and (b == NONE if name in UNARY else name in BINARY and _before(b, place))):
+                raise ValueError(f"operation {place} is none: {name} of {a} and {b}")
+        if not all(_before(result, first + len(names)) for result in data["results"]):
+            raise ValueError("results of nothing")
+        return cls(m, k, constants, tuple(zip(names, left, right, strict=True)), tuple(data["results"]))
+
+    def to_data(self) -> dict[str, Any]:
+        """Lists of names and numbers."""
+        return {
+            "inputs": self.inputs,
+            "parameters": self.parameters,
+            "constants": list(self.constants),
+            "operations": [list(part) for part in zip(*self.operations, strict=True)] or [[], [], []],
+            "results": list(self.results),
+        }
+
+    @property
+    def first(self) -> int:
+        """The number of the first operation's value."""
+        return self.inputs + self.parameters + len(self.constants)
+
+    @property
+    def size(self) -> int:
+        """How many values there are."""
+        return self.first + len(self.operations)
+
+    def operation(self, number: int) -> Operation:
+        """The operation that makes the value of that number."""
+        return self.operations[number - self.first]
+
+    def only(self, results: Sequence[int]) -> Tape:
+        """The tape of some of the results, by their places among them, and of nothing that they do not need."""
+        wanted = [self.results[place] for place in results]
+        used = set(wanted)
+        for place in range(len(self.operations) - 1, -1, -1):
+            if self.first + place in used:
+                used.update(self.operations[place][1:])
+        kept = [place for place in range(len(self.operations)) if self.first + place in used]
+        moved = {number: number for number in range(self.first)} | {NONE: NONE}
+        moved |= {self.first + place: self.first + new for new, place in enumerate(kept)}
+        operations = ((name, moved[a], moved[b]) for name, a, b in (self.operations[place] for place in kept))
+        return Tape(self.inputs, self.parameters, self.constants, tuple(operations), tuple(moved[r] for r in wanted))
+
+    def graph(self, u: Any, theta: Any) -> Any:
+        """The results as a dense CasADi column over columns u (m,) and theta (k,)."""
+        import casadi as ca
+
+        values = [u[i] for i in range(self.inputs)] + [theta[i] for i in range(self.parameters)]
+        values += [ca.SX(constant) for constant in self.constants]
+        codes = _codes()
+        for name, a, b in self.operations:
+            left = values[a]
+            values.append(ca.SX.unary(codes[name], left) if b == NONE else ca.SX.binary(codes[name], left, values[b]))
+        return ca.densify(ca.vertcat(ca.SX(0, 1), *(values[result] for result in self.results)))
+
+
+def _count(value: object) -> int:
+    if type(value) is not int or value < 0:
+        raise ValueError(f"{value!r} is no number of values")
+    return value
+
+
+def _before(number: object, place: int) -> bool:
+    return type(number) is int and 0 <= number < place
+
+
+@lru_cache(maxsize=1)
+def _codes() -> dict[str, int]:
+    """CasADi's number of each operation."""
+    import casadi as ca
+
+    return {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY + BINARY}
+
+
+def _recorded(function: Any) -> tuple[tuple[float, ...], tuple[Operation, ...], tuple[int, ...]]:
+    """Constants, operations and results of a CasADi function of (u, theta), each value with a number of its own.
+
+    CasADi keeps values in places that it uses again; `held` says whose value is in a place.
+    """
+    import casadi as ca
+
+    names = {code: name for name, code in _codes().items()}
+    steps = range(function.n_instructions())
+    kinds = [function.instruction_id(step) for step in steps]
+    written = [function.instruction_constant(s) for s in steps if kinds[s] == ca.OP_CONST]
+    constants = tuple(dict.fromkeys(written))
+    m = function.size1_in(0)
+    first = m + function.size1_in(1)
+    place_of = {constant: first + place for place, constant in enumerate(constants)}
+    held: dict[int, int] = {}
+    operations: list[Operation] = []
+    results = [NONE] * function.size1_out(0)
+    for step, kind in zip(steps, kinds, strict=True):
+        taken, made = function.instruction_input(step), function.instruction_output(step)
+        if kind == ca.OP_OUTPUT:
+            results[made[1]] = held[taken[0]]
+        elif kind == ca.OP_INPUT:
+            held[made[0]] = m * taken[0] + taken[1]
+        elif kind == ca.OP_CONST:
+            held[made[0]] = place_of[function.instruction_constant(step)]
+        elif kind in names:
+            left, right = (*(held[place] for place in taken), NONE)[:2]
+            held[made[0]] = first + len(constants) + len(operations)
+            operations.append((names[kind], left, right))
+        else:
+            raise ValueError(f"no tape has CasADi's operation {kind}")
+    return constants, tuple(operations), tuple(results)
