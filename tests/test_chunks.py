@@ -405,6 +405,10 @@ def spoiled(chunk: Chunk) -> Chunk:
     return replace(chunk, wrench=np.where(np.arange(len(chunk.wrench))[:, None] == 3, np.nan, chunk.wrench))
 
 
+def infinite(chunk: Chunk) -> Chunk:
+    return replace(chunk, signals={n: np.where(np.arange(len(v)) == 7, np.inf, v) for n, v in chunk.signals.items()})
+
+
 def test_one_line_for_what_cannot_be_used() -> None:
     model, tool = noise_model(Space.PLANE, 3), base(Space.PLANE)
     recording = runs(Space.PLANE)[0]
@@ -414,6 +418,8 @@ def test_one_line_for_what_cannot_be_used() -> None:
         (replace(tool, convention=Convention.AUTO), cut, model, "cannot decide the sign"),
         (tool, [spoiled(cut[1])], model, "run0: a signal or a reading is not finite"),
         (tool, [replace(cut[1], history=2)], model, "overlap of 3"),
+        (tool, [infinite(cut[1])], noise_model(Space.PLANE, 0), "run0: a signal or a reading is not finite"),
+        (tool, [replace(cut[1], signals={})], noise_model(Space.PLANE, 0), "run0: the model needs the signal 'ax'"),
         (tool, cut, noise_model(Space.SPACE, 0), "the noise has 6 channels"),
         (base(Space.SPACE), cut, noise_model(Space.SPACE, 0), "it has 3 channels"),
         (tool + effects.sensor_lag(), cut, model, "remembers what came before"),

@@ -76,13 +76,14 @@ class RegressorMap:
     def information(self, signals: Mapping[str, Array], wrench: Array, root: Array) -> SquareRoot:
         """What n samples of readings (n, p) say of the parameters, under white noise with the inverse factor (p, p).
 
-        A whitened row of channel c is l_c' b, with b (d + p) the functions of the motion and the readings of its
-        sample, and l_c = sum_e root_ce (weights_e; -1 for the reading e) the same for all samples: one column for each
-        parameter and one for measured minus predicted. With B = Q R of all samples, the rows of channel c have the
-        triangle of R l_c: the samples are gone through for B alone, and Phi is never there.
+        With b (d + p) the functions of the motion and the readings of one sample, its whitened row of channel c is
+        b' L_c, one column for each parameter and one for measured minus predicted, and L_c, root_c times the weights,
+        is the same for all samples. With B = Q R of all samples, |B L_c x|² = |R L_c x|²: the samples are gone through
+        for R alone, and Phi is never there.
         """
         columns = tuple(np.asarray(signals[n], dtype=np.float64) for n in self.inputs)
-        triangle = tall_root(MotionAndReadings(self.form, columns, wrench))
+        with np.errstate(all="ignore"):  # what is not finite is found in the triangle
+            triangle = tall_root(MotionAndReadings(self.form, columns, wrench))
         size, channels = len(self.form.weights) - 1, len(root)
         if not np.isfinite(triangle).all():
             return SquareRoot(np.full((size, size), np.nan), np.full(size, np.nan), np.nan, wrench.size)
