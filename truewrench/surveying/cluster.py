@@ -1,0 +1,73 @@
+"""Cluster: an executor whose tasks run in other processes, on this machine's cores or on a Dask scheduler's workers."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+
+from modeling.errors import InputError
+
+PATIENCE = 10.0
+"""Seconds in which a scheduler has to answer."""
+LOOPBACK = "127.0.0.1"
+
+
+@contextmanager
+def local_executor(workers: int | None = None, *, most: int | None = None) -> Iterator[Executor]:
+    """An executor on worker processes of this machine, as many as it has cores, and `most` at the most.
+
+    A worker that dies is started anew and its task run again. Nothing listens beyond this machine, and nothing limits a
+    worker's memory but the machine. A program that calls this needs `if __name__ == "__main__":`, as worker processes
+    import it.
+    """
+    from dask.system import CPU_COUNT
+    from distributed import Client, LocalCluster
+
+    count = min(workers or CPU_COUNT, most or workers or CPU_COUNT)
+    with (
+        _quiet(),
+        LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            host=LOOPBACK,
+            dashboard_address=None,
+            memory_limit=0,
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client.get_executor()
+
+
+@contextmanager
+def remote_executor(scheduler: str) -> Iterator[Executor]:
+    """An executor on the workers of the scheduler at that address, `tcp://HOST:PORT`.
+
+    Raises InputError when nobody answers there.
+    """
+    from distributed import Client
+
+    with _quiet():
+        try:
+            client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
+            reason = str(error).strip() or type(error).__name__
+            remedy = "give the address that `dask scheduler` prints, tcp://HOST:PORT"
+            raise InputError(what=f"no scheduler answers: {reason}", where=scheduler, remedy=remedy) from None
+        with client:
+            yield client.get_executor()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's log lines to those who ask for them: what concerns the survey stands in its rows."""
+    logger = logging.getLogger("distributed")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
