@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from truewrench.plots.number import labelled
-from truewrench.plots.style import FAILING, FAINT, HOLDING, INK, LEGEND, MUTED, SMALL, Sheet, heading
+from truewrench.plots.style import FAILING, FAINT, HOLDING, INK, LEGEND, Sheet, heading
 
 Array = NDArray[np.float64]
 
@@ -21,6 +21,9 @@ PANEL = 92
 """Height of a panel in CSS pixels."""
 ROOM = 0.02
 """Of the time shown, left free at both ends."""
+FORMATS = ["%Y", "%b %Y", "%d %b", "%H:%M", "%H:%M", "%H:%M:%S"]
+ZERO_FORMATS = ["%Y", "%b %Y", "%d %b", "%d %b", "%H:%M", "%H:%M:%S"]
+"""Of ticks at years, months, days, hours, minutes, seconds; and of those that begin the next larger unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,5 +124,7 @@ def _date_axis(axes: Axes, moments: Sequence[datetime]) -> None:
     axes.set_xlim(*date2num([first - room, last + room]))
     locator = AutoDateLocator(minticks=3, maxticks=9)
     axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=True))
-    axes.xaxis.get_offset_text().set(color=MUTED, size=SMALL)
+    axes.xaxis.set_major_formatter(
+        ConciseDateFormatter(locator, formats=FORMATS, zero_formats=ZERO_FORMATS, show_offset=False)
+    )
+    axes.set_xlabel(f"{first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M}")

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 
 from modeling.errors import InputError
 
-PATIENCE = 10.0
+PATIENCE = 5.0
 """Seconds in which a scheduler has to answer."""
 LOOPBACK = "127.0.0.1"
+DEAF = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+"""What a worker runs first: Ctrl-C reaches every process of a terminal, and it is the client that ends the workers."""
 
 
 @contextmanager
@@ -35,6 +38,7 @@ def local_executor(workers: int | None = None, *, most: int | None = None) -> It
             host=LOOPBACK,
             dashboard_address=None,
             memory_limit=0,
+            preload=DEAF,
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster) as client,
@@ -52,13 +56,34 @@ def remote_executor(scheduler: str) -> Iterator[Executor]:
 
     with _quiet():
         try:
+            with ThreadPoolExecutor(1) as thread:  # where a notebook's loop does not run already
+                thread.submit(asyncio.run, _greet(scheduler)).result()
             client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
-        except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
-            reason = str(error).strip() or type(error).__name__
+        except Exception as error:  # whatever kept Dask from an answer
+            reason = str(error).strip() or f"nothing came within {PATIENCE:.0f} s"
             remedy = "give the address that `dask scheduler` prints, tcp://HOST:PORT"
             raise InputError(what=f"no scheduler answers: {reason}", where=scheduler, remedy=remedy) from None
         with client:
             yield client.get_executor()
+
+
+async def _greet(scheduler: str) -> None:
+    """Ask a scheduler for its identity.
+
+    A Dask client that has no scheduler to talk to may never end: so this comes before it. Raises whatever Dask does.
+    """
+    from distributed.comm import connect
+    from distributed.core import send_recv
+    from distributed.security import Security
+
+    async with asyncio.timeout(PATIENCE):
+        comm = await connect(scheduler, timeout=PATIENCE, **Security().get_connection_args("client"))
+        try:
+            identity = await send_recv(comm, op="identity", reply=True)
+        finally:
+            comm.abort()
+    if identity["type"] != "Scheduler":
+        raise TypeError(f"a {identity['type'].lower()} is there")
 
 
 @contextmanager

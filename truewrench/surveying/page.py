@@ -22,6 +22,7 @@ from truewrench.surveying.outcome import Outcome, Size
 from truewrench.surveying.pictures import time_image
 from truewrench.surveying.recording_time import TimeSource
 from truewrench.surveying.row import Row
+from truewrench.surveying.series import dated
 from truewrench.surveying.table import write_table
 
 ERROR = "error"
@@ -95,22 +96,25 @@ def page_data(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def headline(rows: Sequence[Row]) -> str:
-    """How many recordings, and how many of them the model explains, in a sentence."""
+    """How many recordings, and of how many nothing is left to explain."""
     explained = sum(row.outcome.verdict in ("nothing_missing", "explained") for row in rows)
-    return f"{len(rows)} recording{'' if len(rows) == 1 else 's'}, {explained} explained down to the noise"
+    return f"{len(rows)} recording{'' if len(rows) == 1 else 's'}; in {explained} nothing is left to explain"
 
 
 def time_sentence(rows: Sequence[Row]) -> str:
     """Where the times are known from."""
-    sources = Counter(row.time.source for row in rows if row.time is not None)
+    every = [row.time.source for row in rows if row.time is not None]
+    sources = {source: every.count(source) for source in TimeSource if source in every}
     words = {
         TimeSource.FILE_NAME: "from the name of the file",
         TimeSource.MODIFICATION: "from when the file was last modified, as its name has none (marked ~)",
     }
     parts = [f"{count} {words[source]}" for source, count in sources.items()]
-    without = len(rows) - sources.total()
+    without = len(rows) - len(every)
     parts += [f"{without} unknown, for want of a file"] if without else []
-    return f"Times are local. Known: {'; '.join(parts)}."
+    away = len(every) - len(dated(rows))
+    note = f" {away} of the other kind are not compared with these, nor drawn." if away else ""
+    return f"Times are local. Known: {'; '.join(parts)}.{note}"
 
 
 def line_of(row: Row) -> Line:

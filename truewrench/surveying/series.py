@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truewrench.surveying.outcome import Size
+from truewrench.surveying.recording_time import TimeSource
 from truewrench.surveying.row import Row
 
 Array = NDArray[np.float64]
@@ -45,8 +47,13 @@ class Series:
 
 
 def dated(rows: Sequence[Row]) -> list[Row]:
-    """The rows that have a time, in its order; of one time, in their own."""
-    return sorted((r for r in rows if r.time is not None), key=_moment)
+    """The rows whose time is of the source that most have, in its order; of one time, in their own.
+
+    Times of different sources are not compared: a copied file is as old as its copy.
+    """
+    sources = Counter(row.time.source for row in rows if row.time is not None)
+    chosen = max(TimeSource, key=lambda source: sources[source])  # of equally many the first, the name
+    return sorted((r for r in rows if r.time is not None and r.time.source is chosen), key=_moment)
 
 
 def series_of(rows: Sequence[Row]) -> list[Series]:

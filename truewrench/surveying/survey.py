@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from modeling.errors import InputError
 from modeling.rig import Rig
-from truewrench.output import folder, require_folder
+from truewrench.output import require_folder
 from truewrench.surveying.cluster import local_executor, remote_executor
 from truewrench.surveying.execution import Work, executed
 from truewrench.surveying.outcome import Outcome
@@ -143,7 +143,7 @@ def _require_known(only: tuple[str, ...] | None) -> None:
 
 def _store(out: Path) -> OutcomeStore:
     require_folder(out)
-    return OutcomeStore(folder(out / ROWS))
+    return OutcomeStore(out / ROWS)
 
 
 def _stored(tasks: Sequence[Task], store: OutcomeStore | None) -> dict[str, Outcome]:
