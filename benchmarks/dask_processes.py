@@ -56,9 +56,7 @@ def _started(arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
     threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     with log.open("wb") as stream:
         command = [sys.executable, "-m", "dask", *arguments]
-        return subprocess.Popen(
-            command, stdout=stream, stderr=stream, start_new_session=True, env=os.environ | threads
-        )
+        return subprocess.Popen(command, stdout=stream, stderr=stream, start_new_session=True, env=os.environ | threads)
 
 
 def _address(place: Path, scheduler: subprocess.Popen[bytes]) -> str:

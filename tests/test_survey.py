@@ -17,6 +17,7 @@ from time import sleep
 import pandas as pd
 import psutil
 import pytest
+from distributed import Client
 
 import truewrench as tw
 from benchmarks.dask_processes import DaskProcesses, dask_processes
@@ -30,6 +31,7 @@ from truewrench.surveying.fingerprint import fingerprint
 from truewrench.surveying.outcome import Outcome
 from truewrench.surveying.row import Row
 from truewrench.surveying.store import OutcomeStore
+from truewrench.surveying.task import Task, diagnosed_outcome
 
 RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
 NAN = "time,q1,q2,q3,fx,fy,tau\n" + "".join(f"{n / 100},0.1,0.2,{'nan' if n == 7 else 0.3},1,2,3\n" for n in range(50))
@@ -182,6 +184,17 @@ def test_what_failed_inside_is_a_row_and_tried_again(tmp_path: Path, one: Execut
     assert lengths(survey(paths, out=out, executor=one, work=stand_in.quick)) == [1, 2]
 
 
+def test_full_disk_is_an_error(tmp_path: Path, one: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    paths = files(tmp_path, 3)
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(InputError, match="No space left on device"):
+        survey(paths, out=tmp_path / "out", executor=one, work=stand_in.slow)
+    assert list((tmp_path / "out" / "rows").iterdir()) == []
+
+
 def test_recording_given_twice_is_two_rows_and_one_task(tmp_path: Path, one: Executor) -> None:
     (path,) = files(tmp_path, 1)
     assert lengths(survey([path, path], executor=one, work=stand_in.quick)) == [1, 1]
@@ -228,6 +241,25 @@ def test_killed_worker_costs_no_row(tmp_path: Path, cluster: DaskProcesses) -> N
     assert lengths(found) == [n + 1 for n in range(MANY)]
     workers = {pid for path in paths for pid in path.with_suffix(".log").read_text().split()}
     assert len(workers) == 2  # both had begun
+
+
+def test_dask_client_is_an_executor(tmp_path: Path, cluster: DaskProcesses) -> None:
+    paths = files(tmp_path, 3)
+    with Client(cluster.address, set_as_default=False) as client:
+        assert lengths(survey(paths, executor=client, work=stand_in.quick)) == [1, 2, 3]
+        assert lengths(survey(paths, executor=client, work=stand_in.quick)) == [1, 2, 3]  # it is still the caller's
+
+
+def test_recording_that_differs_where_it_is_diagnosed(tmp_path: Path, one: Executor) -> None:
+    (path,) = files(tmp_path, 1)
+
+    def rewritten(task: Task) -> Outcome:
+        path.write_text("something else")
+        return diagnosed_outcome(task)
+
+    (row,) = survey([path], out=tmp_path / "out", executor=one, work=rewritten).rows
+    assert row.outcome.error.startswith("is another file")
+    assert not (tmp_path / "out" / "rows").exists()
 
 
 def test_recording_that_kills_its_workers_is_one_row(tmp_path: Path) -> None:

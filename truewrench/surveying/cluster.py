@@ -7,8 +7,12 @@ import logging
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from modeling.errors import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 PATIENCE = 5.0
 """Seconds in which a scheduler has to answer."""
@@ -43,7 +47,7 @@ def local_executor(workers: int | None = None, *, most: int | None = None) -> It
         ) as cluster,
         Client(cluster) as client,
     ):
-        yield client.get_executor()
+        yield _executor(client)
 
 
 @contextmanager
@@ -64,7 +68,12 @@ def remote_executor(scheduler: str) -> Iterator[Executor]:
             remedy = "give the address that `dask scheduler` prints, tcp://HOST:PORT"
             raise InputError(what=f"no scheduler answers: {reason}", where=scheduler, remedy=remedy) from None
         with client:
-            yield client.get_executor()
+            yield _executor(client)
+
+
+def _executor(client: Client) -> Executor:
+    executor: Executor = client.get_executor()
+    return executor
 
 
 async def _greet(scheduler: str) -> None:
@@ -72,7 +81,7 @@ async def _greet(scheduler: str) -> None:
 
     A Dask client that has no scheduler to talk to may never end: so this comes before it. Raises whatever Dask does.
     """
-    from distributed.comm import connect
+    from distributed.comm.core import connect
     from distributed.core import send_recv
     from distributed.security import Security
 

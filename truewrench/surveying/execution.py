@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
 
@@ -14,7 +14,7 @@ from truewrench.surveying.task import Task, failed_outcome
 Work = Callable[[Task], Outcome]
 
 
-def executed(tasks: Sequence[Task], executor: Executor, work: Work) -> Iterator[tuple[Task, Outcome]]:
+def executed(tasks: Sequence[Task], executor: Executor, work: Work) -> Generator[tuple[Task, Outcome], None, None]:
     """Each task and its outcome, in the order in which they finish.
 
     Dask runs what a dying worker had begun on another one, and gives up what has been on several that died. What it

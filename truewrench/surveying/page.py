@@ -113,7 +113,7 @@ def time_sentence(rows: Sequence[Row]) -> str:
     without = len(rows) - len(every)
     parts += [f"{without} unknown, for want of a file"] if without else []
     away = len(every) - len(dated(rows))
-    note = f" {away} of the other kind are not compared with these, nor drawn." if away else ""
+    note = f" Not compared with these, nor drawn: {away} of the other kind." if away else ""
     return f"Times are local. Known: {'; '.join(parts)}.{note}"
 
 

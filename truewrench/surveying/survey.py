@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
@@ -56,7 +56,8 @@ class Survey:
         """The columns of survey.parquet."""
         from truewrench.surveying.table import table_of
 
-        return table_of(self.rows).to_pandas(maps_as_pydicts="strict")
+        frame: pd.DataFrame = table_of(self.rows).to_pandas(maps_as_pydicts="strict")
+        return frame
 
     def to_data(self) -> dict[str, Any]:
         """Numbers of recordings by verdict and the rows, as plain data."""
@@ -159,11 +160,12 @@ def _finished(
     found: dict[str, Outcome] = {}
     began = monotonic()
     progress(f"0 of {len(tasks)} recordings")
-    for task, outcome in executed(tasks, executor, work):
-        found[task.recording] = outcome
-        if store is not None and task.key is not None and outcome.final:
-            store.put(task.key, outcome)
-        progress(_done(len(found), len(tasks), monotonic() - began))
+    with closing(executed(tasks, executor, work)) as outcomes:  # what is not begun is cancelled, whatever happens here
+        for task, outcome in outcomes:
+            found[task.recording] = outcome
+            if store is not None and task.key is not None and outcome.final:
+                store.put(task.key, outcome)
+            progress(_done(len(found), len(tasks), monotonic() - began))
     return found
 
 

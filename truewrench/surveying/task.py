@@ -44,11 +44,11 @@ def diagnosed_outcome(task: Task) -> Outcome:
     The outcome is final only if it was made from what the task's fingerprint says.
     """
     began = perf_counter()
-    if _key(Path(task.recording), task.rig, task.only) != task.key:
-        what = "is another file, or read by another version of truewrench, where it was diagnosed"
-        remedy = "survey it again, with one version and one file system for all workers"
-        return Outcome(error=f"{what}; {remedy}", final=False)
     try:
+        if _key(Path(task.recording), task.rig, task.only) != task.key:
+            what = "is another file, or read by another version of truewrench, where it was diagnosed"
+            remedy = "survey it again, with one version and one file system for all workers"
+            return Outcome(error=f"{what}; {remedy}", final=False)
         return Outcome.of(_diagnosis(task), seconds=perf_counter() - began)
     except InputError as error:
         return Outcome(error=_line(error, task), seconds=perf_counter() - began, final=task.key is not None)
