@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from base64 import b64encode
+from dataclasses import replace
 from datetime import datetime, timedelta
 from hashlib import sha256
 from html.parser import HTMLParser
@@ -162,6 +163,14 @@ def test_line_of_a_row() -> None:
     line = line_of(row(0, c=0.512))
     assert [(q.name, q.value, q.unit) for q in line.sizes] == [("viscous_drag.c", "0.512 ± 0.010", "N·s/m")]
     assert (line.misfit, line.fall, line.label) == ("20.0 → 1.00", "fx: 0.300 → 0.00400 N", "Explained")
+
+
+def test_effect_of_many_sizes_shows_those_that_stand_out() -> None:
+    sizes = tuple(Size("sensor_crosstalk", f"c{n}", 0.01 * n, 0.01, "1") for n in range(9))
+    one = row(0, c=0.5)
+    line = line_of(replace(one, outcome=replace(one.outcome, added=("sensor_crosstalk", "x"), sizes=sizes)))
+    assert [q.name for q in line.sizes] == ["x", *(f"sensor_crosstalk.c{n}" for n in (8, 7, 6, 5, 4))]
+    assert [q.name for q in line.more_sizes] == [f"sensor_crosstalk.c{n}" for n in (3, 2, 1, 0)]
 
 
 # ------------------------------------------------------------------------------------------- changes

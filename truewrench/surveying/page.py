@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from truewrench.output import replacing
 from truewrench.plots.number import NOTHING, figures, unit_text, with_std
+from truewrench.report.effect_row import SIZES
 from truewrench.report.opening import LABELS
 from truewrench.report.quantity import Quantity
 from truewrench.surveying.change import changes_of
@@ -30,6 +31,8 @@ VERDICT_LABELS: Mapping[str, str] = {verdict.value: label for verdict, label in 
 """Label of each verdict, from the best to the worst."""
 COLUMNS = ("file", "recorded", "verdict", "added", "misfit", "error", "seconds")
 """Columns that sort, in their order."""
+CHANGES = 8
+"""Changes told at once; the rest unfolds."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ class Line:
     verdict: str
     label: str
     sizes: tuple[Quantity, ...]
+    more_sizes: tuple[Quantity, ...]
     misfit: str
     fall: str
     seconds: str
@@ -81,7 +85,8 @@ def survey_page(rows: Sequence[Row]) -> str:
         title=headline(rows),
         counts=[(v, label, counts[v]) for v, label in VERDICT_LABELS.items() if counts[v]],
         effects=Counter(effect for row in rows for effect in row.outcome.added).most_common(),
-        changes=[str(change) for change in changes],
+        changes=[str(change) for change in changes[:CHANGES]],
+        more_changes=[str(change) for change in changes[CHANGES:]],
         picture=time_image(rows, changes, VERDICT_LABELS),
         times=time_sentence(rows),
         lines=[line_of(row) for row in rows],
@@ -121,18 +126,28 @@ def line_of(row: Row) -> Line:
     """One recording as text."""
     outcome, time = row.outcome, row.time
     verdict = outcome.verdict or ERROR
+    bare = [Quantity(e, "", "") for e in outcome.added if all(size.effect != e for size in outcome.sizes)]
+    sizes = [*bare, *(_quantity(size) for size in most_certain(outcome.sizes))]
     return Line(
         file=row.file,
         recorded=NOTHING if time is None else f"{time.moment:%Y-%m-%d %H:%M:%S}",
         by_name=time is None or time.source is TimeSource.FILE_NAME,
         verdict=verdict,
         label=VERDICT_LABELS[verdict],
-        sizes=tuple(_quantity(size) for size in outcome.sizes) or tuple(Quantity(e, "", "") for e in outcome.added),
+        sizes=tuple(sizes[:SIZES]),
+        more_sizes=tuple(sizes[SIZES:]),
         misfit=_fall(outcome.misfit_before, outcome.misfit, changed=bool(outcome.added)),
         fall=_error_text(outcome),
         seconds=NOTHING if outcome.seconds is None else f"{outcome.seconds:.1f}",
         error=outcome.error,
     )
+
+
+def most_certain(sizes: Sequence[Size]) -> list[Size]:
+    """The sizes in their order; of more than the table shows at once the surest first."""
+    if len(sizes) <= SIZES:
+        return list(sizes)
+    return sorted(sizes, key=lambda s: -abs(s.value or 0.0) / s.std if s.std else 0.0)
 
 
 def _quantity(size: Size) -> Quantity:
