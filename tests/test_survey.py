@@ -356,6 +356,8 @@ def test_unknown_effect_and_two_places(tmp_path: Path, one: Executor) -> None:
         survey([path], only=["phlogiston"], executor=one)
     with pytest.raises(InputError, match="exclude one another"):
         survey([path], executor=one, workers=2)
+    with pytest.raises(InputError, match="one worker or more"):
+        survey([path], workers=0)
 
 
 def test_dask_is_imported_only_for_a_survey() -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from truewrench.surveying.change import Kind, change_of, changes_of
 from truewrench.surveying.outcome import ChannelError, Outcome, Size
 from truewrench.surveying.page import line_of, page_data, survey_page
+from truewrench.surveying.pictures import worth_drawing
 from truewrench.surveying.recording_time import RecordingTime, TimeSource, time_in
 from truewrench.surveying.row import Row
 from truewrench.surveying.series import Series, dated, series_of
@@ -218,6 +219,14 @@ def test_change_takes_trusted_recordings_with_a_std() -> None:
     assert changes_of(rows) == []
     assert len(series_of(rows)) == 2
     assert change_of(series(np.arange(20.0), std=np.inf)) is None
+
+
+def test_changes_and_the_payload_are_drawn_before_what_stays() -> None:
+    sizes = tuple(Size("cable_spring", name, 1.0, STD, "1") for name in ("k", "length"))
+    rows = [row(n, c=0.5) for n in range(6)]
+    rows = [replace(r, outcome=replace(r.outcome, sizes=(*sizes, *r.outcome.sizes))) for r in rows]
+    drawn = [s.name for s in worth_drawing(series_of(rows), ["cable_spring.length"])]
+    assert drawn == ["cable_spring.length", "m", "cable_spring.k", "viscous_drag.c"]
 
 
 def test_times_of_one_source_are_compared() -> None:

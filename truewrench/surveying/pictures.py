@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 
 import numpy as np
@@ -34,15 +34,25 @@ def time_image(rows: Sequence[Row], changes: Sequence[Change], labels: Mapping[s
     if len(shown) < 2:
         return None
     by_name = {change.series.name: change for change in changes}
-    every = series_of(rows)
-    chosen = [s for s in every if s.name in by_name]
-    chosen += [s for s in every if s.name not in by_name and (s.effect or s.name in ALWAYS)]
+    chosen = worth_drawing(series_of(rows), by_name)
     courses = [_course(series, by_name.get(series.name)) for series in chosen[:PANELS]]
     left = len(chosen) - len(courses)
     caption = "Bars: ± one standard deviation. Hollow: the recording is not explained, so that its bar is too short."
     caption += f" {left} more sizes, which do not change, stand in the table only." if left else ""
     figure = survey_figure(_marks(shown, labels), _fall(shown), courses)
     return image_of(figure, "Verdicts, errors and sizes over the times of the recordings.", caption)
+
+
+def worth_drawing(every: Sequence[Series], changed: Collection[str]) -> list[Series]:
+    """What changes, then the payload, then of each effect its first parameter, its amplitude, then the others."""
+    first = {series.effect: series.name for series in reversed(every)}
+    ranks = [
+        [s for s in every if s.name in changed],
+        [s for s in every if s.name in ALWAYS],
+        [s for s in every if s.effect and s.name == first[s.effect]],
+        [s for s in every if s.effect],
+    ]
+    return list(dict.fromkeys(series for rank in ranks for series in rank))
 
 
 def _marks(rows: Sequence[Row], labels: Mapping[str, str]) -> list[Marks]:

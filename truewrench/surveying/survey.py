@@ -114,6 +114,7 @@ def survey(
     Raises InputError for a rig or an effect that cannot be used, a folder that cannot be written, a scheduler that does
     not answer.
     """
+    _require_one_place(executor, scheduler, workers)
     paths = [Path(recording) for recording in recordings]
     candidates = None if only is None else tuple(only)
     _require_known(candidates)
@@ -133,6 +134,14 @@ def survey(
         progress("write the survey")
         surveyed.write(Path(out))
     return surveyed
+
+
+def _require_one_place(executor: Executor | DaskClient | None, scheduler: str | None, workers: int | None) -> None:
+    if sum(choice is not None for choice in (executor, scheduler, workers)) > 1:
+        what = "an executor, a scheduler and a number of local workers exclude one another"
+        raise InputError(what=what, where="survey", remedy="give one of them")
+    if workers is not None and workers < 1:
+        raise InputError(what=f"{workers} workers cannot do it", where="survey", remedy="give one worker or more")
 
 
 def _require_known(only: tuple[str, ...] | None) -> None:
@@ -180,9 +189,6 @@ def _executor(
     executor: Executor | DaskClient | None, scheduler: str | None, workers: int | None, *, most: int
 ) -> Iterator[Executor]:
     """The executor that was given, or one at the scheduler, or on this machine."""
-    if sum(choice is not None for choice in (executor, scheduler, workers)) > 1:
-        what = "an executor, a scheduler and a number of local workers exclude one another"
-        raise InputError(what=what, where="survey", remedy="give one of them")
     if executor is not None:
         yield executor if isinstance(executor, Executor) else executor.get_executor()
     elif scheduler is not None:
