@@ -41,6 +41,7 @@ def local_executor(workers: int | None = None, *, most: int | None = None) -> It
             processes=True,
             host=LOOPBACK,
             dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": f"{LOOPBACK}:0"},  # health pages remain: two surveys, two ports
             memory_limit=0,
             preload=DEAF,
             silence_logs=logging.CRITICAL,
