@@ -41,6 +41,12 @@ class Equilibrium:
         self._run(self._motion, signals, bend, theta, outputs)
         return value, slopes
 
+    def value(self, signals: Array, bend: Array, theta: Array) -> Array:
+        """F (n, d) alone."""
+        value = np.zeros((len(bend), self.size))
+        self._run(self._balance, signals, bend, theta, [value[:, row, None] for row in range(self.size)])
+        return value
+
     def by_parameters(self, signals: Array, bend: Array, theta: Array) -> Array:
         """The derivative of F in theta, (n, d, k)."""
         slopes = np.zeros((len(bend), self.size, self.parameters))
@@ -64,6 +70,11 @@ class Equilibrium:
     def _motion(self) -> Evaluation:
         """F, then its derivative in the bend, column after column."""
         return self._evaluation([i for i in self.column.active if i >= self.parameters], valued=True)
+
+    @cached_property
+    def _balance(self) -> Evaluation:
+        """F alone."""
+        return self._evaluation([], valued=True)
 
     @cached_property
     def _moved(self) -> Evaluation:
