@@ -52,14 +52,14 @@ class Whitener(ABC):
     def response(self, response: Response) -> tuple[Array, Array]:
         """Rows of a predicted value, (rows,), and of its derivative, (rows, k)."""
         reached = self.reached(response)
-        rows = np.zeros((self.rows, reached.shape[1]))
+        rows = np.zeros((self.rows, *reached.shape[1:]))
         rows[: len(reached)] = reached
-        return rows[:, 0], rows[:, 1:]
+        return rows[..., 0], rows[..., 1:]
 
 
 def _joined(part: tuple[Array, Array]) -> Array:
-    """A value (n, p) and its derivative (n, p, k) as one series (n, p, 1 + k), to be transformed at once."""
-    return np.concatenate([part[0][:, :, None], part[1]], axis=2)
+    """A value (n, p, ...) and its derivative (n, p, ..., k) as one series (n, p, ..., 1 + k), transformed at once."""
+    return np.concatenate([part[0][..., None], part[1]], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,8 +44,7 @@ class BentLoad:
         """What the bend obeys, for `modeling.operators.bending.solve`."""
         from modeling.operators.equilibrium import Equilibrium
 
-        u, both = self.equilibrium.symbols
-        return Equilibrium(graph=self.equilibrium.graph, u=u, bend=both[self.size :], theta=both[: self.size])
+        return Equilibrium(self.equilibrium, self.size)
 
     def tangent(self, signals: Signals, theta: Array, samples: int, clock: Clock, *, derivative: bool) -> Slopes:
         """Value (samples, p) and derivative (samples, p, k), that of the bend included; (samples, p, 0) when not asked.

@@ -93,6 +93,16 @@ class Tape:
         """The operation that makes the value of that number."""
         return self.operations[number - self.first]
 
+    def with_inputs(self, parameters: Sequence[int]) -> Tape:
+        """The tape with some of the parameters as further inputs, in that order."""
+        m, chosen = self.inputs, list(parameters)
+        others = [i for i in range(self.parameters) if i not in set(chosen)]
+        order = [*range(m), *(m + i for i in chosen), *(m + i for i in others)]
+        moved = {old: new for new, old in enumerate(order)}
+        operations = tuple((name, moved.get(a, a), moved.get(b, b)) for name, a, b in self.operations)
+        results = tuple(moved.get(r, r) for r in self.results)
+        return Tape(m + len(chosen), len(others), self.constants, operations, results)
+
     def only(self, results: Sequence[int]) -> Tape:
         """The tape of some of the results, by their places among them, and of nothing that they do not need."""
         wanted = [self.results[place] for place in results]

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from modeling.rig import Rig
     from modeling.space import signals
     from truewrench.effects_file import read_effects
+    from truewrench.surveying.survey import survey
 
 _HOMES = {
     "AOptimal": "design.criterion",
@@ -95,6 +96,7 @@ _HOMES = {
     "robust_fit": "estimation.robust.robust_fit",
     "signals": "modeling.space",
     "spatial": "modeling.model",
+    "survey": "truewrench.surveying.survey",
     "tell_apart": "design.discrimination",
     "upper_bound": "design.bound",
 }
@@ -150,6 +152,7 @@ __all__ = [
     "robust_fit",
     "signals",
     "spatial",
+    "survey",
     "tell_apart",
     "upper_bound",
 ]

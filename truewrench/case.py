@@ -32,13 +32,13 @@ class Case:
     sign: SignDecision | None
 
     @classmethod
-    def read(cls, training: Sequence[str], *, validation: Sequence[str] = (), rig: str | None = None) -> Case:
-        """The case in these files.
+    def read(cls, training: Sequence[str], *, validation: Sequence[str] = (), rig: Rig | str | None = None) -> Case:
+        """The case in these files; `rig` is one, or the path of its file.
 
         Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
         sensors, a convention that the data cannot decide.
         """
-        description = None if rig is None else Rig.read(rig)
+        description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
         paths = [Path(p) for p in (*training, *validation)]
         _require_different(paths)
         recordings = [replace(read(p, rig=description), name=n) for p, n in zip(paths, labels(paths), strict=True)]

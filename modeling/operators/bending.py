@@ -2,8 +2,10 @@
 
 The equilibrium F(signals, b, b', b''; theta) = 0 of each sample (`modeling.bend`) is nearly an oscillator with constant
 coefficients, as the tool's inertia in its own axes is constant. The unknown is that oscillator's drive g: with
-(b, b', b'') = R g its response, F(R g) = 0 is solved by Newton's method. Each step, F' R dg = -F, is close to the
-identity and solved by GMRES (Saad and Schultz 1986). The derivative in a parameter obeys F' (R dg + dR g) = -dF/dtheta.
+(b, b', b'') = R g its response, F(R g) = 0. As F' R is close to the identity, g - F(R g) is close to the solution, and
+Anderson's method (J. ACM 12, 1965) makes of these steps a fast iteration without derivatives. Where it does not settle,
+Newton's method takes over: each step, F' R dg = -F, is solved by GMRES (Saad and Schultz 1986). The derivative in a
+parameter obeys F' (R dg + dR g) = -dF/dtheta.
 """
 
 from __future__ import annotations
@@ -23,6 +25,18 @@ Array = NDArray[np.float64]
 
 SETTLED = 1e-11
 """Size of the last correction, against the bend's own, at which it is found: rounding leaves less, but not much."""
+
+MEMORY = 8
+"""Steps that Anderson's method combines."""
+
+QUICK = 25
+"""Steps of it; a digit or more is gained by each away from a resonance."""
+
+SLOWEST = 0.5
+"""What is missing after a quick step over what was before it; where less is gained Newton's method is faster."""
+
+ENOUGH = 500
+"""Samples whose mean says what the oscillator is like: any will do that is near to the tool."""
 
 STEPS = 30
 """Newton steps; a bend of less than half a radian takes four to six."""
@@ -56,9 +70,19 @@ def solve(equations: Equilibrium, signals: Array, theta: Array, clock: Clock, *,
 
     Raises InputError when no bend is found: a spring too soft to carry the tool, or a swing that nothing damps.
     """
+    course = _Poses() if clock.dt is None else _Swing.of(equations, signals, theta, clock)
+    bend = course.settled(equations, signals, theta)
+    if bend is None:
+        bend = _by_newton(equations, course, signals, theta)
+    if not derivative:
+        return BendSeries(bend, np.zeros((*bend.shape, 0)))
+    return BendSeries(bend, _slopes(equations, course, signals, bend, theta))
+
+
+def _by_newton(equations: Equilibrium, course: _Course, signals: Array, theta: Array) -> Array:
+    """The bend (n, 3 d) by Newton's method; InputError where there is none."""
     bend = np.zeros((len(signals), 3 * equations.size))
     value, by_bend = equations.at(signals, bend, theta)
-    course = _Poses() if clock.dt is None else _Swing.of(by_bend, clock)
     for _ in range(STEPS):
         change = course.solved(by_bend, -value, INNER)
         bend = bend + change
@@ -66,7 +90,7 @@ def solve(equations: Equilibrium, signals: Array, theta: Array, clock: Clock, *,
         if not np.all(np.isfinite(value)):
             raise _unsettled()
         if np.max(np.abs(_angles(change))) <= SETTLED * np.max(np.abs(_angles(bend))):
-            return BendSeries(bend, _slopes(equations, course, by_bend, signals, bend, theta, derivative))
+            return bend
     raise _unsettled()
 
 
@@ -78,6 +102,9 @@ class _Course(Protocol):
 
     def solved(self, by_bend: Array, right: Array, tolerance: float) -> Array:
         """The possible change (n, 3 d) of the bend with by_bend (n, d, 3 d) change = right (n, d)."""
+
+    def settled(self, equations: Equilibrium, signals: Array, theta: Array) -> Array | None:
+        """The bend (n, 3 d) by quick steps; None where they do not settle."""
 
 
 @dataclass(frozen=True)
@@ -93,25 +120,32 @@ class _Poses:
         change[:, :size] = np.linalg.solve(by_bend[:, :, :size], right[:, :, None])[:, :, 0]
         return change
 
+    def settled(self, equations: Equilibrium, signals: Array, theta: Array) -> Array | None:
+        return None
+
 
 @dataclass(frozen=True, eq=False)
 class _Swing:
-    """What an oscillator like the tool can do."""
+    """What an oscillator like the tool can do; its coefficients are a mean over every so many samples (`thinned`)."""
 
     oscillator: Oscillator
+    thinned: int
 
     @classmethod
-    def of(cls, by_bend: Array, clock: Clock) -> _Swing:
-        """With the mean coefficients of the equilibrium's derivatives (n, d, 3 d) where nothing is bent."""
+    def of(cls, equations: Equilibrium, signals: Array, theta: Array, clock: Clock) -> _Swing:
+        """With the mean coefficients of the equilibrium's derivatives where nothing is bent."""
+        thinned = max(1, len(signals) // ENOUGH)
+        some = signals[::thinned]
+        _, by_bend = equations.at(some, np.zeros((len(some), 3 * equations.size)), theta)
         mean = _coefficients(np.mean(by_bend, axis=0))
         if np.min(np.linalg.eigvalsh(mean.stiffness)) <= 0:
             raise _unsettled()
-        return cls(Oscillator.of(mean, clock))
+        return cls(Oscillator.of(mean, clock), thinned)
 
     def moved(self, equations: Equilibrium, signals: Array, bend: Array, theta: Array) -> Array:
         if self.oscillator.clock.periodic:
             return np.zeros((*bend.shape, len(theta)))
-        changes = np.moveaxis(equations.mean_change(signals, theta), 2, 0)
+        changes = np.moveaxis(equations.mean_change(signals[:: self.thinned], theta), 2, 0)
         return np.stack([self.oscillator.change(bend, _coefficients(c)) for c in changes], axis=2)
 
     def solved(self, by_bend: Array, right: Array, tolerance: float) -> Array:
@@ -131,12 +165,34 @@ class _Swing:
             raise _unsettled()
         return self.oscillator.response(drive.reshape(right.shape))
 
+    def settled(self, equations: Equilibrium, signals: Array, theta: Array) -> Array | None:
+        """With f = -F(R g), the next g is g + f less the combination of the last steps that f is closest to."""
+        bend = np.zeros((len(signals), 3 * equations.size))
+        steps: list[tuple[Array, Array]] = []
+        step = before = largest = None
+        for number in range(QUICK):
+            missing = -equations.value(signals, bend, theta)
+            largest = np.abs(missing).max() if largest is None else largest
+            if not np.abs(missing).max() <= largest * SLOWEST ** max(0, number - 1):  # or not finite
+                return None
+            if step is not None and before is not None:
+                steps = [*steps[1 - MEMORY :], (step, missing - before)]
+            step, before = missing.copy(), missing
+            if steps:
+                changes = np.stack([change.ravel() for _, change in steps])
+                gram = changes @ changes.T
+                weights = np.linalg.lstsq(gram, changes @ missing.ravel(), rcond=1e-14)[0]
+                for weight, (moved, changed) in zip(weights, steps, strict=True):
+                    step -= weight * (moved + changed)
+            change = self.oscillator.response(step)
+            bend = bend + change
+            if np.max(np.abs(_angles(change))) <= SETTLED * np.max(np.abs(_angles(bend))):
+                return bend
+        return None
 
-def _slopes(
-    equations: Equilibrium, course: _Course, by_bend: Array, signals: Array, bend: Array, theta: Array, wanted: bool
-) -> Array:
-    if not wanted:
-        return np.zeros((*bend.shape, 0))
+
+def _slopes(equations: Equilibrium, course: _Course, signals: Array, bend: Array, theta: Array) -> Array:
+    _, by_bend = equations.at(signals, bend, theta)
     right = -equations.by_parameters(signals, bend, theta)
     moved = course.moved(equations, signals, bend, theta)
     right = right - np.einsum("nij,njk->nik", by_bend, moved)

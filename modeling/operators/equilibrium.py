@@ -4,74 +4,95 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from modeling.evaluation import Evaluation
+
+if TYPE_CHECKING:
+    from modeling.emitted import Emitted
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """F (d,) as a CasADi graph over the symbols it is made of.
+    """F (d,) of signals (m,), parameters theta (k,), and angles, rates and accelerations of the bend (3 d,).
 
-    u (m,) the signals; bend (3 d,) angles, rates and accelerations of the bend, in this order; theta (k,) parameters.
+    column  F with theta and the bend, in this order, as its parameters; `parameters` is k
     """
 
-    graph: Any
-    u: Any
-    bend: Any
-    theta: Any
+    column: Emitted
+    parameters: int
 
     @property
     def size(self) -> int:
         """The number d of angles."""
-        return int(self.graph.numel())
+        return self.column.rows
 
     def at(self, signals: Array, bend: Array, theta: Array) -> tuple[Array, Array]:
         """F (n, d) and its derivative in the bend (n, d, 3 d), of signals (n, m), bend (n, 3 d) and theta (k,)."""
-        value, slopes = self._mapped(self._motion, signals, bend, theta)
-        return value, self._columns(slopes)
+        value, slopes = np.zeros((len(bend), self.size)), np.zeros((len(bend), self.size, bend.shape[1]))
+        which = [i for i in self.column.active if i >= self.parameters]
+        outputs = [value[:, row, None] for row in range(self.size)]
+        outputs += [slopes[:, row, i - self.parameters, None] for i in which for row in range(self.size)]
+        self._run(self._motion, signals, bend, theta, outputs)
+        return value, slopes
+
+    def value(self, signals: Array, bend: Array, theta: Array) -> Array:
+        """F (n, d) alone."""
+        value = np.zeros((len(bend), self.size))
+        self._run(self._balance, signals, bend, theta, [value[:, row, None] for row in range(self.size)])
+        return value
 
     def by_parameters(self, signals: Array, bend: Array, theta: Array) -> Array:
         """The derivative of F in theta, (n, d, k)."""
-        (slopes,) = self._mapped(self._parameters, signals, bend, theta)
-        return self._columns(slopes)
+        slopes = np.zeros((len(bend), self.size, self.parameters))
+        which = [i for i in self.column.active if i < self.parameters]
+        outputs = [slopes[:, row, i, None] for i in which for row in range(self.size)]
+        self._run(self._moved, signals, bend, theta, outputs)
+        return slopes
 
     def mean_change(self, signals: Array, theta: Array) -> Array:
         """The derivative in theta of the samples' mean of dF/dbend where nothing is bent, (d, 3 d, k)."""
-        n, straight = len(signals), np.zeros((self.bend.numel(), len(signals)))
+        n, straight = len(signals), np.zeros((3 * self.size, len(signals)))
         total = self._mixed.map(n, [False, False, True], [True])(signals.T, straight, theta).full()
-        return np.asarray(total / n, dtype=np.float64).reshape((self.size, self.bend.numel(), len(theta)), order="F")
+        return np.asarray(total / n, dtype=np.float64).reshape((self.size, 3 * self.size, len(theta)), order="F")
+
+    @staticmethod
+    def _run(evaluation: Evaluation, signals: Array, bend: Array, theta: Array, outputs: list[Array]) -> None:
+        changing = [*np.ascontiguousarray(signals.T), *np.ascontiguousarray(bend.T)]
+        evaluation.run(changing, np.asarray(theta, dtype=float)[None], outputs)
+
+    @cached_property
+    def _motion(self) -> Evaluation:
+        """F, then its derivative in the bend, column after column."""
+        return self._evaluation([i for i in self.column.active if i >= self.parameters], valued=True)
+
+    @cached_property
+    def _balance(self) -> Evaluation:
+        """F alone."""
+        return self._evaluation([], valued=True)
+
+    @cached_property
+    def _moved(self) -> Evaluation:
+        """The derivative of F in theta, column after column."""
+        return self._evaluation([i for i in self.column.active if i < self.parameters], valued=False)
+
+    def _evaluation(self, which: list[int], *, valued: bool) -> Evaluation:
+        compiled = self.column.compiled
+        blocks = [0] * valued + [compiled.active.index(i) + 1 for i in which]
+        tape = compiled.tape.only([block * self.size + row for block in blocks for row in range(self.size)])
+        return Evaluation(tape.with_inputs(range(self.parameters, self.column.count)))
 
     @cached_property
     def _mixed(self) -> Any:
         import casadi as ca
 
-        slopes = ca.vec(ca.jacobian(self.graph, self.bend))
-        mixed = ca.densify(ca.jacobian(slopes, self.theta))
-        return ca.Function("mixed", [self.u, self.bend, self.theta], [mixed])
-
-    @cached_property
-    def _motion(self) -> Any:
-        import casadi as ca
-
-        slopes = ca.vec(ca.jacobian(self.graph, self.bend))
-        return ca.Function("motion", [self.u, self.bend, self.theta], [ca.densify(self.graph), ca.densify(slopes)])
-
-    @cached_property
-    def _parameters(self) -> Any:
-        import casadi as ca
-
-        slopes = ca.vec(ca.jacobian(self.graph, self.theta))
-        return ca.Function("parameters", [self.u, self.bend, self.theta], [ca.densify(slopes)])
-
-    def _columns(self, slopes: Array) -> Array:
-        return slopes.reshape(len(slopes), -1, self.size).transpose(0, 2, 1)
-
-    @staticmethod
-    def _mapped(function: Any, signals: Array, bend: Array, theta: Array) -> list[Array]:
-        n = len(signals)
-        found = function.map(n).call([signals.T, bend.T, np.tile(theta[:, None], (1, n))])
-        return [np.asarray(part.full().T, dtype=np.float64) for part in found]
+        u, both = self.column.symbols
+        theta, bend = both[: self.parameters], both[self.parameters :]
+        slopes = ca.vec(ca.jacobian(self.column.graph, bend))
+        mixed = ca.densify(ca.jacobian(slopes, theta))
+        return ca.Function("mixed", [u, bend, theta], [mixed])

@@ -1,0 +1,368 @@
+"""Surveys: a row for every recording, whatever breaks or dies; what is finished is not done again."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from threading import Thread
+from time import sleep
+
+import pandas as pd
+import psutil
+import pytest
+from distributed import Client
+
+import truewrench as tw
+from benchmarks.dask_processes import DaskProcesses, dask_processes
+from modeling.errors import InputError
+from tests import survey_work as stand_in
+from truewrench.command_line import main
+from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
+from truewrench.surveying import Survey, survey
+from truewrench.surveying.cluster import local_executor
+from truewrench.surveying.fingerprint import fingerprint
+from truewrench.surveying.outcome import Outcome
+from truewrench.surveying.row import Row
+from truewrench.surveying.store import OutcomeStore
+from truewrench.surveying.task import Task, diagnosed_outcome
+
+RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
+NAN = "time,q1,q2,q3,fx,fy,tau\n" + "".join(f"{n / 100},0.1,0.2,{'nan' if n == 7 else 0.3},1,2,3\n" for n in range(50))
+MANY = 12
+
+
+@pytest.fixture
+def one() -> Iterator[Executor]:
+    """One thread: what the workers are compared with."""
+    with ThreadPoolExecutor(1) as executor:
+        yield executor
+
+
+def files(folder: Path, count: int = MANY) -> list[Path]:
+    """Files of different contents, for work that reads no recordings."""
+    paths = [folder / f"run_{n:02d}.csv" for n in range(count)]
+    for number, path in enumerate(paths):
+        path.write_text("x" * (number + 1))
+    return paths
+
+
+def runs(path: Path) -> int:
+    """How often a stand-in has worked on a file."""
+    log = path.with_suffix(".log")
+    return len(log.read_text().split()) if log.exists() else 0
+
+
+def stored(out: Path) -> int:
+    return len(list((out / "rows").glob("*.json")))
+
+
+def lengths(found: Survey) -> list[float | None]:
+    """What the stand-ins find: how long each file is."""
+    return [row.outcome.sizes[0].value for row in found.rows]
+
+
+def once_stored(out: Path, count: int, act: Callable[[], None]) -> Thread:
+    """A thread that acts when so many outcomes are stored."""
+
+    def watch() -> None:
+        while stored(out) < count:
+            sleep(0.02)
+        act()
+
+    thread = Thread(target=watch, daemon=True)
+    thread.start()
+    return thread
+
+
+# ------------------------------------------------------------------------------------------ real diagnoses
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig, two recordings with a drag that grows, one with a NaN, an empty one."""
+    folder = tmp_path_factory.mktemp("bench")
+    rig = PlanarRig()
+    for day in (1, 2):
+        motion = rig.random_motion(seed=day, harmonics=3)
+        frame = simulate(rig, motion, hidden=[ViscousDrag(c=float(day))], repeats=4, samples_per_period=120, seed=day)
+        write_recording(frame, folder / f"run_2026-03-0{day}.csv")
+    (folder / "nan.csv").write_text(NAN)
+    (folder / "empty.csv").write_text("")
+    (folder / "rig.toml").write_text(RIG)
+    return folder
+
+
+def without_seconds(row: Row) -> Row:
+    return replace(row, outcome=replace(row.outcome, seconds=None))
+
+
+def test_workers_find_what_one_process_finds(bench: Path, one: Executor, tmp_path: Path) -> None:
+    paths = [bench / f for f in ("run_2026-03-02.csv", "nan.csv", "missing.csv", "run_2026-03-01.csv", "empty.csv")]
+    options = {"rig": bench / "rig.toml", "only": ["viscous_drag"]}
+    alone = tw.survey(paths, **options, executor=one)  # type: ignore[arg-type]
+    found = tw.survey(paths, **options, out=tmp_path, workers=2)  # type: ignore[arg-type]
+    assert [row.file for row in found.rows] == [str(path) for path in paths]
+    assert [without_seconds(row) for row in found.rows] == [without_seconds(row) for row in alone.rows]
+    two, nan, missing, first, empty = (row.outcome for row in found.rows)
+    for outcome, truth in ((first, 1.0), (two, 2.0)):
+        assert (outcome.verdict, outcome.added, outcome.error) == ("explained", ("viscous_drag",), "")
+        size = outcome.sizes[0]
+        assert size.value is not None
+        assert size.std is not None
+        assert abs(size.value - truth) < 5 * size.std  # five stds: never by chance
+        assert [p.parameter for p in outcome.parameters] == ["m", "mlg", "I"]
+        loudest = outcome.loudest
+        assert loudest is not None
+        assert loudest.systematic_before is not None
+        assert loudest.systematic_after is not None
+        assert loudest.systematic_after < 0.1 * loudest.systematic_before
+    assert nan.error.startswith("column q3 is nan at row 9; ")
+    assert missing.error.startswith("No such file or directory; ")
+    assert empty.error.startswith("the file is empty; ")
+    assert [nan.verdict, missing.verdict, empty.verdict] == [None] * 3
+    assert stored(tmp_path) == 4  # all but the missing one, which may appear
+
+    frame = pd.read_parquet(tmp_path / "survey.parquet")
+    assert list(frame["file"]) == [str(path) for path in paths]
+    assert list(frame["verdict"].fillna("error")) == ["explained", "error", "error", "explained", "error"]
+    assert frame["recorded"][3] == pd.Timestamp(2026, 3, 1)
+    assert frame["sizes"][0][0]["std"] == two.sizes[0].std
+    assert dict(frame["systematic_after"][0]) == {c.channel: c.systematic_after for c in two.channels}
+
+
+def test_sign_of_the_mass_is_a_row(bench: Path, one: Executor, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG + '[sensor]\nconvention = "on_sensor"\n')
+    (row,) = survey([bench / "run_2026-03-01.csv"], rig=rig, only=["viscous_drag"], executor=one).rows
+    assert row.outcome.verdict is None
+    assert "mass" in row.outcome.error
+
+
+# --------------------------------------------------------------------------------------------- going on
+
+
+def test_goes_on_where_it_stopped(tmp_path: Path, one: Executor) -> None:
+    paths, out = files(tmp_path), tmp_path / "out"
+    survey(paths[:5], out=out, executor=one, work=stand_in.quick)
+    found = survey(paths, out=out, executor=one, work=stand_in.quick)
+    assert found.diagnosed == MANY - 5
+    assert [runs(path) for path in paths] == [1] * MANY
+    assert lengths(found) == [n + 1 for n in range(MANY)]
+    assert len(pd.read_parquet(out / "survey.parquet")) == MANY
+
+
+def test_changed_recording_is_diagnosed_again(tmp_path: Path, one: Executor) -> None:
+    paths, out = files(tmp_path, 3), tmp_path / "out"
+    survey(paths, out=out, executor=one, work=stand_in.quick)
+    paths[1].write_text("longer by far")
+    found = survey(paths, out=out, executor=one, work=stand_in.quick)
+    assert [runs(path) for path in paths] == [1, 2, 1]
+    assert lengths(found) == [1, 13, 3]
+
+
+def test_damaged_row_is_diagnosed_again(tmp_path: Path, one: Executor) -> None:
+    paths, out = files(tmp_path, 2), tmp_path / "out"
+    survey(paths[:1], out=out, executor=one, work=stand_in.quick)
+    (damaged,) = (out / "rows").iterdir()
+    damaged.write_bytes(damaged.read_bytes()[:40])
+    assert lengths(survey(paths, out=out, executor=one, work=stand_in.quick)) == [1, 2]
+    assert [runs(path) for path in paths] == [2, 1]
+
+
+def test_what_failed_inside_is_a_row_and_tried_again(tmp_path: Path, one: Executor) -> None:
+    paths, out = files(tmp_path, 2), tmp_path / "out"
+    failed = survey(paths, out=out, executor=one, work=stand_in.failing)
+    assert failed.rows[1].outcome.error == "internal error: ZeroDivisionError: in run_01.csv"
+    assert stored(out) == 0
+    assert lengths(survey(paths, out=out, executor=one, work=stand_in.quick)) == [1, 2]
+
+
+def test_full_disk_is_an_error(tmp_path: Path, one: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    paths = files(tmp_path, 3)
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(InputError, match="No space left on device"):
+        survey(paths, out=tmp_path / "out", executor=one, work=stand_in.slow)
+    assert list((tmp_path / "out" / "rows").iterdir()) == []
+
+
+def test_recording_given_twice_is_two_rows_and_one_task(tmp_path: Path, one: Executor) -> None:
+    (path,) = files(tmp_path, 1)
+    assert lengths(survey([path, path], executor=one, work=stand_in.quick)) == [1, 1]
+    assert runs(path) == 1
+
+
+def test_fingerprint(tmp_path: Path) -> None:
+    first, second, table = tmp_path / "a.csv", tmp_path / "b.csv", tmp_path / "a.parquet"
+    for path in (first, second, table):
+        path.write_bytes(b"same")
+    key = fingerprint(first, {"robot": {}}, None)
+    assert fingerprint(second, {"robot": {}}, None) == key  # a renamed recording is known
+    assert key not in {
+        fingerprint(table, {"robot": {}}, None),
+        fingerprint(first, {"robot": {"gravity": 9.8}}, None),
+        fingerprint(first, {"robot": {}}, ("viscous_drag",)),
+    }
+
+
+def test_store_keeps_every_field(tmp_path: Path, bench: Path, one: Executor) -> None:
+    (row,) = survey([bench / "nan.csv"], rig=bench / "rig.toml", executor=one).rows
+    store = OutcomeStore(tmp_path)
+    for key, outcome in (("a", row.outcome), ("b", Outcome(verdict="explained", misfit=0.1 + 0.2, added=("x", "y")))):
+        store.put(key, outcome)
+        assert store.get(key) == outcome
+    assert store.get("c") is None
+
+
+# ------------------------------------------------------------------------------------- whoever dies
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskProcesses]:
+    with dask_processes(tmp_path_factory.mktemp("dask"), workers=2, processes=1) as started:
+        yield started
+
+
+def test_killed_worker_costs_no_row(tmp_path: Path, cluster: DaskProcesses) -> None:
+    paths, out = files(tmp_path), tmp_path / "out"
+    killer = once_stored(out, 3, lambda: cluster.kill_worker(0))
+    found = survey(paths, out=out, scheduler=cluster.address, work=stand_in.slow)
+    killer.join(timeout=10)
+    assert cluster.workers[0].wait(timeout=10) == -signal.SIGKILL
+    assert lengths(found) == [n + 1 for n in range(MANY)]
+    workers = {pid for path in paths for pid in path.with_suffix(".log").read_text().split()}
+    assert len(workers) == 2  # both had begun
+
+
+def test_dask_client_is_an_executor(tmp_path: Path, cluster: DaskProcesses) -> None:
+    paths = files(tmp_path, 3)
+    with Client(cluster.address, set_as_default=False) as client:
+        assert lengths(survey(paths, executor=client, work=stand_in.quick)) == [1, 2, 3]
+        assert lengths(survey(paths, executor=client, work=stand_in.quick)) == [1, 2, 3]  # it is still the caller's
+
+
+def test_recording_that_differs_where_it_is_diagnosed(tmp_path: Path, one: Executor) -> None:
+    (path,) = files(tmp_path, 1)
+
+    def rewritten(task: Task) -> Outcome:
+        path.write_text("something else")
+        return diagnosed_outcome(task)
+
+    (row,) = survey([path], out=tmp_path / "out", executor=one, work=rewritten).rows
+    assert row.outcome.error.startswith("is another file")
+    assert not (tmp_path / "out" / "rows").exists()
+
+
+def test_recording_that_kills_its_workers_is_one_row(tmp_path: Path) -> None:
+    paths = files(tmp_path, 6)
+    paths[2].write_text("poison")
+    found = survey(paths, out=tmp_path / "out", workers=2, work=stand_in.deadly)
+    errors = [row.outcome.error for row in found.rows]
+    assert errors[2].startswith("internal error: KilledWorker")
+    assert [e for e in errors if e] == [errors[2]]
+    assert stored(tmp_path / "out") == 5
+
+
+def test_killed_client_goes_on(tmp_path: Path, one: Executor) -> None:
+    paths, out = files(tmp_path), tmp_path / "out"
+    client = subprocess.Popen(
+        [sys.executable, "-m", "tests.survey_work", str(tmp_path)], stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    once_stored(out, 4, lambda: os.kill(client.pid, signal.SIGKILL)).join(timeout=60)
+    assert client.wait(timeout=10) == -signal.SIGKILL
+    assert not (out / "survey.parquet").exists()
+    kept = stored(out)
+    assert 4 <= kept < MANY
+    found = survey(paths, out=out, executor=one, work=stand_in.quick)
+    assert found.diagnosed == MANY - kept
+    assert lengths(found) == [n + 1 for n in range(MANY)]
+
+
+def test_lost_scheduler_is_an_error_and_keeps_what_is_done(tmp_path: Path) -> None:
+    paths, out = files(tmp_path), tmp_path / "out"
+    with dask_processes(tmp_path, workers=1, processes=1) as started:
+        once_stored(out, 3, started.scheduler.kill)
+        with pytest.raises(InputError, match="the scheduler does not answer any more"):
+            survey(paths, out=out, scheduler=started.address, work=stand_in.slow)
+    assert 3 <= stored(out) < MANY
+
+
+def test_nothing_listens_beyond_the_loopback(cluster: DaskProcesses) -> None:
+    assert all(worker.pid for worker in cluster.workers)
+    with local_executor(2) as executor, local_executor(1):  # and two do not want one port
+        assert executor.submit(abs, -1).result() == 1
+        processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        listening = [c for p in processes for c in p.net_connections() if c.status == psutil.CONN_LISTEN]
+    assert len(listening) >= 3
+    assert {c.laddr.ip for c in listening} == {"127.0.0.1"}
+
+
+# -------------------------------------------------------------------------------------- the command
+
+
+def test_command(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recordings = [str(bench / name) for name in ("nan.csv", "missing.csv")]
+    options = ["--rig", str(bench / "rig.toml"), "--out", str(tmp_path / "out"), "--workers", "1"]
+    assert main(["survey", *recordings, *options]) == 0
+    printed = capsys.readouterr()
+    assert "2 recordings" in printed.out
+    assert f"{recordings[0]}: column q3 is nan at row 9" in printed.out
+    assert printed.err == ""
+    assert main(["survey", recordings[0], *options, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["verdicts"] == {"error": 1}
+    assert data["diagnosed"] == 0  # its row was stored
+    assert [row["file"] for row in data["rows"]] == recordings[:1]
+    assert main(["survey", recordings[0], *options, "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--scheduler", "tcp://127.0.0.1:9"], "no scheduler answers"),
+        (["--scheduler", "nowhere"], "no scheduler answers: missing port"),
+        (["--rig", "missing.toml"], "give the path of a rig file"),
+        (["--out", __file__], "is no folder"),
+        (["--workers", "0"], "at least one"),
+        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:9"], "not allowed with"),
+    ],
+)
+def test_bad_usage_is_one_line(
+    options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (path,) = files(tmp_path, 1)
+    assert main(["survey", str(path), *options]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert says in printed.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == [path.name]
+
+
+def test_unknown_effect_and_two_places(tmp_path: Path, one: Executor) -> None:
+    (path,) = files(tmp_path, 1)
+    with pytest.raises(InputError, match="phlogiston"):
+        survey([path], only=["phlogiston"], executor=one)
+    with pytest.raises(InputError, match="exclude one another"):
+        survey([path], executor=one, workers=2)
+    with pytest.raises(InputError, match="one worker or more"):
+        survey([path], workers=0)
+
+
+def test_dask_is_imported_only_for_a_survey() -> None:
+    program = (
+        "import sys, truewrench; from truewrench.command_line import parser; parser(); truewrench.survey; "
+        "sys.exit(any(m.split('.')[0] in ('dask', 'distributed', 'tornado') for m in sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

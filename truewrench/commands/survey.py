@@ -1,0 +1,57 @@
+"""`truewrench survey`: many recordings diagnosed, on all cores or on a Dask cluster."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from truewrench.commands.options import Subcommands, add_recordings
+
+FOLDER = Path("survey")
+
+
+def add_to(commands: Subcommands[Any]) -> None:
+    """Add the command and its options."""
+    text = (
+        "Diagnose many recordings of one rig, each by itself. A recording that cannot be diagnosed is a row with its "
+        "error; an interrupted survey goes on where it stopped."
+    )
+    command = commands.add_parser("survey", help="diagnose many recordings, on a cluster if you like", description=text)
+    add_recordings(command)
+    place = command.add_mutually_exclusive_group()
+    place.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers diagnose")
+    place.add_argument("--workers", type=_count, metavar="N", help="processes on this machine (default: all cores)")
+    out = f"folder for survey.parquet, survey.html and what is finished (default: {FOLDER})"
+    command.add_argument("--out", type=Path, default=FOLDER, metavar="FOLDER", help=out)
+    command.add_argument("--json", action="store_true", help="print the rows as JSON alone")
+    command.add_argument("--quiet", action="store_true", help="print nothing")
+    command.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Survey, write the files, print."""
+    from truewrench.output import progress_line
+    from truewrench.surveying.survey import FILES, silent, survey
+
+    with progress_line() as progress:
+        found = survey(
+            arguments.recordings,
+            rig=arguments.rig,
+            out=arguments.out,
+            scheduler=arguments.scheduler,
+            workers=arguments.workers,
+            progress=silent if arguments.quiet else progress,
+        )
+    if arguments.json:
+        print(json.dumps(found.to_data(), indent=2, allow_nan=False))
+    elif not arguments.quiet:
+        print(found)
+        print("\nWritten: " + ", ".join(str(arguments.out / name) for name in FILES))
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"a number of at least one is needed, not {text!r}")
+    return int(text)
