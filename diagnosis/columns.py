@@ -87,13 +87,16 @@ def _whitened_slopes(
     for emitted, passed in ((prediction.load, True), (prediction.zero, False)):
         if not set(which) & set(emitted.active):
             continue
-        periodic = repeats_with_motion(emitted.inputs, recording)
+        sensitivity = sensitivity_of(model, emitted, which)
+        around = emitted.inputs if prediction.play is not None else sensitivity.signals  # play goes by the whole load
+        periodic = repeats_with_motion(around, recording)
         samples = recording.samples_per_repeat if periodic else recording.samples
-        slopes = _slopes(emitted, recording, theta, which, samples)
+        values = {n: theta[:, emitted.names.index(n)] for n in sensitivity.parameters}
+        slopes = sensitivity.values(signals_of(recording), values, samples)
+        if slopes.shape[2] != len(theta):  # nothing that differs from set to set
+            slopes = np.repeat(slopes, len(theta), axis=2)
         if passed and (prediction.play is not None or prediction.remembers):
-            load = emitted.value(
-                signals_of(recording), theta[0], samples
-            )  # the same at each set: the amount is nominal
+            load = emitted.value(signals_of(recording), theta[0], samples)  # at no amount: the same at each set
             slopes = Passage(prediction, recording, theta[0], load).through(slopes)
         if outside is not None:
             if periodic and not repeats:
@@ -111,12 +114,7 @@ def _clipped(model: WrenchModel, recording: Recording, theta: Array) -> NDArray[
     return np.asarray(np.abs(respond(model, recording, theta, derivative=False).value) >= limit)
 
 
-def _slopes(emitted: Emitted, recording: Recording, theta: Array, which: tuple[int, ...], samples: int) -> Array:
-    """Derivatives (samples, p, g, len(which)) at each of g parameter sets theta (g, k)."""
-    signals = signals_of(recording)
-    if len(theta) > FEW:
-        sensitivity = Sensitivity.of(emitted, which, tuple(float(theta[0, i]) for i in which))
-        if sensitivity is not None:
-            values = {n: theta[:, emitted.names.index(n)] for n in sensitivity.parameters}
-            return sensitivity.values(signals, values, samples)
-    return emitted.slopes(signals, theta, which, samples)
+def sensitivity_of(model: WrenchModel, emitted: Emitted, which: tuple[int, ...]) -> Sensitivity:
+    """The derivative of a part of a model in some of its parameters, where these have their nominal values."""
+    parameters = model.parameters
+    return Sensitivity.of(emitted, which, tuple(parameters[i].nominal for i in which))

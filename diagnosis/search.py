@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.background import Background
-from diagnosis.columns import FEW
+from diagnosis.columns import FEW, sensitivity_of
 from diagnosis.price import frequencies_tried, independent_trials
 from diagnosis.projection import Projected, Trial, Whitened
 from diagnosis.rows import Choice, Rows
@@ -21,7 +21,6 @@ from estimation.response import repeats_with_motion
 from modeling.effect import Effect, Values
 from modeling.model import WrenchModel
 from modeling.prediction import compiled
-from modeling.sensitivity import Sensitivity
 from modeling.space import Space
 
 Array = NDArray[np.float64]
@@ -38,30 +37,49 @@ def points_of(model: WrenchModel, effect: Effect, grid: Sequence[Values]) -> lis
     return [Point({names[k]: v for k, v in values.items()}, amplitudes) for values in grid]
 
 
-def reached_rows(background: Background, model: WrenchModel, *, judged: bool = True) -> Choice:
+def reached_rows(
+    background: Background, model: WrenchModel, point: Point | None = None, *, judged: bool = True
+) -> Choice:
     """The rows of each recording that a model's last effect reaches, or (`judged`) those in which it is judged.
+
+    They are those of the sensitivities alone, where a `point` of the search domain is given that has no secants.
 
     What does not repeat with the motion is judged between the motion's lines only: on them it would be taken for
     anything periodic that the model lacks, because a push or a drift has some of every shape.
     """
     fit, effect = background.fit, model.effects[-1]
-    alone, whole = compiled(model.base + effect), compiled(model)
+    alone = compiled(model.base + effect)
     inputs = {*alone.load.inputs, *alone.zero.inputs}
     lasting = all(repeats_with_motion(inputs, recording) for recording in fit.recordings)
     unknowns = layout(model, fit.recordings)
     choice = []
     for own, recording, noise in zip(unknowns.models, fit.recordings, fit.noise, strict=True):
         rest = noise.whitener.rows > noise.whitener.steady_rows
-        parts = compiled(own) if own is not model else whole
         if effect.id not in [e.id for e in own.effects]:
             choice.append(Rows.NONE)
-        elif not rest or repeats_with_motion({*parts.load.inputs, *parts.zero.inputs}, recording):
+        elif not rest or repeats_with_motion(moving_signals(own, point), recording):
             choice.append(Rows.STEADY)
         elif judged and not lasting and not repeats_with_motion(inputs, recording):
             choice.append(Rows.REST)
         else:
             choice.append(Rows.WHOLE)
     return tuple(choice)
+
+
+def moving_signals(model: WrenchModel, point: Point | None) -> set[str]:
+    """Signals on which the sensitivities of a model's last effect depend; all of the model's where they are secants."""
+    prediction = compiled(model)
+    parts = (prediction.load, prediction.zero)
+    everything = {name for part in parts for name in part.inputs}
+    if point is None or point.named or prediction.play or prediction.level or prediction.bend:
+        return everything
+    names = [p.name for p in model.parameters]
+    which = tuple(names.index(p.name) for p in point.amplitudes)
+    if set(which) & set(prediction.memory_parameters):
+        return everything
+    return {
+        name for part in parts if set(which) & set(part.active) for name in sensitivity_of(model, part, which).signals
+    }
 
 
 def projected_at(
@@ -74,7 +92,7 @@ def projected_at(
     points = points_of(model, effect, grid)
     combination = effect.combination(grid)
     blocks = points if combination.blocks == tuple(grid) else points_of(model, effect, combination.blocks)
-    choice = reached_rows(background, model)
+    choice = reached_rows(background, model, blocks[0])
 
     def make() -> Whitened:
         return Whitened(effect_columns(background, model, blocks, choice), choice)
@@ -95,9 +113,7 @@ def _dependence(background: Background, model: WrenchModel, blocks: Sequence[Poi
     parts = []
     for emitted in (prediction.load, prediction.zero):
         if set(which) & set(emitted.active):
-            found = Sensitivity.of(emitted, which, tuple(p.nominal for p in blocks[0].amplitudes))
-            if found is None:
-                return None
+            found = sensitivity_of(model, emitted, which)
             parts.append((found.expression, tuple((n, fit.values[n]) for n in found.parameters if n in fit.values)))
     values = tuple(tuple(sorted(point.values.items())) for point in blocks)
     return (fit.noise, fit.recordings, choice, tuple(parts), values)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from estimation.fit import Fit
 
 Array = NDArray[np.float64]
+Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
 
 DRAWS = 100
@@ -75,7 +76,7 @@ class Workspace:
         return self._kept[key]
 
     def each(
-        self, keys: Sequence[Hashable], make: Callable[[Hashable], Result], *, shared: Iterable[object] = ()
+        self, keys: Sequence[Key], make: Callable[[Key], Result], *, shared: Iterable[object] = ()
     ) -> list[Result]:
         """What is made of each key, by all workers, and of none twice."""
         new = [key for key in keys if key not in self._found]

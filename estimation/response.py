@@ -30,12 +30,14 @@ class Response:
     """A predicted series in two parts that add: one that repeats with the motion, one over the whole record.
 
     Either part is (value (samples, p), derivative (samples, p, k)); `periodic` holds one repeat, and is the whole
-    series where the recording has no repeats (`whole` is None then).
+    series where the recording has no repeats (`whole` is None then). The derivative of `whole` is in the parameters at
+    the places `columns` alone, None for all; in the others it vanishes.
     """
 
     periodic: tuple[Array, Array]
     whole: tuple[Array, Array] | None
     repeats: int
+    columns: tuple[int, ...] | None = None
 
     @property
     def value(self) -> Array:
@@ -47,7 +49,9 @@ class Response:
     def derivative(self) -> Array:
         """Derivative of the predicted readings over the whole record, (n, p, k)."""
         tiled = np.tile(self.periodic[1], (self.repeats, 1, 1))
-        return tiled if self.whole is None else tiled + self.whole[1]
+        if self.whole is not None:
+            tiled[:, :, slice(None) if self.columns is None else list(self.columns)] += self.whole[1]
+        return tiled
 
 
 @lru_cache(maxsize=32)
@@ -70,11 +74,23 @@ def missing_inputs(model: WrenchModel, recording: Recording) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A summand of a reading: value (n, p) and derivative (n, p, k) of one repeat (`steady`) or of the whole record."""
+    """A summand of a reading: value (n, p) and derivative (n, p, k) of one repeat (`steady`) or of the whole record.
+
+    The derivative is in the parameters at the places `columns`, None for all.
+    """
 
     value: Array
     derivative: Array
     steady: bool
+    columns: tuple[int, ...] | None = None
+
+    def spread(self, columns: tuple[int, ...]) -> Array:
+        """The derivative in the parameters at other places, which include its own."""
+        if self.columns is None or self.columns == columns:
+            return self.derivative
+        found = np.zeros((*self.value.shape, len(columns)))
+        found[:, :, [columns.index(i) for i in self.columns]] = self.derivative
+        return found
 
     def over(self, repeats: int) -> Part:
         """The same over the whole record."""
@@ -90,40 +106,69 @@ def respond(model: WrenchModel, recording: Recording, theta: Array, *, derivativ
     the model needs.
     """
     prediction = compiled(model)
-    load = _part(prediction.load, recording, theta, derivative=derivative, bend=prediction.bend)
+    k = len(theta) if derivative else 0
+    if prediction.bend is not None:
+        loads = [_bent(prediction.bend, recording, theta, derivative=derivative)]
+    else:
+        loads = _parts(prediction, prediction.load, recording, theta, derivative=derivative)
     if prediction.play is not None or prediction.remembers:
-        load = Passage(prediction, recording, theta, load.value).read(load)
-    parts = [load, _part(prediction.zero, recording, theta, derivative=derivative)]
+        passage = Passage(prediction, recording, theta, loads[0].value)
+        loads = [passage.read(load) for load in loads]
+    parts = [*loads, *_parts(prediction, prediction.zero, recording, theta, derivative=derivative)]
     if prediction.level is not None:
         parts = [clipped(parts, prediction.level, theta, recording.repeats)]
-    whole = [part for part in parts if not part.steady]
-    once, k = recording.samples_per_repeat, load.derivative.shape[2]
+    once = recording.samples_per_repeat
     none = (np.zeros((once, len(model.channels))), np.zeros((once, len(model.channels), k)))
+    passing = [part for part in parts if not part.steady]
+    columns = _columns_of(passing, k)
     return Response(
-        periodic=_sum([part for part in parts if part.steady]) or none,
-        whole=_sum(whole),
+        periodic=_sum([part for part in parts if part.steady], tuple(range(k))) or none,
+        whole=_sum(passing, columns),
         repeats=recording.repeats,
+        columns=columns,
     )
 
 
-def _sum(parts: Sequence[Part]) -> tuple[Array, Array] | None:
+def _columns_of(parts: Sequence[Part], count: int) -> tuple[int, ...]:
+    """The places of the parameters that any of the parts depends on."""
+    if any(part.columns is None for part in parts):
+        return tuple(range(count))
+    return tuple(sorted({i for part in parts for i in part.columns or ()}))
+
+
+def _sum(parts: Sequence[Part], columns: tuple[int, ...]) -> tuple[Array, Array] | None:
     if not parts:
         return None
-    return sum(part.value for part in parts), sum(part.derivative for part in parts)  # type: ignore[return-value]
+    value, derivative = parts[0].value, parts[0].spread(columns)
+    for part in parts[1:]:
+        value, derivative = value + part.value, derivative + part.spread(columns)
+    return value, derivative
 
 
-def _part(
-    emitted: Emitted, recording: Recording, theta: Array, *, derivative: bool, bend: BentLoad | None = None
-) -> Part:
-    """An instantaneous function of the recording's signals."""
-    steady = repeats_with_motion(emitted.inputs, recording)
+def _parts(
+    prediction: Prediction, emitted: Emitted, recording: Recording, theta: Array, *, derivative: bool
+) -> list[Part]:
+    """An instantaneous function of the recording's signals; that which passes apart from what repeats.
+
+    A derivative that is the same in every repeat is evaluated over one: with a push or a drift all but its own are.
+    Play and clipping act on the sum, so that nothing is parted there.
+    """
+    signals, steady = signals_of(recording), repeats_with_motion(emitted.inputs, recording)
     samples = recording.samples_per_repeat if steady else recording.samples
-    signals = signals_of(recording)
-    if bend is not None:
-        return _bent(bend, recording, theta, derivative=derivative)
-    if derivative:
-        return Part(*emitted.tangent(signals, theta, samples), steady=steady)
-    return Part(emitted.value(signals, theta, samples), np.zeros((samples, emitted.rows, 0)), steady=steady)
+    if not derivative:
+        return [Part(emitted.value(signals, theta, samples), np.zeros((samples, emitted.rows, 0)), steady=steady)]
+    if steady or prediction.play is not None or prediction.level is not None:
+        return [Part(*emitted.tangent(signals, theta, samples), steady=steady)]
+    moved = set(emitted.depending_on(frozenset(emitted.inputs) & {*PASSING, *recording.auxiliary}))
+    passing = tuple(sorted({i for i in emitted.active if i in moved} | set(prediction.memory_parameters)))
+    lasting = tuple(i for i in emitted.active if i not in moved)
+    value, some = emitted.tangent_in(signals, theta, passing, samples)
+    once = recording.samples_per_repeat
+    _, others = emitted.tangent_in(signals, theta, lasting, once, valued=False)
+    spread = np.zeros((once, emitted.rows, emitted.count))
+    spread[:, :, list(lasting)] = others
+    still = np.zeros((once, emitted.rows))
+    return [Part(value, some, steady=False, columns=passing), Part(still, spread, steady=True)]
 
 
 def _bent(bend: BentLoad, recording: Recording, theta: Array, *, derivative: bool) -> Part:
@@ -195,9 +240,10 @@ class Passage:
                 by_width = np.concatenate([run.by_width for run in self._runs])
                 derivative = derivative + by_width[:, :, None] * self.prediction.play.tangent({}, self.theta, 1)[1]
         reading, tangent = (self._remembered(series) for series in (value, derivative))
-        for number, index in enumerate(self.prediction.memory_parameters if tangent.shape[2] else ()):
-            tangent[:, :, index] += self._remembered(value, slope=number)
-        return Part(reading, tangent, load.steady)
+        for number, index in enumerate(self.prediction.memory_parameters if tangent.shape[2] and value.any() else ()):
+            place = index if load.columns is None else load.columns.index(index)
+            tangent[:, :, place] += self._remembered(value, slope=number)
+        return Part(reading, tangent, load.steady, load.columns)
 
     def through(self, series: Array) -> Array:
         """What a small addition (n, p, ...) to the load becomes."""

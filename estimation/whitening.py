@@ -45,7 +45,12 @@ class Whitener(ABC):
         steady = self.steady(_joined(response.periodic))
         if response.whole is None:
             return steady
-        rows = self.series(_joined(response.whole))
+        passing = self.series(_joined(response.whole))
+        if response.columns is None or len(response.columns) == steady.shape[-1] - 1:
+            rows = passing
+        else:
+            rows = np.zeros((self.rows, *steady.shape[1:]))
+            rows[..., [0, *(1 + i for i in response.columns)]] = passing
         rows[: self.steady_rows] += steady
         return rows
 

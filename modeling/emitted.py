@@ -122,6 +122,21 @@ class Emitted:
         self._evaluate(self.active, signals, theta, samples, outputs)
         return value, derivative
 
+    def tangent_in(
+        self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int, *, valued: bool = True
+    ) -> tuple[Array, Array]:
+        """Value (samples, p), zero unless `valued`, and derivative (samples, p, len(which)) in some parameters."""
+        value, derivative = np.zeros((samples, self.rows)), np.zeros((samples, self.rows, len(which)))
+        active = tuple(i for i in which if i in self.active)
+        outputs = [value[:, row, None] for row in range(self.rows)] if valued else []
+        outputs += [derivative[:, row, which.index(i), None] for i in active for row in range(self.rows)]
+        self._evaluate(active, signals, theta, samples, outputs, valued=valued)
+        return value, derivative
+
+    def depending_on(self, signals: frozenset[str]) -> tuple[int, ...]:
+        """The active parameters in which the derivative depends on one of these signals."""
+        return _depending(self, signals)
+
     def slopes(self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int) -> Array:
         """Derivative (samples, p, g, len(which)) in some parameters only, at each of g parameter sets theta (g, k)."""
         theta = np.asarray(theta, dtype=float)
@@ -140,16 +155,33 @@ class Emitted:
         return self.compiled.tape.only([begin + row for begin in begins for row in range(self.rows)])
 
     def _evaluate(
-        self, which: tuple[int, ...], signals: Signals, theta: Array, samples: int, outputs: list[Array]
+        self,
+        which: tuple[int, ...],
+        signals: Signals,
+        theta: Array,
+        samples: int,
+        outputs: list[Array],
+        *,
+        valued: bool = True,
     ) -> None:
         """Put the value, then its derivative in the parameters `which`, into the outputs (samples, 1)."""
         theta = np.asarray(theta, dtype=float)
         if theta.shape not in ((self.count,), (samples, self.count)):
             raise ValueError(f"{self.count} parameters were expected, not an array {theta.shape}")
         varying = theta.ndim == 2
-        evaluation = _evaluation(self, which, True, varying)
+        evaluation = _evaluation(self, which, valued, varying)
         sets = np.ascontiguousarray(theta.T) if varying else theta[None]
         evaluation.run(self.columns(signals, samples), sets, outputs)
+
+
+@lru_cache(maxsize=512)
+def _depending(emitted: Emitted, signals: frozenset[str]) -> tuple[int, ...]:
+    compiled = emitted.compiled
+    moved = compiled.tape.depending_on([i for i, name in enumerate(emitted.inputs) if name in signals])
+    results = compiled.tape.results
+    rows = compiled.rows
+    columns = {i: results[(place + 1) * rows : (place + 2) * rows] for place, i in enumerate(compiled.active)}
+    return tuple(i for i, numbers in columns.items() if any(number in moved for number in numbers))
 
 
 @lru_cache(maxsize=512)

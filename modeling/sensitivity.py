@@ -29,7 +29,7 @@ class Sensitivity:
     which: tuple[int, ...]
 
     @classmethod
-    def of(cls, emitted: Emitted, which: tuple[int, ...], nominal: tuple[float, ...]) -> Sensitivity | None:
+    def of(cls, emitted: Emitted, which: tuple[int, ...], nominal: tuple[float, ...]) -> Sensitivity:
         """Of an expression in the parameters `which`."""
         return _derived(emitted, which, nominal)
 

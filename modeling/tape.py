@@ -93,6 +93,14 @@ class Tape:
         """The operation that makes the value of that number."""
         return self.operations[number - self.first]
 
+    def depending_on(self, inputs: Sequence[int]) -> set[int]:
+        """The numbers of all values that depend on any of these inputs."""
+        moved = set(inputs)
+        for place, (_, a, b) in enumerate(self.operations):
+            if a in moved or b in moved:
+                moved.add(self.first + place)
+        return moved
+
     def with_inputs(self, parameters: Sequence[int]) -> Tape:
         """The tape with some of the parameters as further inputs, in that order."""
         m, chosen = self.inputs, list(parameters)
