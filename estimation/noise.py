@@ -64,7 +64,13 @@ class Noise:
         if len(self.doubt) != 2 * len(self.frequency) * len(self.spectra) or not self.spectra:
             return np.asarray(self.doubt @ shares)
         lines = shares.reshape(len(self.frequency), 2, len(self.spectra), -1).sum(axis=1)
-        return np.asarray(sum(s.joint_doubt(self.frequency, lines[:, c]) for c, s in enumerate(self.spectra)))
+        curves = zip(self.spectra, self._bases, strict=True)
+        return np.asarray(sum(s.joint_doubt_at(basis, lines[:, c]) for c, (s, basis) in enumerate(curves)))
+
+    @cached_property
+    def _bases(self) -> tuple[Array, ...]:
+        """Each spectrum's basis functions at the lines."""
+        return tuple(s.basis(self.frequency) for s in self.spectra)
 
 
 def step_of(recording: Recording) -> float:

@@ -58,8 +58,16 @@ class Spectrum:
 
     def joint_doubt(self, frequency: Array, shares: Array) -> Array:
         """Variance (g,) of the mean of log S over frequencies (m,) with the weights `shares` (m, g)."""
-        loads = self._rows(np.log(frequency)).T @ shares
-        return np.asarray(np.einsum("jg,jk,kg->g", loads, self.covariance, loads))
+        return self.joint_doubt_at(self.basis(frequency), shares)
+
+    def basis(self, frequency: Array) -> Array:
+        """Values (m, j) of the curve's j basis functions at frequencies (m,)."""
+        return self._rows(np.log(frequency))
+
+    def joint_doubt_at(self, basis: Array, shares: Array) -> Array:
+        """`joint_doubt` where the basis functions are known already."""
+        loads = basis.T @ shares
+        return np.asarray(((self.covariance @ loads) * loads).sum(axis=0))
 
     def _rows(self, u: Array) -> Array:
         """Basis values at log f, held at the ends."""
