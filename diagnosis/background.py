@@ -101,6 +101,23 @@ class Background:
         """Pure noise along the fit's directions, (k, DRAWS)."""
         return np.asarray(self.directions.basis.T @ self.workspace.draws(self.fit.noise)[self.linearised.reached])
 
+    def derivatives(self, number: int) -> list[tuple[Array, bool]]:
+        """Summands (n, p, k) of a predicted derivative, each one repeat (True) or the whole record (False)."""
+        return self._derivatives[number]
+
+    @cached_property
+    def _derivatives(self) -> list[list[tuple[Array, bool]]]:
+        found = []
+        for number in range(len(self.fit.recordings)):
+            response = self.fit.response(number)
+            parts = [(response.periodic[1], True)]
+            if response.whole is not None:
+                whole = np.zeros((*response.whole[0].shape, parts[0][0].shape[2]))
+                whole[:, :, slice(None) if response.columns is None else list(response.columns)] = response.whole[1]
+                parts.append((whole, False))
+            found.append(parts)
+        return found
+
     def spread(self, columns: Array, choice: Choice) -> Array:
         """Columns (r, a) of the chosen rows in all rows (rows, a)."""
         whole = np.zeros((len(self.residual), columns.shape[1]))

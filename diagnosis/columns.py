@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +82,21 @@ def _whitened_slopes(
             found[: len(reached), place] = reached[: last - first, list(which)]
         return found
     total = np.zeros((last - first, len(theta), len(which)))
-    outside = _clipped(model, recording, theta[0]) if clipped else None
+    for slopes, periodic in sensitivity_series(model, recording, theta, which):
+        total += rows.whitened(whitener, slopes, periodic=periodic)
+    return total
+
+
+def sensitivity_series(
+    model: WrenchModel, recording: Recording, theta: Array, which: tuple[int, ...]
+) -> Iterator[tuple[Array, bool]]:
+    """Summands (n, p, g, len(which)) of the reading's derivatives in some parameters, at g parameter sets theta (g, k).
+
+    Each is one repeat (True) or the whole record (False). Of models whose tool does not bend, in parameters that the
+    transfer function does not have.
+    """
+    prediction = compiled(model)
+    outside = None if prediction.level is None else _clipped(model, recording, theta[0])
     repeats = all(repeats_with_motion(e.inputs, recording) for e in (prediction.load, prediction.zero))
     for emitted, passed in ((prediction.load, True), (prediction.zero, False)):
         if not set(which) & set(emitted.active):
@@ -102,8 +116,7 @@ def _whitened_slopes(
             if periodic and not repeats:
                 slopes, periodic = np.tile(slopes, (recording.repeats, 1, 1, 1)), False
             slopes[outside[: len(slopes)]] = 0.0
-        total += rows.whitened(whitener, slopes, periodic=periodic)
-    return total
+        yield slopes, periodic
 
 
 def _clipped(model: WrenchModel, recording: Recording, theta: Array) -> NDArray[np.bool_]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.background import Background
+from diagnosis.columns import sensitivity_series
 from diagnosis.projection import Projected, Whitened
 from diagnosis.screening import Screening
 from diagnosis.search import reached_rows
@@ -17,6 +18,7 @@ from estimation.fit import Fit
 from estimation.layout import Layout, layout
 from estimation.response import respond
 from modeling.effect import Combination
+from modeling.prediction import compiled
 
 Array = NDArray[np.float64]
 
@@ -49,21 +51,52 @@ def contribution_limit(fitted: Fit, screening: Screening, workspace: Workspace |
 
 
 def _raw_columns(background: Background, unknowns: Layout, number: int, point: Point, columns: Array) -> Array:
-    """The effect's columns (n, p, a) in the channels' units, less what the model's other parameters take over."""
+    """The effect's columns (n, p, a) in the channels' units, less what the model's other parameters take over.
+
+    Over one repeat where all that is periodic, else over the whole record.
+    """
     fitted, own = background.fit, unknowns.models[number]
+    recording = fitted.recordings[number]
     names = [unknowns.parameters[i].name for i in unknowns.index[number]]
     known = {**fitted.values, **point.nuisances}
     theta = np.array([known.get(n, p.nominal) for n, p in zip(names, own.parameters, strict=True)])
-    response = respond(own, fitted.recordings[number], theta)
-    derivative = response.periodic[1] if response.whole is None else response.derivative
+    taken = background.directions.amounts(columns[background.linearised.reached])[fitted.layout.index[number]]
+    parts = [(-part @ taken, periodic) for part, periodic in background.derivatives(number)]
+    parts += _effect_series(background, unknowns, number, point, theta)
+    if all(periodic for _, periodic in parts):
+        return np.asarray(sum(part for part, _ in parts))
+    return np.asarray(sum(np.tile(part, (recording.repeats, 1, 1)) if p else part for part, p in parts))
+
+
+def _effect_series(
+    background: Background, unknowns: Layout, number: int, point: Point, theta: Array
+) -> list[tuple[Array, bool]]:
+    """Summands (n, p, a) of an effect's columns in a recording, each one repeat (True) or the whole record (False)."""
+    recording, own = background.fit.recordings[number], unknowns.models[number]
     place = {p.name: i for i, p in enumerate(own.parameters)}
-    raw = derivative[:, :, [place[p.name] for p in point.amplitudes]]
+    tangents = [i for i, p in enumerate(point.amplitudes) if p not in point.named]
+    which = tuple(place[point.amplitudes[i].name] for i in tangents)
+    prediction = compiled(own)
+    found: list[tuple[Array, bool]] = []
+
+    def put(series: Array, columns: list[int], *, periodic: bool) -> None:
+        wide = np.zeros((*series.shape[:2], len(point.amplitudes)))
+        wide[:, :, columns] = series
+        found.append((wide, periodic))
+
+    if which and (prediction.bend is not None or set(which) & set(prediction.memory_parameters)):
+        response = respond(own, recording, theta)
+        periodic = response.whole is None
+        derivative = response.periodic[1] if periodic else response.derivative
+        put(derivative[:, :, list(which)], tangents, periodic=periodic)
+    elif which:
+        for series, periodic in sensitivity_series(own, recording, theta[None], which):
+            put(series[:, :, 0], tangents, periodic=periodic)
     for _, amplitude, difference in differences(background, unknowns, number, [point]):
-        raw[:, :, amplitude] = difference.periodic if response.whole is None else difference.series
-    index = {p.name: i for i, p in enumerate(fitted.layout.parameters)}
-    kept = [i for i, n in enumerate(names) if n in index]
-    taken = background.directions.amounts(columns[background.linearised.reached])
-    return np.asarray(raw - derivative[:, :, kept] @ taken[[index[names[i]] for i in kept]])
+        put(difference.periodic[:, :, None], [amplitude], periodic=True)
+        if difference.whole is not None:
+            put(difference.whole[:, :, None], [amplitude], periodic=False)
+    return found
 
 
 def tolerance_of(base: Fit) -> tuple[dict[str, float], bool]:
