@@ -15,11 +15,12 @@ from diagnosis.held_out import HeldOut
 from diagnosis.limits import contribution_limit, tolerance_of, within
 from diagnosis.own_effect import OwnEffect, own_effects, with_own
 from diagnosis.price import SIGNIFICANCE
+from diagnosis.progress import Progress, silent
 from diagnosis.remainder import Remainder, remainder
 from diagnosis.renewal import renewed_noise
 from diagnosis.result import estimates_data, finding_data, finite, own_data, remainder_data, step_data
 from diagnosis.screening import screen
-from diagnosis.selection import Candidate, Progress, Selection, refitted, select, silent
+from diagnosis.selection import Candidate, Selection, refitted, select
 from diagnosis.step import Step, explainable, staircase
 from diagnosis.validation import zero_shift
 from diagnosis.verdict import RecordVerdict

@@ -9,6 +9,7 @@ from diagnosis.background import Background
 from diagnosis.comparison import tail
 from diagnosis.extent import extent_of
 from diagnosis.price import detectable_separation, level
+from diagnosis.progress import Announce
 from diagnosis.search import Search, sharpened
 from diagnosis.secants import Point
 from diagnosis.workspace import Workspace
@@ -52,7 +53,12 @@ class Screening:
 
 
 def screen(
-    fit: Fit, effects: Sequence[Effect], *, candidates: int | None = None, workspace: Workspace | None = None
+    fit: Fit,
+    effects: Sequence[Effect],
+    *,
+    candidates: int | None = None,
+    workspace: Workspace | None = None,
+    announce: Announce | None = None,
 ) -> list[Screening]:
     """Every effect that the model lacks, screened against the fit's residual; the most significant first.
 
@@ -66,7 +72,7 @@ def screen(
     if lacking:
         background.prepare()
     searches = background.workspace.each(
-        [(fit, e) for e in lacking], lambda key: _searched(background, key[1]), shared=shared_by(fit)
+        [(fit, e) for e in lacking], lambda key: _searched(background, key[1]), shared=shared_by(fit), announce=announce
     )
     found = [_judged(s, count) if isinstance(s, Search) else s for s in searches]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))

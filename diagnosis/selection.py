@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from diagnosis.background import Background
 from diagnosis.comparison import comparison_of, residual_judges_itself
 from diagnosis.price import SIGNIFICANCE, price, worth
+from diagnosis.progress import Announce, Progress, counted, silent
 from diagnosis.screening import Screening, beginning, screen
 from diagnosis.workers import Workers
 from diagnosis.workspace import Workspace
@@ -21,12 +22,6 @@ WIDTH = 2
 REFITS = 3
 """Significant effects refitted exactly for each of them."""
 MOST_EFFECTS = 4
-
-Progress = Callable[[str], None]
-
-
-def silent(_message: str) -> None:
-    """Report no progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +50,9 @@ class Candidate:
         """Whitened chi-square."""
         return self.background.cost
 
-    def screened(self, effects: Sequence[Effect]) -> list[Screening]:
+    def screened(self, effects: Sequence[Effect], announce: Announce | None = None) -> list[Screening]:
         """The effects that it lacks, screened."""
-        return screen(self.fit, effects, workspace=self.workspace)
+        return screen(self.fit, effects, workspace=self.workspace, announce=announce)
 
     @cached_property
     def lack_of_fit(self) -> float:
@@ -178,16 +173,16 @@ def _grown(
     """Each set with one more effect, for the significant ones that were not tried; they are added to `tried`."""
     wanted: list[Growth] = []
     for candidate in level:
-        progress("screen beside " + (" + ".join(sorted(candidate.ids)) or "the rigid tip"))
-        wanted += _growths(candidate, candidate.screened(effects))
+        beside = " + ".join(sorted(candidate.ids)) or "the rigid tip"
+        wanted += _growths(candidate, candidate.screened(effects, counted(progress, f"screen beside {beside}")))
     grown = []
     while wanted := [growth for growth in wanted if growth.ids not in tried]:
         first = list({growth.ids: growth for growth in reversed(wanted)}.values())[::-1]
-        progress("refit with " + "; ".join(" + ".join(sorted(growth.ids)) for growth in first))
+        doing = "refit with " + "; ".join(" + ".join(sorted(growth.ids)) for growth in first)
         shared = [thing for c in level for thing in (*shared_by(c.fit), c.workspace)]
-        for growth, new in zip(
-            first, level[0].workspace.workers.map(_refitted_with, first, shared=shared), strict=True
-        ):
+        workers, announce = level[0].workspace.workers, counted(progress, doing)
+        found = workers.map(_refitted_with, first, shared=shared, announce=announce)
+        for growth, new in zip(first, found, strict=True):
             if new is not None:
                 tried[growth.ids] = new
                 grown.append(new)

@@ -12,6 +12,8 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
+from diagnosis.progress import Announce
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -35,16 +37,22 @@ class Workers:
         return cls(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
     def map(
-        self, function: Callable[[Item], Result], items: Sequence[Item], *, shared: Iterable[object] = ()
+        self,
+        function: Callable[[Item], Result],
+        items: Sequence[Item],
+        *,
+        shared: Iterable[object] = (),
+        announce: Announce | None = None,
     ) -> list[Result]:
         """The function of every item, in their order; whoever is free takes the next one.
 
         `shared` are objects that results may contain and that come back as themselves, not as copies. An exception
-        comes back as it was raised, the first item's first.
+        comes back as it was raised, the first item's first. How many are begun of how many is announced.
         """
+        begun = _unsaid if announce is None else announce
         copies = min(self.count, len(items), MOST_AT_ONCE) - 1
         if copies < 1 or len(items) > MOST_AT_ONCE or not _can_copy():
-            return [function(item) for item in items]
+            return [_announced(function, item, begun, place, len(items)) for place, item in enumerate(items)]
         known = {id(thing): thing for thing in shared}
         queue = _Queue.of(len(items))
         context = get_context("fork")
@@ -55,7 +63,7 @@ class Workers:
             child.start()
             there.close()
             children.append((child, here))
-        found = dict(_taken(function, items, queue))
+        found = dict(_taken(function, items, queue, begun))
         for child, here in children:
             found |= _received(here, known)
             child.join()
@@ -101,10 +109,20 @@ def _can_copy() -> bool:
     return sys.platform.startswith("linux") and not current_process().daemon
 
 
+def _unsaid(_begun: int, _total: int) -> None:
+    """Announce nothing."""
+
+
+def _announced(function: Callable[[Item], Result], item: Item, announce: Announce, place: int, total: int) -> Result:
+    announce(place, total)
+    return function(item)
+
+
 def _taken(
-    function: Callable[[Item], Result], items: Sequence[Item], queue: _Queue
+    function: Callable[[Item], Result], items: Sequence[Item], queue: _Queue, announce: Announce
 ) -> Iterable[tuple[int, Result | _Raised]]:
-    while (place := queue.next()) is not None:
+    while (place := queue.next()) is not None:  # as places are handed out in order, so many were begun
+        announce(place, len(items))
         yield place, _tried(function, items[place])
 
 
@@ -129,7 +147,7 @@ def _work(
     known: Mapping[int, object],
 ) -> None:
     """What a copy does; its memory has the shared objects at the addresses of the original's."""
-    for place, result in _taken(function, items, queue):
+    for place, result in _taken(function, items, queue, _unsaid):
         buffer = io.BytesIO()
         _Pickler(buffer, known).dump((place, result))
         there.send_bytes(buffer.getvalue())

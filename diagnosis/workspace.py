@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.progress import Announce
 from diagnosis.workers import Workers
 from estimation.noise import Noise
 
@@ -76,9 +77,14 @@ class Workspace:
         return self._kept[key]
 
     def each(
-        self, keys: Sequence[Key], make: Callable[[Key], Result], *, shared: Iterable[object] = ()
+        self,
+        keys: Sequence[Key],
+        make: Callable[[Key], Result],
+        *,
+        shared: Iterable[object] = (),
+        announce: Announce | None = None,
     ) -> list[Result]:
         """What is made of each key, by all workers, and of none twice."""
         new = [key for key in keys if key not in self._found]
-        self._found.update(zip(new, self.workers.map(make, new, shared=shared), strict=True))
+        self._found.update(zip(new, self.workers.map(make, new, shared=shared, announce=announce), strict=True))
         return [self._found[key] for key in keys]  # type: ignore[misc]
