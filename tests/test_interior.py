@@ -128,7 +128,7 @@ def test_an_odd_motion_tells_what_its_image_tells() -> None:
     values = -motion.derivative(FREE.duration - time, 0)
     image = np.linalg.lstsq(FREE.basis(time, 0).reshape(-1, FREE.size), values.ravel(), rcond=None)[0]
     of = objective()
-    assert of.value(image) == pytest.approx(of.value(motion.coefficients), abs=1e-8)
+    assert of.value(np.asarray(image, dtype=np.float64)) == pytest.approx(of.value(motion.coefficients), abs=1e-8)
 
 
 def test_few_samples_stand_for_many() -> None:

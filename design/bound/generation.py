@@ -20,8 +20,8 @@ from design.bound.symmetry import Symmetry
 
 Array = NDArray[np.float64]
 
-AT_RANDOM = 400
-"""For each dimension of (q, dq), new starts of a search: three to an ascent."""
+AT_RANDOM = 800
+"""For each dimension of (q, dq), new starts of a search: four to an ascent, as in `largest`."""
 FIRST = 600
 """For each dimension, states of the first master: several to each condition."""
 MOST_STATES = 20_000
@@ -29,7 +29,7 @@ MOST_STATES = 20_000
 with 7000 kept, F rose where some had been dropped, from 6 to 100 on one rig, and what came back drove out others."""
 BEST = 500
 """States of largest weight from which a search starts as well: F is largest near to them."""
-KEPT, BRIEF = 120, Patience(steps=25, still=1e-5)
+KEPT, BRIEF = 200, Patience(steps=25, still=1e-5)
 """Ascents of a search for each dimension, and their steps: a cut need not be the deepest; `largest` looks harder.
 Many at once cost little, and save rounds."""
 WIDE = 1.0

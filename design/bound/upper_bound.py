@@ -40,7 +40,7 @@ class Effort:
     proof_seconds  of branch and bound, 0 for no proof; None for `PROOF_SECONDS` with one joint, none with more
     """
 
-    tolerance: float = 0.03
+    tolerance: float = 0.025
     rounds: int = 60
     starts: int = 40_000
     proof_margin: float = 0.002

@@ -99,8 +99,8 @@ def _operations() -> dict[int, Callable[..., Any]]:
 
 
 def _twice(a: Any, out: Array) -> Array:
-    return np.multiply(a, 2.0, out=out)
+    return np.asarray(np.multiply(a, 2.0, out=out))
 
 
 def _inverse(a: Any, out: Array) -> Array:
-    return np.divide(1.0, a, out=out)
+    return np.asarray(np.divide(1.0, a, out=out))

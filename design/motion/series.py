@@ -161,7 +161,7 @@ class Motion:
 
         def values(time: Array, order: int) -> Array:
             back = (-1) ** order * self.derivative(self.period - time, order)
-            return (self.derivative(time, order) - back) / 2 + (posture if order == 0 else 0.0)
+            return np.asarray((self.derivative(time, order) - back) / 2 + (posture if order == 0 else 0.0))
 
         return _nearest(self.series, values)
 

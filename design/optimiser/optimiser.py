@@ -47,8 +47,9 @@ free to grow as to shrink (measured: more of them lead to the highest optima).""
 PULL = 3.0, 0.3, 0.1
 """The barrier of an interior point is PULL nats in all to begin with: from afar, next to an optimum with other rows,
 and on it. From afar 10 draw most starts to one optimum, and with 1 they take twice as long."""
-LAST = 1e-4, 1e-5
-"""The last barrier parameter, nats: to rank optima, and to tell them."""
+LAST = 1e-3, 1e-4, 1e-5
+"""The last barrier parameter, nats: from afar, to rank optima, and to tell them. Between the first two the motion is
+contracted a little, which leads away from saddles and narrow optima (measured: a third gain up to 0.2 nats)."""
 ROOM = 0.05, 0.02, 1e-3
 """The share of the room of standing still that a start leaves at least, for the same three cases."""
 FEWEST, OVERSAMPLED = 48, 4
@@ -158,15 +159,16 @@ def screen(task: Task, start: Motion) -> Attempt:
 
     For tasks that are `direct`. Raises InputError when the series cannot stand still within the limits.
     """
-    began = perf_counter()
-    solution = _solved(task, task.thinned, task.polytope, start, case=0, last=LAST[0])
-    motion = Motion(start.series, solution.coefficients)
+    began, evaluations, motion = perf_counter(), 0, start
+    for case, last in enumerate(LAST[:2]):
+        solution = _solved(task, task.thinned, task.polytope, motion, case=case, last=last)
+        motion, evaluations = Motion(start.series, solution.coefficients), evaluations + solution.evaluations
     return Attempt(
         motion=motion,
         value=task.objective.value(motion.coefficients),
         lost=0.0,
         outcome=solution.outcome,
-        evaluations=solution.evaluations,
+        evaluations=evaluations,
         seconds=perf_counter() - began,
     )
 
@@ -191,7 +193,7 @@ def polish(task: Task, start: Motion) -> Attempt:
     rows, motion = task.polytope.rows.refined(start.coefficients), start
     for round_ in range(ROUNDS):
         case = min(round_ + 1, len(PULL) - 1)
-        solution = _solved(task, task.expansion, Polytope(rows), motion, case=case, last=LAST[1])
+        solution = _solved(task, task.expansion, Polytope(rows), motion, case=case, last=LAST[2])
         evaluations += solution.evaluations
         motion = Motion(start.series, solution.coefficients)
         found = _contracted(task, motion, solution.outcome)

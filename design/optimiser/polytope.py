@@ -41,7 +41,7 @@ class Polytope:
         return tuple(found)
 
     def __len__(self) -> int:
-        return self.blocks[-1].place.stop
+        return int(self.blocks[-1].place.stop)
 
     def change(self, step: Array) -> Array:
         """A step (R,): by how much a step (k,) of the coefficients moves the rows."""
