@@ -29,8 +29,10 @@ PERIOD, SAMPLES = 5.0, 200
 HARMONICS = tuple(range(1, 13))
 """Of the series when none is given: up to 2.4 Hz in 5 s, which controllers of large arms follow."""
 STARTS, FEWER = 24, 6
-"""Random starts, and how many where limits that are not linear or readings that remember make each ten times as
-long."""
+"""Random starts, and how many where limits that are not linear, readings that remember or a large series make each
+ten times as long."""
+LARGE = 100
+"""Coefficients of a series that is large: a step takes as long as their square."""
 ODD = 2, 3
 """Two of three starts are odd in time, where the highest optima are found more often."""
 SLOWER, MIXED = 3, 6
@@ -103,7 +105,7 @@ def design(
     series     independent series of the joints with 12 harmonics in 5 s when None
     samples    equally spaced readings of one run
     noise      weight of the readings; None for unweighted SI
-    starts     random starts, from `seed`; None for 24, or 6 where each takes long. The best optima are refined
+    starts     random starts, from `seed`; None for 24, or 6 where each takes long (`LARGE`). The best optima are refined
     bounded    whether the upper bound is computed too, some ten seconds for three joints
     executor   works on the starts and the bound's searches elsewhere (any like `concurrent.futures.Executor`, see
                `optimise`); the result is the same
@@ -144,7 +146,8 @@ def _search(
     task: Task, starts: int | None, seed: int, executor: Executor | None, progress: Progress | None
 ) -> tuple[tuple[Attempt, ...], tuple[Attempt, ...]]:
     """Local optima of the task's series, best first, and what else was tried."""
-    count = starts or (STARTS if task.direct else FEWER)
+    quick = task.direct and task.objective.series.size <= LARGE
+    count = starts or (STARTS if quick else FEWER)
 
     def run(stage: str, of: Task, begin: Sequence[Motion], work: Work) -> tuple[Attempt, ...]:
         watch = None if progress is None else _watch(stage, len(begin), progress, kept=work is not screen)

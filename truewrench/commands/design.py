@@ -46,7 +46,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--weighted", action="store_true", help=text)
     text = "average over the uncertainty of the parameters in MODEL.json, where the information depends on them"
     command.add_argument("--averaged", action="store_true", help=text)
-    text = "random starts (default: 24, and 6 for --tell, for a workspace and for effects that remember)"
+    text = "random starts (default: 24, and 6 for --tell, a workspace, effects that remember, six axes)"
     command.add_argument("--starts", type=count, metavar="S", help=text)
     command.add_argument("--seed", type=seed, default=0, metavar="S", help="of the starts (default: 0)")
     text = "processes for the starts and the bound; any number finds the same (default: one for each core)"
