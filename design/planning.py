@@ -105,7 +105,7 @@ def design(
     series     independent series of the joints with 12 harmonics in 5 s when None
     samples    equally spaced readings of one run
     noise      weight of the readings; None for unweighted SI
-    starts     random starts, from `seed`; None for 24, or 6 where each takes long (`LARGE`). The best optima are refined
+    starts     random starts, from `seed`; None for 24, or 6 where each takes long. The best optima are refined
     bounded    whether the upper bound is computed too, some ten seconds for three joints
     executor   works on the starts and the bound's searches elsewhere (any like `concurrent.futures.Executor`, see
                `optimise`); the result is the same
