@@ -33,7 +33,6 @@ from benchmarks.rivals import evolution, finite_differences, nelder_mead, unopti
 from benchmarks.rivals.reference import PARAMETERS
 from benchmarks.rivals.trace import Trace, one_after_the_other
 from benchmarks.row import Row, table
-from design.planning import STARTS
 
 SEEDS, SEARCHES = 5, 3
 Run = Callable[[int], Trace]
@@ -51,7 +50,7 @@ def simplex(seed: int) -> Trace:
 
 def entrants(*, quick: bool) -> Mapping[str, Run]:
     """What runs, by name, in the order of the table."""
-    budget, starts = (evolution.EVALUATIONS // 3, 1) if quick else (evolution.EVALUATIONS, STARTS)
+    budget, starts = (evolution.EVALUATIONS // 3, 1) if quick else (evolution.EVALUATIONS, None)
     return {
         OURS: partial(our_design.traced, starts=starts),
         SIMPLEX: simplex,

@@ -11,14 +11,14 @@ from benchmarks.rivals.reference import ARM, RIG
 from benchmarks.rivals.trace import Trace
 from design.information.experiment import Experiment
 from design.motion.series import Motion
-from design.planning import STARTS, Step, design
+from design.planning import Step, design
 from modeling.model import planar
 
 OnImprovement = Callable[[float, float, Motion], None]
 """Told of the seconds since the start, ln det, and a motion that keeps the limits at every instant."""
 
 
-def ours(seed: int, on_improvement: OnImprovement, starts: int = STARTS) -> int:
+def ours(seed: int, on_improvement: OnImprovement, starts: int | None = None) -> int:
     """`design` as a user calls it, in one process, without the bound; returns the evaluations.
 
     Deriving is outside the clock, as for the rivals; building the optimiser's graphs is on it.
@@ -33,7 +33,7 @@ def ours(seed: int, on_improvement: OnImprovement, starts: int = STARTS) -> int:
     return design(RIG, seed=seed, starts=starts, bounded=False, progress=progress).evaluations
 
 
-def traced(seed: int, starts: int = STARTS) -> Trace:
+def traced(seed: int, starts: int | None = None) -> Trace:
     """The run of `ours` as a trace."""
     notes: list[tuple[float, float, Motion]] = []
     began = perf_counter()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 from design.bound import Bound, Round, upper_bound
 from design.criterion import Averaged, Criterion, DOptimal
@@ -12,9 +13,9 @@ from design.information import Experiment, Prior, SensorNoise, unseen
 from design.information.values import Values
 from design.motion.fourier import FourierSeries, FreeSeries, PaperSeries
 from design.motion.rest_to_rest import RestToRest
-from design.motion.series import Series
+from design.motion.series import Motion, Series
 from design.optimiser.objective import Objective
-from design.optimiser.optimiser import SLOW, Attempt, Task, optimise
+from design.optimiser.optimiser import SLOW, Attempt, Task, Work, improve, optimise, polish, screen
 from design.place import place_of, require_samples
 from design.plan import Plan
 from modeling.errors import InputError
@@ -27,8 +28,23 @@ PERIOD, SAMPLES = 5.0, 200
 """The reference problem's: 5 s, 40 samples a second."""
 HARMONICS = tuple(range(1, 13))
 """Of the series when none is given: up to 2.4 Hz in 5 s, which controllers of large arms follow."""
-STARTS, REFINED = 6, 2
-"""Random starts with few harmonics, and how many of their optima go on to the whole series."""
+STARTS, FEWER = 24, 6
+"""Random starts, and how many where limits that are not linear, readings that remember or a large series make each
+ten times as long."""
+LARGE = 100
+"""Coefficients of a series that is large: a step takes as long as their square."""
+ODD = 2, 3
+"""Two of three starts are odd in time, where the highest optima are found more often."""
+SLOWER, MIXED = 3, 6
+"""A third of the starts has few harmonics, whose few optima any seed finds. The best of them lead, mixed with other
+random motions, to good optima of the whole series for sure (a sixth as many starts); random motions of the whole
+series, the other half of the starts, lead to better ones now and then."""
+SHARE = 0.2
+"""Of the random motion in a mixture."""
+REFINED, BASES = 3, 2
+"""The best different optima that are followed to the end, and those of few harmonics that go on to all."""
+DIFFERENT = 2e-3
+"""Nats: optima of closer values are taken for one, up to a symmetry or a shift in time."""
 
 
 NOT_ASKED = (None, "not asked for")
@@ -36,13 +52,29 @@ NOT_ASKED = (None, "not asked for")
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """How far the planning is: what it does, and the best motion that keeps the limits so far."""
+    """How far the planning is: what it does, the best value so far, how much of it is done and how long it takes.
+
+    value    the best so far; None before there is any. Until the best starts are followed to the end it is of motions
+             that keep their limits at some instants only
+    best     the best motion that keeps them at every instant; None before there is any
+    done     of `total` starts; both zero where that is not known
+    seconds  that the rest of this stage may take, by those done; None before the first
+    """
 
     stage: str
+    value: float | None = None
     best: Attempt | None = None
+    done: int = 0
+    total: int = 0
+    seconds: float | None = None
 
     def __str__(self) -> str:
-        return self.stage if self.best is None else f"{self.stage}, {self.best.value:.2f} reached"
+        parts = [f"{self.stage}: {self.done} of {self.total} starts" if self.total else self.stage]
+        if self.value is not None:
+            parts.append(f"{self.value:.2f} reached")
+        if self.seconds is not None:
+            parts.append(f"about {self.seconds:.0f} s left")
+        return ", ".join(parts)
 
 
 Progress = Callable[[Step], None]
@@ -58,7 +90,7 @@ def design(
     series: Series | None = None,
     samples: int = SAMPLES,
     noise: SensorNoise | None = None,
-    starts: int = STARTS,
+    starts: int | None = None,
     seed: int = 0,
     bounded: bool = True,
     executor: Executor | None = None,
@@ -73,9 +105,10 @@ def design(
     series     independent series of the joints with 12 harmonics in 5 s when None
     samples    equally spaced readings of one run
     noise      weight of the readings; None for unweighted SI
-    starts     random starts, from `seed`; their best optima with few harmonics are refined with all
-    bounded    whether the upper bound is computed too, a minute or so
-    executor   works on the starts elsewhere (processes; see `optimise`)
+    starts     random starts, from `seed`; None for 24, or 6 where each takes long. The best optima are refined
+    bounded    whether the upper bound is computed too, some ten seconds for three joints
+    executor   works on the starts and the bound's searches elsewhere (any like `concurrent.futures.Executor`, see
+               `optimise`); the result is the same
 
     Raises InputError for a rig without arm or limits, too few samples, a model with parameters that no motion of
     this arm shows, and limits that no motion keeps.
@@ -97,32 +130,77 @@ def design(
         workspace=rig.workspace,
         tip_length=rig.tip_length,
     )
-    found, coarse = _search(task, starts, seed, executor, progress)
+    found, others = _search(task, starts, seed, executor, progress)
     bound, reason = _bound(designable, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_ASKED
     return Plan(
         task=task,
         experiment=experiment,
         attempts=found,
-        evaluations=sum(attempt.evaluations for attempt in (*found, *coarse)),
+        evaluations=sum(attempt.evaluations for attempt in (*found, *others)),
         bound=bound,
         unbounded=reason,
     )
 
 
 def _search(
-    task: Task, starts: int, seed: int, executor: Executor | None, progress: Progress | None
+    task: Task, starts: int | None, seed: int, executor: Executor | None, progress: Progress | None
 ) -> tuple[tuple[Attempt, ...], tuple[Attempt, ...]]:
-    """Local optima of the task's series, best first, and those of the slow one that it started from."""
-    randoms = [task.random((seed, number)) for number in range(starts)]
+    """Local optima of the task's series, best first, and what else was tried."""
+    quick = task.direct and task.objective.series.size <= LARGE
+    count = starts or (STARTS if quick else FEWER)
+
+    def run(stage: str, of: Task, begin: Sequence[Motion], work: Work) -> tuple[Attempt, ...]:
+        watch = None if progress is None else _watch(stage, len(begin), progress, kept=work is not screen)
+        return optimise(of, begin, work=work, executor=executor, progress=watch)
+
     slow = slower(task.objective.series)
-    if slow is None:
-        return optimise(task, randoms, executor=executor, progress=_watch("starts", progress)), ()
-    first = replace(task, objective=replace(task.objective, series=slow))
-    coarse = optimise(
-        first, [r.projected(slow) for r in randoms], executor=executor, progress=_watch("few harmonics", progress)
-    )
-    nearest = [attempt.motion.projected(task.objective.series) for attempt in coarse[:REFINED]]
-    return optimise(task, nearest, executor=executor, progress=_watch("all harmonics", progress)), coarse
+    first = None if slow is None else replace(task, objective=replace(task.objective, series=slow))
+    if not task.direct:
+        return _exchanged(task, first, [(seed, number) for number in range(count)], run)
+    if first is None:
+        screened = run("starts", task, [_start(task, seed, number) for number in range(count)], screen)
+        return run("best starts to the end", task, _best(screened, REFINED), polish), screened
+    coarse = run("few harmonics", first, [_start(first, seed, number) for number in range(-(-count // SLOWER))], screen)
+    bases = [motion.projected(task.objective.series) for motion in _best(coarse, BASES)]
+    mixtures = [
+        _mixed(bases[number % len(bases)], task.random((seed, count + number))) for number in range(-(-count // MIXED))
+    ]
+    others = [_start(task, seed, number) for number in range(count - count // 2, count)]
+    screened = run("all harmonics", task, [*mixtures, *others], screen)
+    return run("best starts to the end", task, _best(screened, REFINED), polish), (*coarse, *screened)
+
+
+Run = Callable[[str, Task, Sequence[Motion], Work], tuple[Attempt, ...]]
+
+
+def _exchanged(
+    task: Task, first: Task | None, seeds: Sequence[tuple[int, int]], run: Run
+) -> tuple[tuple[Attempt, ...], tuple[Attempt, ...]]:
+    """Every start to the end, with few harmonics where that is something else; then the best two with all."""
+    randoms = [task.random(seed) for seed in seeds]
+    if first is None:
+        return run("starts", task, randoms, improve), ()
+    coarse = run("few harmonics", first, [r.projected(first.objective.series) for r in randoms], improve)
+    nearest = [attempt.motion.projected(task.objective.series) for attempt in coarse[:BASES]]
+    return run("all harmonics", task, nearest, improve), coarse
+
+
+def _start(task: Task, seed: int, number: int) -> Motion:
+    return task.varied((seed, number), odd=number % ODD[1] < ODD[0])
+
+
+def _mixed(base: Motion, other: Motion) -> Motion:
+    """Between two motions: the limits of the joints that both keep are kept by it."""
+    return replace(base, coefficients=(1 - SHARE) * base.coefficients + SHARE * other.coefficients)
+
+
+def _best(attempts: Sequence[Attempt], count: int) -> list[Motion]:
+    """The motions of the best attempts that differ in value, best first."""
+    chosen = list[Attempt]()
+    for attempt in attempts:
+        if not chosen or chosen[-1].value - attempt.value > DIFFERENT:
+            chosen.append(attempt)
+    return [attempt.motion for attempt in chosen[:count]]
 
 
 def slower(series: Series) -> Series | None:
@@ -135,13 +213,16 @@ def slower(series: Series) -> Series | None:
     return FreeSeries(joints=series.joints, harmonics=SLOW, period=series.duration)
 
 
-def _watch(stage: str, progress: Progress | None) -> Callable[[Attempt], None]:
-    best: list[Attempt] = []
+def _watch(stage: str, total: int, progress: Progress, *, kept: bool) -> Callable[[Attempt], None]:
+    """Tells what is done, and how long the rest may take at the rate so far; `kept` are the limits at every instant."""
+    begun, attempts = perf_counter(), list[Attempt]()
+    progress(Step(stage, total=total))
 
     def watch(attempt: Attempt) -> None:
-        best[:] = sorted([*best, attempt], key=lambda a: -a.value)[:1]
-        if progress is not None:
-            progress(Step(stage, best[0]))
+        attempts.append(attempt)
+        best, done = max(attempts, key=lambda a: a.value), len(attempts)
+        left = (perf_counter() - begun) * (total - done) / done
+        progress(Step(stage, best.value, best if kept else None, done, total, left))
 
     return watch
 
@@ -160,7 +241,7 @@ def _bound(
 
     def watch(step: Round) -> None:
         if progress is not None:
-            progress(Step(f"bound, round {step.number}"))
+            progress(Step(f"bound, round {step.number}: within {step.best - step.lower:.2f} of what it can reach"))
 
     try:
         found = upper_bound(

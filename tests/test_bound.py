@@ -116,7 +116,7 @@ def climbed(case: str, bound: Bound, value: str) -> AlongMotion:
     rng, within = np.random.default_rng(5), CASES[case][1]
     motion = random_motion(case, 0)
     best, rest = bound.along(motion), motion.series.rest(within.position.mean(axis=1))
-    for attempt in range(16):
+    for attempt in range(40):
         step = 0.2 * 0.9**attempt * rng.standard_normal(motion.series.size)
         moving = motion.coefficients + step - rest
         tries = (Motion(motion.series, rest + 0.8**i * moving) for i in range(40))

@@ -183,8 +183,7 @@ def test_rigs_without_what_it_takes_are_refused(
 def test_processes_plan_the_same(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
     short = (rig, "--series", "paper", "--starts", 2, "--no-bound", "--json")
     alone, together = (json.loads(ran(capsys, *short, "--workers", workers)[1]) for workers in (1, 2))
-    # The same arithmetic in another process: equal but for the order of sums.
-    np.testing.assert_allclose(together["reached"], alone["reached"], rtol=1e-9)
+    assert together == alone
 
 
 def test_a_series_whose_jerk_is_infinite_keeps_no_limit_of_jerk(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
@@ -119,10 +120,11 @@ class DesignRequest:
         return kinds[asked.series]()
 
     def pool(self) -> AbstractContextManager[Executor | None]:
-        """As many processes as are asked for, or none for one."""
-        if self.options.workers == 1:
+        """As many processes as are asked for, one for each core by default; none for one."""
+        workers = self.options.workers or len(os.sched_getaffinity(0))
+        if workers == 1:
             return nullcontext()
-        return ProcessPoolExecutor(self.options.workers, mp_context=get_context("spawn"))
+        return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
 
 
 def picture_beside(path: Path) -> Path:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.bound.conditions import Conditions
+from design.bound.vectorised import Vectorised
 from design.bound.viability import ViableStates
 from design.information import Experiment
 from modeling.errors import InputError
@@ -17,6 +18,8 @@ from modeling.errors import InputError
 Array = NDArray[np.float64]
 SHARED = [1, 2]
 """The arguments of the compiled functions, R and c, that are the same for all points."""
+FEW, MANY = 32, 600
+"""Points that CasADi takes at a time, and from how many on NumPy is faster."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +96,12 @@ class DualFunction:
 
     def values(self, points: Array, dual: Dual) -> Array:
         """F (N, 2^n) at points (N, 2n) of the cube and every vertex of ddq."""
-        return np.array(_mapped(self.at_vertices, len(points))(points.T, dual.root, dual.c)).T
+        return _evaluated(self.at_vertices, self._many[0], [points.T, dual.root, dual.c])[0].T
 
     def slopes(self, points: Array, ddq: Array, dual: Dual) -> tuple[Array, Array]:
         """F (N,) and its derivative (N, 2n) by the points (N, 2n) of the cube, ddq (N, n) given."""
-        value, slope = _mapped(self.gradient, len(points))(points.T, dual.root, dual.c, ddq.T)
-        return np.array(value)[0], np.array(slope).T
+        value, slope = _evaluated(self.gradient, self._many[1], [points.T, dual.root, dual.c, ddq.T])
+        return value[0], slope.T
 
     def states(self, points: Array, ddq: Array) -> Array:
         """The states (N, 3n) of points of the cube with ddq (N, n)."""
@@ -121,6 +124,11 @@ class DualFunction:
         point, ddq, root, c = self._symbols
         value = _value(self._parts(*self.viable.phase(point), c), ddq, root)
         return _function([point, root, c, ddq], [value, ca.gradient(value, point)])
+
+    @cached_property
+    def _many(self) -> tuple[Vectorised, Vectorised]:
+        """`at_vertices` and `gradient` for many points."""
+        return Vectorised(self.at_vertices), Vectorised(self.gradient)
 
     @cached_property
     def _symbols(self) -> tuple[Any, Any, Any, Any]:
@@ -163,10 +171,20 @@ class DualFunction:
         return _function([ca.vertcat(q, dq, ddq)], [ca.vec(columns.T @ columns), rates])
 
 
-@lru_cache(maxsize=64)
-def _mapped(function: Any, points: int) -> Any:
-    """The function mapped over so many points, which takes longer to make than to call."""
-    return function.map("mapped", "serial", points, SHARED, [])
+def _evaluated(function: Any, many: Vectorised, arguments: list[Array]) -> list[Array]:
+    """The results (elements, N) at points (elements, N); the `SHARED` arguments stay as they are."""
+    count, mapped = arguments[0].shape[1], _mapped(function)
+    if count >= MANY and many.possible:
+        return many([a.ravel(order="F") if place in SHARED else a for place, a in enumerate(arguments)])
+    batches = np.minimum(np.arange(-(-count // FEW) * FEW), count - 1).reshape(-1, FEW)  # the last one is filled up
+    results = [mapped.call([a if p in SHARED else a[:, batch] for p, a in enumerate(arguments)]) for batch in batches]
+    return [np.hstack([np.array(r[i]) for r in results])[:, :count] for i in range(function.n_out())]
+
+
+@lru_cache(maxsize=16)
+def _mapped(function: Any) -> Any:
+    """The function mapped over `FEW` points; a map for each number of points would take longer to make than to call."""
+    return function.map("mapped", "serial", FEW, SHARED, [])
 
 
 def _value(parts: Any, ddq: Any, root: Any) -> Any:

@@ -15,12 +15,12 @@ from design.bound.dual_function import Dual, DualFunction
 from design.bound.largest import Largest, largest
 from design.bound.master import Coordinates, Master
 from design.bound.measure import Measure
-from design.bound.search import Peaks, search, starts
+from design.bound.search import Patience, Peaks, search, starts
 from design.bound.symmetry import Symmetry
 
 Array = NDArray[np.float64]
 
-AT_RANDOM = 200
+AT_RANDOM = 800
 """For each dimension of (q, dq), new starts of a search: four to an ascent, as in `largest`."""
 FIRST = 600
 """For each dimension, states of the first master: several to each condition."""
@@ -29,8 +29,9 @@ MOST_STATES = 20_000
 with 7000 kept, F rose where some had been dropped, from 6 to 100 on one rig, and what came back drove out others."""
 BEST = 500
 """States of largest weight from which a search starts as well: F is largest near to them."""
-KEPT, STEPS = 50, 25
-"""Ascents of a search for each dimension, and their steps: a cut need not be the deepest; `largest` looks harder."""
+KEPT, BRIEF = 200, Patience(steps=25, still=1e-5)
+"""Ascents of a search for each dimension, and their steps: a cut need not be the deepest; `largest` looks harder.
+Many at once cost little, and save rounds."""
 WIDE = 1.0
 """The first gap between the barrier's two bounds, in ln det: about as far as random states are from the answer."""
 NARROWER = 0.4
@@ -112,15 +113,14 @@ class Generation:
         return Generated(best.dual, looked, measure, tuple(rounds))
 
     def _judged(self, candidates: list[Candidate], found: Peaks, peaks: Peaks, goal: float) -> Peaks:
-        """Looks for the largest F of the best candidate if it is near the goal: by a part of the starts, then by all.
+        """Looks for the largest F of the best candidate as long as it is below the goal: by a part of the starts, then
+        by all. A part may be enough to refute it, and then another one is the best.
 
-        A part may be enough to refute it. What was found is joined to `found`.
+        What was found is joined to `found`.
         """
-        for count in (self.starts // FIRST_PART, self.starts):
-            best = _best(candidates)
-            if best.upper >= goal or best.starts >= count:
-                break
-            looked = self._looked(candidates, best, peaks, count)
+        while (best := _best(candidates)).upper < goal and best.starts < self.starts:
+            part = self.starts // FIRST_PART
+            looked = self._looked(candidates, best, peaks, part if best.starts < part else self.starts)
             found = found.joined(looked.peaks)
         return found
 
@@ -133,9 +133,10 @@ class Generation:
 
     def _settled(self, candidates: list[Candidate], peaks: Peaks) -> tuple[Candidate, Largest]:
         """The best candidate, once its largest F was looked for from all starts."""
-        while (best := _best(candidates)).starts < self.starts or best.largest is None:
-            part = self.starts // FIRST_PART
-            self._looked(candidates, best, peaks, part if best.starts < part else self.starts)
+        self._judged(candidates, peaks, peaks, np.inf)
+        best = _best(candidates)
+        if best.largest is None:
+            raise RuntimeError("the best candidate was not looked at")
         return best, best.largest
 
     def _first(self) -> tuple[Master, Peaks]:
@@ -158,7 +159,7 @@ class Generation:
         best = here.peaks.points[np.argsort(-here.weights)[:BEST]]
         n = self.function.joints
         points = np.vstack([starts(n, AT_RANDOM * 2 * n, self.rng), best])
-        return search(self.function, dual, points, keep=KEPT * 2 * n, steps=STEPS, executor=self.executor)
+        return search(self.function, dual, points, keep=KEPT * 2 * n, patience=BRIEF, executor=self.executor)
 
     def _told(self, number: int, here: Measure, upper: float, best: float) -> Round:
         this = Round(number, here.lower, upper, best, len(here.peaks))

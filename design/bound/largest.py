@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.bound.dual_function import Dual, DualFunction
-from design.bound.search import Peaks, ascended, search, starts
+from design.bound.search import Patience, Peaks, ascended, search, starts
 
 Array = NDArray[np.float64]
 
 STARTS_PER_ASCENT = 4
 """The best of so many starts is followed; of more, the highest peaks draw all ascents and narrow ones are missed."""
-STEPS = 50
-"""Of an ascent: more gain little, and the best are refined."""
-REFINED, LONG = 40, 400
-"""The best of them, followed until they no longer rise."""
+EACH = Patience(steps=50, still=1e-7, promise=20.0)
+"""From the fifth step on ascents gain less and less: what remains was less than ten times the last five steps' gain in
+half a million ascents, of which twice that is allowed for."""
+REFINED = 40
+TO_THE_TOP = Patience(steps=400, still=1e-8, promise=20.0)
+"""The best of them are followed until they no longer rise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,8 @@ def largest(
 ) -> Largest:
     """The largest F from `count` new random starts, and from points (N, 2n) of the cube where it may be large."""
     points = np.vstack([starts(function.joints, count, rng), support])
-    found = search(function, dual, points, keep=count // STARTS_PER_ASCENT, steps=STEPS, executor=executor)
+    keep = count // STARTS_PER_ASCENT
+    found = search(function, dual, points, keep=keep, patience=EACH, executor=executor)
     order = np.argsort(-found.value)
-    refined = ascended(function, found.chosen(order[:REFINED]), dual, LONG)
+    refined = ascended(function, found.chosen(order[:REFINED]), dual, TO_THE_TOP)
     return Largest(refined.joined(found.chosen(order[REFINED:])), count)

@@ -107,7 +107,7 @@ class Master:
         """The number of parameters k."""
         return len(self.coordinates.scale)
 
-    @property
+    @cached_property
     def slack(self) -> Array:
         """k - F_i (N,)."""
         return np.asarray(self.size - self.rows @ self.z)
@@ -149,20 +149,20 @@ class Master:
         matrix[:m, :m] += np.einsum("aij,bji->ab", each, each)
         return gradient, matrix
 
-    def _barrier(self, mu: float) -> float:
-        slack = self.slack
-        D = self.coordinates.matrix(self.z)
+    def _barrier(self, mu: float, z: Array, slack: Array) -> float:
+        D = self.coordinates.matrix(z)
         if slack.min() <= 0 or np.linalg.eigvalsh(D)[0] <= 0:
             return np.inf
         return float(-np.linalg.slogdet(D)[1] - mu * np.log(slack).sum())
 
     def _moved(self, step: Array, decrement: float, mu: float) -> Master:
         """The longest of t, t/2, t/4 .. of the step that is inside and goes down enough."""
-        shrinking = np.maximum(self.rows @ step, 0) / self.slack
-        length, before = min(1.0, TO_THE_WALL / max(float(shrinking.max()), 1e-300)), self._barrier(mu)
+        push, before = self.rows @ step, self._barrier(mu, self.z, self.slack)
+        shrinking = np.maximum(push, 0) / self.slack
+        length = min(1.0, TO_THE_WALL / max(float(shrinking.max()), 1e-300))
         while length > SHORTEST:
-            moved = replace(self, z=self.z + length * step)
-            if moved._barrier(mu) <= before - ENOUGH * length * decrement:
-                return moved
+            z = self.z + length * step
+            if self._barrier(mu, z, self.slack - length * push) <= before - ENOUGH * length * decrement:
+                return replace(self, z=z)
             length /= 2
         return self

@@ -21,8 +21,28 @@ LONGEST_STEP = 2.0
 """An ascent cannot go farther than across the cube."""
 SHRINK = 0.25
 """Of the step after one that did not go up."""
-CHUNK = 2000
+LOOK = 5
+"""Steps after which ascents are looked at."""
+CHUNK = 5000
 """Points that one call of a compiled function takes: enough to make its overhead small, few enough to share out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patience:
+    """How long ascents go on: for so many steps, or until they have gained less than `still` k in the last `LOOK`.
+
+    promise   those end too that are not at the largest F of all even after so many times what they gained of late;
+              infinity lets all of them go on
+    """
+
+    steps: int
+    still: float
+    promise: float = np.inf
+
+    def goes_on(self, value: Array, gained: Array, largest: float, size: int) -> NDArray[np.bool_]:
+        """Which ascents (N,) do, of F and what was gained of late."""
+        going = gained > self.still * size
+        return going if np.isinf(self.promise) else going & (value + self.promise * gained > largest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,24 +85,68 @@ def at_best_vertex(function: DualFunction, points: Array, dual: Dual) -> Peaks:
     return Peaks(points, function.viable.vertices[best], values[np.arange(len(values)), best])
 
 
-def ascended(function: DualFunction, peaks: Peaks, dual: Dual, steps: int) -> Peaks:
+def ascended(function: DualFunction, peaks: Peaks, dual: Dual, patience: Patience) -> Peaks:
     """Projected gradient ascent from each, with the step lengths of Barzilai and Borwein (1988), never downwards."""
-    points, (value, slope) = peaks.points, function.slopes(peaks.points, peaks.ddq, dual)
-    step = FIRST_STEP / _largest(slope)
-    for _ in range(steps):
-        tried = np.clip(points + step[:, None] * slope, -1, 1)
-        tried_value, tried_slope = function.slopes(tried, peaks.ddq, dual)
-        better = tried_value > value
-        longer = np.clip(_curvature_step(tried - points, tried_slope - slope), step / 2, LONGEST_STEP / _largest(slope))
-        step = np.where(better, longer, SHRINK * step)
-        points = np.where(better[:, None], tried, points)
-        slope = np.where(better[:, None], tried_slope, slope)
-        value = np.where(better, tried_value, value)
+    climb = Climb.begun(function, peaks, dual)
+    points, value = climb.points.copy(), climb.value.copy()
+    going, before = np.arange(len(value)), climb.value
+    for number in range(1, patience.steps + 1):
+        climb = climb.moved(function, dual)
+        if number % LOOK and number < patience.steps:
+            continue
+        points[going], value[going] = climb.points, climb.value
+        on = patience.goes_on(climb.value, climb.value - before, float(value.max()), function.size)
+        if not on.any():
+            break
+        climb, going = climb.chosen(on), going[on]
+        before = climb.value
     return at_best_vertex(function, points, dual)
 
 
+@dataclass(frozen=True, eq=False)
+class Climb:
+    """Ascents on their way: points of the cube (N, 2n), ddq (N, n), F (N,), its slope (N, 2n) and step lengths (N,)."""
+
+    points: Array
+    ddq: Array
+    value: Array
+    slope: Array
+    step: Array
+
+    @classmethod
+    def begun(cls, function: DualFunction, peaks: Peaks, dual: Dual) -> Climb:
+        """At the points of the peaks, whose ddq it keeps."""
+        value, slope = function.slopes(peaks.points, peaks.ddq, dual)
+        return cls(peaks.points, peaks.ddq, value, slope, FIRST_STEP / _largest(slope))
+
+    def chosen(self, which: NDArray[np.bool_]) -> Climb:
+        """Those of a mask."""
+        return Climb(*(part[which] for part in (self.points, self.ddq, self.value, self.slope, self.step)))
+
+    def moved(self, function: DualFunction, dual: Dual) -> Climb:
+        """One step on."""
+        tried = np.clip(self.points + self.step[:, None] * self.slope, -1, 1)
+        value, slope = function.slopes(tried, self.ddq, dual)
+        better = value > self.value
+        longer = _curvature_step(tried - self.points, slope - self.slope)
+        longer = np.clip(longer, self.step / 2, LONGEST_STEP / _largest(slope))
+        return Climb(
+            np.where(better[:, None], tried, self.points),
+            self.ddq,
+            np.where(better, value, self.value),
+            np.where(better[:, None], slope, self.slope),
+            np.where(better, longer, SHRINK * self.step),
+        )
+
+
 def search(
-    function: DualFunction, dual: Dual, points: Array, *, keep: int, steps: int, executor: Executor | None = None
+    function: DualFunction,
+    dual: Dual,
+    points: Array,
+    *,
+    keep: int,
+    patience: Patience,
+    executor: Executor | None = None,
 ) -> Peaks:
     """Ascents from the best points of `keep` groups that the points (N, 2n) fall into in turn.
 
@@ -94,7 +158,8 @@ def search(
     chunks = [chosen.chosen(np.arange(len(chosen))[part]) for part in _chunks(len(chosen))]
     run = map if executor is None else executor.map
     count = len(chunks)
-    return reduce(Peaks.joined, run(ascended, [function] * count, chunks, [dual] * count, [steps] * count))
+    found = run(ascended, [function] * count, chunks, [dual] * count, [patience] * count)
+    return reduce(Peaks.joined, found)
 
 
 def _chunks(count: int) -> list[slice]:

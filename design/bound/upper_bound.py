@@ -34,13 +34,13 @@ class Effort:
     """How much is done for a bound.
 
     tolerance      ln det by which the bound may exceed the least that its conditions can give
-    rounds         of column generation, at most; the reference problem takes some 25
+    rounds         of column generation, at most; the reference problem takes some 20
     starts         at random, from which the largest F of a dual that seems good enough is looked for
     proof_margin   share by which the proven largest F may exceed the one found: 0.002 costs 0.002 k in ln det
     proof_seconds  of branch and bound, 0 for no proof; None for `PROOF_SECONDS` with one joint, none with more
     """
 
-    tolerance: float = 0.04
+    tolerance: float = 0.025
     rounds: int = 60
     starts: int = 40_000
     proof_margin: float = 0.002

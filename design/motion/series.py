@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -150,18 +151,35 @@ class Motion:
         if series.joints != self.joints:
             what = f"a series of {self.joints} joints was expected, and of {series.joints} came"
             raise InputError(what=what, where="projection", remedy="give a series of the same arm")
-        time = series.instants(4 * series.mixing.shape[1])
-        basis, target = [], []
-        for order in (0, 1):
-            scale = (self.period / (2 * np.pi)) ** order
-            basis.append(scale * series.basis(time, order).reshape(-1, series.size))
-            target.append(scale * self.derivative(np.minimum(time, self.period), order).ravel())
-        solution = np.linalg.lstsq(np.vstack(basis), np.concatenate(target), rcond=None)[0]
-        return Motion(series, solution)
+        return _nearest(series, lambda time, order: self.derivative(np.minimum(time, self.period), order))
+
+    def odd(self) -> Motion:
+        """The nearest motion of the series whose second half is its first one backwards and mirrored: the part of it
+        that is odd in time, q(T - t) - p = -(q(t) - p), about its mean posture p.
+        """
+        posture = self.derivative(self.series.instants(4 * self.series.mixing.shape[1]), 0).mean(axis=0)
+
+        def values(time: Array, order: int) -> Array:
+            back = (-1) ** order * self.derivative(self.period - time, order)
+            return np.asarray((self.derivative(time, order) - back) / 2 + (posture if order == 0 else 0.0))
+
+        return _nearest(self.series, values)
 
     def scaled(self, factor: npt.ArrayLike) -> Motion:
         """The motion with its coefficients times a factor, or times one factor each (k,)."""
         return replace(self, coefficients=self.coefficients * np.asarray(factor, dtype=float))
+
+
+def _nearest(series: Series, values: Callable[[Array, int], Array]) -> Motion:
+    """The motion of a series nearest to q and dq, `values` of times (N,) and of the order: (N, n)."""
+    time = series.instants(4 * series.mixing.shape[1])
+    basis, target = [], []
+    for order in (0, 1):
+        scale = (series.duration / (2 * np.pi)) ** order
+        basis.append(scale * series.basis(time, order).reshape(-1, series.size))
+        target.append(scale * values(time, order).ravel())
+    solution = np.linalg.lstsq(np.vstack(basis), np.concatenate(target), rcond=None)[0]
+    return Motion(series, solution)
 
 
 def positive(value: float, *, name: str, where: str) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,10 @@ class Objective:
         """The criterion (larger is better) at z (k,), in NumPy; minus infinity when a parameter is not seen."""
         return self.criterion.value(self.experiment.information(Motion(self.series, coefficients), self.samples))
 
+    def thinned(self, samples: int) -> Self:
+        """The same with another number of samples; its value differs by degree ln(samples / before) and quadrature."""
+        return replace(self, samples=samples)
+
     @property
     def exact(self) -> bool:
         """Whether there is an exact Hessian."""
@@ -68,7 +72,7 @@ class Objective:
         return sorted((i, j) for j, i in read if i <= j)
 
     @cached_property
-    def _sample(self) -> tuple[Any, Any, Any]:
+    def sample(self) -> tuple[Any, Any, Any]:
         """Functions of one state x (3n,): m, and (m, dm/dx); and of x and weights w: the second derivative of w' m."""
         import casadi as ca
 
@@ -85,7 +89,7 @@ class Objective:
         )
 
     @cached_property
-    def _score(self) -> Any:
+    def score(self) -> Any:
         """Function of the entries of M / N: the criterion of M, its gradient and its Hessian."""
         import casadi as ca
 
@@ -102,7 +106,7 @@ class Objective:
     def graph(self, z: Any) -> Any:
         """The criterion as a CasADi MX expression of the coefficients z (k,)."""
         if self.exact:
-            return self._score(self._mean(z))[0]
+            return self.score(self._mean(z))[0]
         series = self.series
         information = self.experiment.graph(self._states_of(z), series.duration, periodic=series.periodic)
         return self.criterion.graph(information)
@@ -112,8 +116,8 @@ class Objective:
         import casadi as ca
 
         count, states = self.samples, self._states_of(z)
-        _, slopes, curvature = self._sample
-        _, weight, bend = self._score(self._mean(z))
+        _, slopes, curvature = self.sample
+        _, weight, bend = self.score(self._mean(z))
         through = slopes.map(count)(states) @ self._basis / count
         blocks = curvature.map(count)(states, ca.repmat(weight / count, 1, count))
         own = ca.diagcat(*ca.horzsplit(blocks, 3 * self.experiment.joints))
@@ -123,7 +127,7 @@ class Objective:
         """The entries of M / N."""
         import casadi as ca
 
-        return ca.sum2(self._sample[0].map(self.samples)(self._states_of(z))) / self.samples
+        return ca.sum2(self.sample[0].map(self.samples)(self._states_of(z))) / self.samples
 
     @cached_property
     def _basis(self) -> Any:

@@ -16,11 +16,12 @@ from modeling.rig import Limits, Workspace
 Array = NDArray[np.float64]
 Instants = dict[tuple[int, int], Array]
 
-COARSE, FINE = 4, 16
-"""Instants per function of a smooth series: to begin with, eight to the shortest wave, between which a limit is passed
-by up to 1 / cos(pi / 8) - 1 = 8 % (and the optimum makes use of it); later on 32, which leaves 0.5 % at the most."""
-PIECE = 1, 4
-"""Instants per piece of a spline, to begin with and later on: its highest derivative has its extremes at the knots."""
+COARSE, MEDIUM, FINE = 4, 8, 16
+"""Instants per function of a smooth series: coarse ones are eight to the shortest wave, between which a limit is passed
+by up to 1 / cos(pi / 8) - 1 = 8 % (and the optimum makes use of it), so that optima are not ranked as they will be in
+the end; 16 leave 2 %, and fine ones 0.5 % at the most."""
+PIECE = 1, 2, 4
+"""The same per piece of a spline: its highest derivative has its extremes at the knots."""
 TIP = 0.01, 0.01
 """What the tip is asked to stay inside the workspace by: m, but no more than this share of its half width. Contracting
 a motion by the thousandths that its joints are beyond their limits moves the tip by millimetres, not always inwards."""
@@ -60,9 +61,16 @@ class Rows:
             tip_length=tip_length or 0.0,
         )
 
+    @classmethod
+    def medium(cls, series: Series, limits: Limits) -> Self:
+        """The joints' limits at equally spaced instants that are enough to rank optima by."""
+        some = _instants(series)[1]
+        instants = {(order, j): some for order in orders(limits) for j in range(series.joints)}
+        return cls(series=series, limits=limits, instants=instants, tip=some)
+
     def refined(self, coefficients: Array) -> Self:
         """The rows with all fine instants at which the motion is near a limit, and those of its tops beyond it."""
-        fine = _instants(self.series)[1]
+        fine = _instants(self.series)[2]
         instants = {key: _more(times, fine, self._use(coefficients, key, fine)) for key, times in self.instants.items()}
         return replace(self, instants=instants, tip=_more(self.tip, fine, self._tip_use(coefficients, fine)))
 
@@ -151,11 +159,12 @@ def sides(workspace: Workspace, arm: Arm | None) -> tuple[list[int], Array, Arra
     return [index for index, _ in stated], low, high
 
 
-def _instants(series: Series) -> tuple[Array, Array]:
-    """Few and many instants, s."""
+def _instants(series: Series) -> tuple[Array, Array, Array]:
+    """Few instants, some and many, s."""
     functions, pieces = series.mixing.shape[1], len(series.breaks) - 1
-    densities = [PIECE[i] * pieces if pieces > functions / 2 else (COARSE, FINE)[i] * functions for i in range(2)]
-    return series.instants(densities[0]), series.instants(densities[1])
+    each = zip(PIECE, (COARSE, MEDIUM, FINE), strict=True)
+    few, some, many = (p * pieces if pieces > functions / 2 else f * functions for p, f in each)
+    return series.instants(few), series.instants(some), series.instants(many)
 
 
 def _more(times: Array, fine: Array, use: Array) -> Array:

@@ -46,10 +46,12 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--weighted", action="store_true", help=text)
     text = "average over the uncertainty of the parameters in MODEL.json, where the information depends on them"
     command.add_argument("--averaged", action="store_true", help=text)
-    command.add_argument("--starts", type=count, default=6, metavar="S", help="random starts (default: 6)")
+    text = "random starts (default: 24, and 6 for --tell, a workspace, effects that remember, six axes)"
+    command.add_argument("--starts", type=count, metavar="S", help=text)
     command.add_argument("--seed", type=seed, default=0, metavar="S", help="of the starts (default: 0)")
-    command.add_argument("--workers", type=count, default=1, metavar="W", help="processes for the starts (default: 1)")
-    command.add_argument("--no-bound", action="store_true", help="leave out the bound, which takes a minute or two")
+    text = "processes for the starts and the bound; any number finds the same (default: one for each core)"
+    command.add_argument("--workers", type=count, metavar="N", help=text)
+    command.add_argument("--no-bound", action="store_true", help="leave out the bound")
     command.add_argument("--out", type=Path, metavar="PLAN.csv", help="file for the motion; its picture goes beside it")
     command.add_argument("--json", action="store_true", help="print the plan's figures as JSON alone")
     command.set_defaults(run=run)
@@ -125,6 +127,7 @@ def planned(request: DesignRequest) -> Plan:
 def told_apart(request: DesignRequest) -> Distinction:
     """The motion that separates the two effects of --tell, at the sizes in the model file."""
     from design.discrimination import opponents, tell_apart
+    from design.planning import FEWER
     from modeling.effects import named
     from modeling.errors import InputError
     from truewrench.output import progress_line
@@ -149,7 +152,7 @@ def told_apart(request: DesignRequest) -> Distinction:
             samples=asked.samples,
             noise=request.noise,
             runs=asked.runs,
-            starts=asked.starts,
+            starts=asked.starts or FEWER,
             seed=asked.seed,
             executor=executor,
             progress=lambda step: progress(str(step)),
