@@ -121,8 +121,8 @@ def diagnosed(bench: Bench) -> Diagnosed:
     printed, kept = io.StringIO(), []
     original = diagnose_command.diagnosed
 
-    def keep(case: Any, own: Any) -> Diagnosis:
-        kept.append(original(case, own))
+    def keep(case: Any, own: Any, workers: Any) -> Diagnosis:
+        kept.append(original(case, own, workers))
         return kept[0]
 
     with pytest.MonkeyPatch.context() as patch:
