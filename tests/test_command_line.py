@@ -200,7 +200,7 @@ def test_the_text_starts_with_the_verdict_and_says_what_to_check(diagnosed: Diag
 def test_the_command_prints_the_summary(
     bench: Bench, diagnosed: Diagnosed, run: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(diagnose_command, "diagnosed", lambda _case, _own: diagnosed.found)
+    monkeypatch.setattr(diagnose_command, "diagnosed", lambda _case, _own, _workers: diagnosed.found)
     outcome = run("diagnose", bench.training, "--rig", bench.rig)
     assert outcome == Outcome(0, summary(diagnosed.found) + "\n", "")
 
