@@ -13,6 +13,7 @@ from diagnosis.selection import Candidate, Selection, holm
 from estimation.distributions import normal_cdf
 from estimation.fit import Fit, Problem, start_of
 from estimation.layout import layout
+from estimation.linear.descent import Minimum, minimise
 from modeling.effect import Effect
 from modeling.errors import InputError
 
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 
 CONFUSABLE = 10.8
 """Whitened distance below which two effects are mistaken for one another more often than 1 time in 20."""
+FAR = 100
+"""Times that distance at which a refit that hardly moves is given up: no rival comes from there."""
 RIVALS = 6
 """Significant effects that are tried in the place of another."""
 
@@ -48,6 +51,11 @@ class Imitation(Problem):
         """The whitened prediction to be imitated."""
         return self.target
 
+    def minimise(self, start: Array) -> Minimum:
+        """The least-squares minimum within the physical bounds, exact where the imitation is anywhere near."""
+        low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
+        return minimise(self.information, start, (low, high), far=FAR * CONFUSABLE)
+
 
 def rivals(selection: Selection, candidate: Candidate, effect_id: str, effects: list[Effect]) -> list[Rival]:
     """Other effects that imitate one of a candidate's effects, the others kept; the closest first.
@@ -61,22 +69,26 @@ def rivals(selection: Selection, candidate: Candidate, effect_id: str, effects: 
     adjusted = holm(screenings)
     likely = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
     likely.sort(key=lambda s: -s.statistic)
-    separations = candidate.workspace.workers.map(lambda s: separation(candidate.fit, without.fit, s), likely[:RIVALS])
+    target = _prediction(candidate)
+    separations = candidate.workspace.workers.map(lambda s: separation(target, without.fit, s), likely[:RIVALS])
     found = [Rival(s.effect, far) for s, far in zip(likely, separations, strict=False)]
     return sorted((r for r in found if np.isfinite(r.separation)), key=lambda r: r.separation)
 
 
-def separation(fitted: Fit, without: Fit, rival: Screening) -> float:
-    """Smallest whitened distance of a model with the rival from a fit's prediction."""
-    model = without.model + rival.effect
-    unknowns = layout(model, fitted.recordings)
-    problem = Problem(fitted.layout, fitted.recordings, fitted.noise)
-    residual, _ = problem.evaluate(fitted.theta)
-    target, start = [], 0
-    for measured in problem.measured:
-        target.append(measured - residual[start : start + len(measured)])
-        start += len(measured)
-    imitation = Imitation(unknowns, fitted.recordings, fitted.noise, tuple(target))
+def _prediction(candidate: Candidate) -> tuple[Array, ...]:
+    """The whitened noise-free prediction (rows,) of each of a candidate's recordings."""
+    measured = candidate.fit.problem.measured
+    residuals = np.split(candidate.background.linearised.residual, np.cumsum([len(m) for m in measured])[:-1])
+    return tuple(m - r for m, r in zip(measured, residuals, strict=True))
+
+
+def separation(target: tuple[Array, ...], without: Fit, rival: Screening) -> float:
+    """Smallest whitened distance of a model with the rival from a whitened prediction, (rows,) of each recording.
+
+    Far beyond what is confusable it is an upper limit of it.
+    """
+    unknowns = layout(without.model + rival.effect, without.recordings)
+    imitation = Imitation(unknowns, without.recordings, without.noise, target)
     begin = start_of(unknowns, {**without.values, **rival.start})
     try:
         return imitation.minimise(begin).cost

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 STEP_TOLERANCE = 1e-6
 """Drop of chi-square below which a refit has converged: a thousandth of a standard deviation away from its minimum."""
 MOST_STEPS = 40
+LITTLE = 0.1
+"""Share of the chi-square that a step has to gain where there is a long way to go."""
 UNSHOWN = 1e-9
 """Singular value, of columns of unit length, below which a direction is only rounding of smoothed signals."""
 
@@ -46,12 +48,16 @@ class Minimum:
         return cls(theta, sight.covariance, sight.shown, steps.cost, converged, steps.moved(-theta))
 
 
-def minimise(information: Callable[[Array], SquareRoot], start: Array, bounds: tuple[Array, Array]) -> Minimum:
+def minimise(
+    information: Callable[[Array], SquareRoot], start: Array, bounds: tuple[Array, Array], far: float = np.inf
+) -> Minimum:
     """The least-squares minimum within bounds; `information` of theta is that of the rows there, for a step from it.
 
     Gauss-Newton steps with Levenberg's damping on columns of unit length; a step that would leave the bounds is
     cut at them. A linear model takes one step, and a second one that refines it with the residual in the data.
     Where a trial has no prediction (a spring too soft to carry its tool) the step is taken for one that gains nothing.
+    Who only needs to know whether the chi-square falls below some value says what is `far` above it: there the steps
+    end with the first that gains less than `LITTLE` of it.
     """
     theta, damping = np.clip(start, *bounds), 0.0
     here = information(theta)
@@ -61,6 +67,8 @@ def minimise(information: Callable[[Array], SquareRoot], start: Array, bounds: t
         gain = -np.inf if there is None else here.cost - there.cost
         if there is not None and gain > 0:
             theta, here = trial, there
+            if here.cost > far and gain < LITTLE * here.cost:
+                return Minimum.at(theta, here, False)
             damping = damping / 10 if damping > 1e-9 else 0.0
         else:
             damping = max(10 * damping, 1e-6)
