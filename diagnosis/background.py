@@ -12,7 +12,6 @@ from diagnosis.rows import Choice, Index, index_of
 from diagnosis.workspace import Workspace
 from estimation.fit import Fit
 from estimation.interval import Directions
-from estimation.problem import Linearised
 
 Array = NDArray[np.float64]
 
@@ -46,20 +45,34 @@ class Background:
         _ = self.drawn, self.residual
 
     @cached_property
-    def linearised(self) -> Linearised:
-        """The whitened problem about the estimate."""
-        return self.fit.linearised()
+    def _about(self) -> tuple[Array, Index, Directions]:
+        """Whitened residual, the rows that the fit's own parameters reach, and what they do there.
 
-    @cached_property
+        The derivative itself is as large as all else, and nobody needs it again.
+        """
+        linearised = self.fit.linearised()
+        return linearised.residual, linearised.reached, Directions.of(linearised.derivative)
+
+    @property
+    def raw_residual(self) -> Array:
+        """Whitened residual of the fit, (rows,)."""
+        return self._about[0]
+
+    @property
+    def reached(self) -> Index:
+        """The rows that the fit's own parameters reach."""
+        return self._about[1]
+
+    @property
     def directions(self) -> Directions:
         """What the fit's own parameters do, in the rows that they reach."""
-        return Directions.of(self.linearised.derivative)
+        return self._about[2]
 
     @cached_property
     def residual(self) -> Array:
         """Whitened residual (rows,) with those directions taken out."""
-        free = self.linearised.residual.copy()
-        basis, reached = self.directions.basis, self.linearised.reached
+        free = self.raw_residual.copy()
+        basis, reached = self.directions.basis, self.reached
         own = free[reached]
         free[reached] = own - basis @ (basis.T @ own)
         return free
@@ -67,7 +80,7 @@ class Background:
     @cached_property
     def cost(self) -> float:
         """Whitened chi-square of the fit."""
-        return self.linearised.cost
+        return float(self.raw_residual @ self.raw_residual)
 
     @cached_property
     def _taken(self) -> dict[Choice, Taken]:
@@ -86,7 +99,7 @@ class Background:
 
     def _basis_in(self, index: Index) -> Array:
         """The basis of the fit's directions in other rows (r, k), without columns where nothing of it is there."""
-        basis, reached = self.directions.basis, self.linearised.reached
+        basis, reached = self.directions.basis, self.reached
         if isinstance(index, slice) and isinstance(reached, slice):
             if index == reached:
                 return basis
@@ -99,7 +112,7 @@ class Background:
     @cached_property
     def drawn(self) -> Array:
         """Pure noise along the fit's directions, (k, DRAWS)."""
-        return np.asarray(self.directions.basis.T @ self.workspace.draws(self.fit.noise)[self.linearised.reached])
+        return np.asarray(self.directions.basis.T @ self.workspace.draws(self.fit.noise)[self.reached])
 
     def derivatives(self, number: int) -> list[tuple[Array, bool]]:
         """Summands (n, p, k) of a predicted derivative, each one repeat (True) or the whole record (False)."""
@@ -127,7 +140,7 @@ class Background:
     def freed(self, whole: Array) -> Array:
         """Columns (rows, a) less their part in the fit's directions."""
         free = whole.copy()
-        basis, reached = self.directions.basis, self.linearised.reached
+        basis, reached = self.directions.basis, self.reached
         own = free[reached]
         free[reached] = own - basis @ (basis.T @ own)
         return free

@@ -78,7 +78,7 @@ def rivals(selection: Selection, candidate: Candidate, effect_id: str, effects: 
 def _prediction(candidate: Candidate) -> tuple[Array, ...]:
     """The whitened noise-free prediction (rows,) of each of a candidate's recordings."""
     measured = candidate.fit.problem.measured
-    residuals = np.split(candidate.background.linearised.residual, np.cumsum([len(m) for m in measured])[:-1])
+    residuals = np.split(candidate.background.raw_residual, np.cumsum([len(m) for m in measured])[:-1])
     return tuple(m - r for m, r in zip(measured, residuals, strict=True))
 
 

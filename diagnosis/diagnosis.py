@@ -166,6 +166,7 @@ def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, worke
     noise = renewed_noise(selection.chosen.fit)
     if noise is None:
         return selection
+    del selection  # and all that was kept for it
     progress("estimate the noise again")
     again = refit(base.model, base.recordings, noise=noise, start=base.values)
     return select(again, candidates, progress, workers)

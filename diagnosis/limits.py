@@ -60,7 +60,7 @@ def _raw_columns(background: Background, unknowns: Layout, number: int, point: P
     names = [unknowns.parameters[i].name for i in unknowns.index[number]]
     known = {**fitted.values, **point.nuisances}
     theta = np.array([known.get(n, p.nominal) for n, p in zip(names, own.parameters, strict=True)])
-    taken = background.directions.amounts(columns[background.linearised.reached])[fitted.layout.index[number]]
+    taken = background.directions.amounts(columns[background.reached])[fitted.layout.index[number]]
     parts = [(-part @ taken, periodic) for part, periodic in background.derivatives(number)]
     parts += _effect_series(background, unknowns, number, point, theta)
     if all(periodic for _, periodic in parts):

@@ -26,9 +26,9 @@ Result = TypeVar("Result")
 DRAWS = 100
 SEED = 0
 """Draws of pure noise from which a supremum over nuisance values takes its number of trials."""
-MOST_BYTES = 160e6
+MOST_BYTES = 120e6
 """Memory for whitened sensitivities that are kept from one screening to the next."""
-MOST_FITS = 6
+MOST_FITS = 2
 """Fits whose directions are kept: the ones that a search goes to and fro between."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +15,9 @@ from estimation.response import Response
 
 Array = NDArray[np.float64]
 Lines = NDArray[np.complex128]
+
+MOST_NUMBERS = 500_000
+"""Numbers that are transformed together: their lines and rows take some 20 MB."""
 
 
 class Whitener(ABC):
@@ -95,9 +99,13 @@ class LineWhitener(Whitener):
 
     def series(self, values: Array) -> Array:
         """Rows of a series over the whole record, those of the motion's lines first."""
-        lines = rfft(values, axis=0)
-        steady = self.at_motion(lines[self.motion])
-        return np.concatenate([steady, self.beside(lines)]) if len(self.between) else steady
+        rows = np.empty((self.rows, *values.shape[2:]))
+        for own, part in _parts(values, rows):
+            lines = rfft(part, axis=0)
+            own[: self.steady_rows] = self.at_motion(lines[self.motion])
+            if len(self.between):
+                own[self.steady_rows :] = self.beside(lines)
+        return rows
 
     def steady(self, values: Array) -> Array:
         """Rows of one repeat of a periodic series, at the motion's lines."""
@@ -105,7 +113,10 @@ class LineWhitener(Whitener):
 
     def rest(self, values: Array) -> Array:
         """Rows of a series over the whole record at the lines between the motion's."""
-        return self.beside(rfft(values, axis=0))
+        rows = np.empty((self.rows - self.steady_rows, *values.shape[2:]))
+        for own, part in _parts(values, rows):
+            own[...] = self.beside(rfft(part, axis=0))
+        return rows
 
     def at_motion(self, lines: Lines) -> Array:
         """Rows of the motion's own lines."""
@@ -122,6 +133,14 @@ class LineWhitener(Whitener):
         scale = np.sqrt((2.0 - single) / self.samples)
         flat *= scale[:, None, None]
         return np.concatenate([flat.real, flat.imag], axis=1).reshape(2 * shape[0] * shape[1], *shape[2:])
+
+
+def _parts(values: Array, rows: Array) -> Iterator[tuple[Array, Array]]:
+    """Series (n, p, ...) a few columns at a time, (n, p, c), with the rows (r, c) that they become."""
+    flat, into = values.reshape(*values.shape[:2], -1), rows.reshape(len(rows), -1)
+    at_once = max(1, MOST_NUMBERS // max(1, values.shape[0] * values.shape[1]))
+    for first in range(0, flat.shape[2], at_once):
+        yield into[:, first : first + at_once], flat[:, :, first : first + at_once]
 
 
 @dataclass(frozen=True, eq=False)
