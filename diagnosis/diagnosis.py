@@ -157,6 +157,7 @@ def diagnose(
         left = _left(steps[-1], tolerance)
     shift = zero_shift(final.fit, known[0].carried(final.fit)) if known else None
     own = tuple(effect for h in known for effect in own_effects(h, final.fit))
+    final.workspace.forget()
     return Diagnosis(final.fit.model, verdict, steps, findings, shift, own, tolerance, left)
 
 
@@ -166,7 +167,7 @@ def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, worke
     noise = renewed_noise(selection.chosen.fit)
     if noise is None:
         return selection
-    del selection  # and all that was kept for it
+    selection.base.workspace.forget()
     progress("estimate the noise again")
     again = refit(base.model, base.recordings, noise=noise, start=base.values)
     return select(again, candidates, progress, workers)

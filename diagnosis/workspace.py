@@ -45,6 +45,11 @@ class Workspace:
     _backgrounds: OrderedDict[Fit, Background] = field(default_factory=OrderedDict)
     _found: dict[Hashable, object] = field(default_factory=dict)
 
+    def forget(self) -> None:
+        """Let go of all that is kept: backgrounds and their workspace hold each other, and are large."""
+        for kept in (self._draws, self._kept, self._backgrounds, self._found):
+            kept.clear()
+
     def recent(self, fit: Fit, make: Callable[[], Background]) -> Background:
         """A fit as a new effect sees it; the few last asked for are kept."""
         if fit not in self._backgrounds:
