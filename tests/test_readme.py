@@ -8,6 +8,7 @@ import runpy
 import shlex
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from diagnosis.verdict import RecordVerdict
@@ -20,6 +21,7 @@ pytest.importorskip("mujoco")
 
 README = Path(__file__).parents[1] / "README.md"
 TEXT = README.read_text(encoding="utf-8")
+COMMANDS = {"compensate", "design", "diagnose", "effects", "emit", "fit", "survey"}
 PUSH = ContactEvent(start=6.0, end=8.0)
 
 
@@ -42,13 +44,16 @@ def rig_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         write_recording(frame, tmp_path / name)
     frame = simulate(rig, motion, hidden=[drag, PUSH], repeats=3, samples_per_period=150, seed=3)
     write_recording(frame, tmp_path / "pushed.csv")
+    rates = zip(("dq", "ddq"), motion.evaluate(frame["time"].to_numpy())[1:], strict=True)
+    derivatives = {f"{name}{j}": series[:, j - 1] for name, series in rates for j in (1, 2, 3)}
+    pd.concat([frame, pd.DataFrame(derivatives)], axis=1).drop(columns="repeat").to_parquet(tmp_path / "log.parquet")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def test_the_commands_run(rig_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = [line for block in blocks("sh") for line in block.splitlines()]
-    assert {shlex.split(line)[1] for line in lines} == {"compensate", "design", "diagnose", "effects", "emit", "fit"}
+    assert {shlex.split(line)[1] for line in lines} == COMMANDS
     for line in lines:
         program, *arguments = shlex.split(line)
         assert program == "truewrench"
