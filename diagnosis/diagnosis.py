@@ -121,8 +121,24 @@ def diagnose(
     number.
     Raises InputError when the model has effects already, its signals are not recorded, or the mass comes out negative.
     """
+    from threadpoolctl import threadpool_limits
+
     training = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     others = (validate,) if isinstance(validate, Recording) else tuple(validate or ())
+    candidates = None if effects is None else tuple(effects)
+    with threadpool_limits(1):  # matrices are tall and thin: threads of linear algebra only wait for one another
+        return _diagnosed(model, training, others, candidates, progress, Workers(workers))
+
+
+def _diagnosed(
+    model: WrenchModel,
+    training: tuple[Recording, ...],
+    others: tuple[Recording, ...],
+    effects: tuple[Effect, ...] | None,
+    progress: Progress,
+    workers: Workers,
+) -> Diagnosis:
+    """`diagnose`, its arguments in order."""
     if model.effects:
         raise InputError(
             what=f"the model has {', '.join(e.id for e in model.effects)} already",
@@ -131,11 +147,11 @@ def diagnose(
         )
     check_channels(model, training)
     model = decided(model, (*training, *others))
-    candidates = catalogue(model.space) if effects is None else tuple(effects)
+    candidates = catalogue(model.space) if effects is None else effects
     progress("fit the rigid tip")
     base = refit(model, training)
     held_out = [HeldOut(r, n) for r, n in zip(others, first_noise(model, others), strict=True)]
-    selection = _selected(base, candidates, progress, Workers(workers))
+    selection = _selected(base, candidates, progress, workers)
     progress("check on other data")
     tolerance, stated = tolerance_of(base)
     believed = accepted(_worthwhile(selection.chosen, tolerance, stated), selection.base, held_out, candidates)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -137,3 +138,23 @@ def diagnosed(workers: int) -> Diagnosis:
 def test_the_number_of_workers_changes_nothing() -> None:
     assert diagnosed(1).to_data() == diagnosed(3).to_data()
     assert set(diagnosed(1).added) == {"viscous_drag", "contact_event"}
+
+
+def test_one_thread_of_linear_algebra_is_used_and_given_back() -> None:
+    """However many a user has: tall and thin matrices keep threads waiting for one another."""
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    def threads() -> set[int]:
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    seen: list[set[int]] = []
+    with threadpool_limits(2):
+        before = threads()
+        diagnose(planar(RIG), fitted().recordings[0], effects=[named("gravity_tilt")], progress=_noting(threads, seen))
+        assert threads() == before
+    assert seen
+    assert set().union(*seen) == {1}
+
+
+def _noting(look: Callable[[], set[int]], seen: list[set[int]]) -> Callable[[str], None]:
+    return lambda _message: seen.append(look())
