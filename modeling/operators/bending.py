@@ -26,14 +26,17 @@ Array = NDArray[np.float64]
 SETTLED = 1e-11
 """Size of the last correction, against the bend's own, at which it is found: rounding leaves less, but not much."""
 
-MEMORY = 8
+MEMORY = 16
 """Steps that Anderson's method combines."""
 
-QUICK = 25
-"""Steps of it; a digit or more is gained by each away from a resonance."""
+QUICK = 60
+"""Steps of it; a dozen will do away from a resonance."""
 
-SLOWEST = 0.5
-"""What is missing after a quick step over what was before it; where less is gained Newton's method is faster."""
+SLOWEST = 0.75
+"""What is missing after a step over what was before it; where less is gained Newton's method is faster."""
+
+WORSE = 10.0
+"""Times that more may be missing than at first while few steps are there to be combined."""
 
 ENOUGH = 500
 """Samples whose mean says what the oscillator is like: any will do that is near to the tool."""
@@ -173,7 +176,7 @@ class _Swing:
         for number in range(QUICK):
             missing = -equations.value(signals, bend, theta)
             largest = np.abs(missing).max() if largest is None else largest
-            if not np.abs(missing).max() <= largest * SLOWEST ** max(0, number - 1):  # or not finite
+            if not np.abs(missing).max() <= largest * WORSE * SLOWEST ** max(0, number - MEMORY):  # or not finite
                 return None
             if step is not None and before is not None:
                 steps = [*steps[1 - MEMORY :], (step, missing - before)]
