@@ -45,7 +45,7 @@ class Whitened:
 
     @property
     def bytes(self) -> int:
-        """Memory, with what is computed from the columns."""
+        """Memory of the columns; what is computed from them is small beside it where there are many rows."""
         return self.columns.nbytes
 
     @cached_property

@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import os
 import pickle
+import signal
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkProcess
 from typing import Any, TypeVar
 
 from diagnosis.progress import Announce
@@ -47,7 +49,8 @@ class Workers:
         """The function of every item, in their order; whoever is free takes the next one.
 
         `shared` are objects that results may contain and that come back as themselves, not as copies. An exception
-        comes back as it was raised, the first item's first. How many are begun of how many is announced.
+        comes back as it was raised, the first item's first. How many are begun of how many is announced. A result that
+        cannot be sent is made here. No copy outlives the call, whatever ends it.
         """
         begun = _unsaid if announce is None else announce
         copies = min(self.count, len(items), MOST_AT_ONCE) - 1
@@ -56,20 +59,29 @@ class Workers:
         known = {id(thing): thing for thing in shared}
         queue = _Queue.of(len(items))
         context = get_context("fork")
-        children = []
-        for _ in range(copies):
-            here, there = context.Pipe(duplex=False)
-            child = context.Process(target=_work, args=(function, items, queue, there, known), daemon=True)
-            child.start()
-            there.close()
-            children.append((child, here))
-        found = dict(_taken(function, items, queue, begun))
-        for child, here in children:
-            found |= _received(here, known)
-            child.join()
-        queue.close()
+        children: list[tuple[ForkProcess, Connection]] = []
+        try:
+            for _ in range(copies):
+                here, there = context.Pipe(duplex=False)
+                readers = [*(reader for _, reader in children), here]
+                child = context.Process(target=_work, args=(function, items, queue, there, known, readers), daemon=True)
+                child.start()
+                there.close()
+                children.append((child, here))
+            found = dict(_taken(function, items, queue, begun))
+            for _, here in children:
+                found |= _received(here, known)
+        except BaseException:  # an interrupt, or an announcement that failed: nobody waits for the others' results
+            for child, _ in children:
+                child.kill()
+            raise
+        finally:
+            for child, here in children:
+                here.close()
+                child.join()
+            queue.close()
         for place, item in enumerate(items):
-            if place not in found:  # whoever had taken it was killed
+            if place not in found:  # whoever had taken it was killed, or could not send it
                 found[place] = _tried(function, item)
         return [_result(found[place]) for place in range(len(items))]
 
@@ -145,24 +157,48 @@ def _work(
     queue: _Queue,
     there: Connection,
     known: Mapping[int, object],
+    readers: Sequence[Connection],
 ) -> None:
-    """What a copy does; its memory has the shared objects at the addresses of the original's."""
+    """What a copy does; its memory has the shared objects at the addresses of the original's.
+
+    An interrupt is the original's to answer. No copy keeps a pipe's reading end open: where the original is gone,
+    sending fails instead of waiting for ever.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for reader in readers:
+        reader.close()
     for place, result in _taken(function, items, queue, _unsaid):
-        buffer = io.BytesIO()
-        _Pickler(buffer, known).dump((place, result))
-        there.send_bytes(buffer.getvalue())
+        message = _message(place, result, known)
+        try:
+            if message is not None:
+                there.send_bytes(message)
+        except OSError:
+            return
     there.close()
 
 
-def _received(here: Connection, known: Mapping[int, object]) -> dict[int, Any]:
-    found = {}
+def _message(place: int, result: object, known: Mapping[int, object]) -> bytes | None:
+    """A result as it is sent; None for one that cannot be, or an exception that would not arrive as it is."""
+    buffer = io.BytesIO()
     try:
-        while True:
-            place, result = _Unpickler(io.BytesIO(here.recv_bytes()), known).load()
-            found[place] = result
-    except EOFError:
-        here.close()
-    return found
+        _Pickler(buffer, known).dump((place, result))
+        if isinstance(result, _Raised):
+            _Unpickler(io.BytesIO(buffer.getvalue()), known).load()
+    except Exception:
+        return None
+    return buffer.getvalue()
+
+
+def _received(here: Connection, known: Mapping[int, object]) -> dict[int, Any]:
+    """What a copy sent until it ended; one that is killed while it sends leaves part of a message."""
+    found: dict[int, Any] = {}
+    while True:
+        try:
+            message = here.recv_bytes()
+        except (EOFError, OSError):
+            return found
+        place, result = _Unpickler(io.BytesIO(message), known).load()
+        found[place] = result
 
 
 class _Pickler(pickle.Pickler):

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
-from multiprocessing import get_context
+import threading
+import time
+from collections.abc import Callable
+from multiprocessing import active_children, get_context
 
 import numpy as np
 import pytest
@@ -67,3 +71,102 @@ def test_shared_objects_come_back_as_themselves() -> None:
 def test_work_within_work_is_done_there() -> None:
     inner = Workers(3)
     assert Workers(3).map(lambda n: sum(inner.map(lambda m: m, range(n))), [2, 3, 4]) == [1, 3, 6]
+
+
+def test_no_copy_outlives_what_ends_the_work() -> None:
+    """An interrupt, or an announcement that fails, leaves neither processes nor open pipes."""
+    own, descriptors = os.getpid(), set(os.listdir("/proc/self/fd"))
+
+    def interrupted(begun: int, _total: int) -> None:
+        if begun:
+            raise KeyboardInterrupt
+
+    def wait(n: int) -> int:
+        threading.Event().wait(0 if os.getpid() == own else 60)
+        return n
+
+    with pytest.raises(KeyboardInterrupt):
+        Workers(3).map(wait, MANY, announce=interrupted)
+    assert not active_children()
+    assert set(os.listdir("/proc/self/fd")) == descriptors
+
+
+def test_an_interrupt_is_left_to_the_original(capfd: pytest.CaptureFixture[str]) -> None:
+    own = os.getpid()
+
+    def interrupt(n: int) -> int:
+        if os.getpid() != own:
+            os.kill(os.getpid(), signal.SIGINT)
+        return n
+
+    assert Workers(3).map(interrupt, MANY) == MANY
+    assert capfd.readouterr().err == ""
+
+
+class StubbornError(Exception):
+    """One that does not arrive where it is sent."""
+
+    def __init__(self, *, reason: str) -> None:
+        super().__init__(reason)
+
+
+def test_an_exception_that_cannot_be_sent_is_raised_all_the_same() -> None:
+    def refuse(n: int) -> int:
+        raise StubbornError(reason=f"no {n}")
+
+    with pytest.raises(StubbornError, match="no 0"):
+        Workers(3).map(refuse, MANY)
+
+
+def test_results_that_cannot_be_sent_are_made_here(capfd: pytest.CaptureFixture[str]) -> None:
+    def promised(n: int) -> Callable[[], int]:
+        return lambda: n
+
+    made = Workers(3).map(promised, MANY)
+    assert [one() for one in made] == MANY
+    assert capfd.readouterr().err == ""
+
+
+def test_a_copy_killed_while_it_sends_costs_no_result() -> None:
+    """What it sends is more than a pipe holds, and nobody reads before the original has nothing else to do."""
+    own, begun = os.getpid(), get_context("fork").Event()
+
+    def large(n: int) -> bytes:
+        if os.getpid() == own:
+            begun.wait(60)
+            time.sleep(0.2)
+            for child in active_children():
+                child.kill()
+        else:
+            begun.set()
+        return bytes([n]) * 1_000_000
+
+    assert Workers(2).map(large, [1, 2]) == [bytes([n]) * 1_000_000 for n in (1, 2)]
+
+
+def test_no_copy_waits_for_an_original_that_is_gone() -> None:
+    """The original is killed while its copy sends more than a pipe holds; the copies hold this pipe too."""
+    read, write = os.pipe()
+    process = get_context("fork").Process(target=_killed_while_a_copy_sends, args=(read, write))
+    process.start()
+    os.close(write)
+    process.join()
+    ready, _, _ = select.select([read], [], [], 60)
+    assert ready
+    assert os.read(read, 1) == b""  # the last who had it is gone
+    os.close(read)
+
+
+def _killed_while_a_copy_sends(read: int, _write: int) -> None:
+    os.close(read)
+    own, begun = os.getpid(), get_context("fork").Event()
+
+    def large(_n: int) -> bytes:
+        if os.getpid() == own:
+            begun.wait(60)
+            time.sleep(0.2)
+            os.kill(own, signal.SIGKILL)
+        begun.set()
+        return bytes(1_000_000)
+
+    Workers(3).map(large, MANY)
