@@ -58,7 +58,7 @@ def accepted(
     reasons: dict[str, str] = {}
     while True:
         try:
-            known = tuple(with_own(h, candidate.fit, effects) for h in held_out)
+            known = tuple(with_own(h, candidate.fit, effects, candidate.workspace.workers) for h in held_out)
             failed = _failed(candidate, base, known) if candidate.ids else None
         except InputError:
             failed = _least_needed(candidate), "predicts nothing of another motion"  # its spring is too soft for that

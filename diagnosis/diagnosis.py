@@ -161,7 +161,7 @@ def _diagnosed(
     verdict = _verdict(selection, final, steps, tolerance)
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), "takes less than half of an error that is not explained by it")
-        final, known = selection.base, tuple(with_own(h, selection.base.fit, candidates) for h in held_out)
+        final, known = selection.base, tuple(with_own(h, selection.base.fit, candidates, workers) for h in held_out)
         steps = staircase(selection, final, known)
     require_weight(final.fit)
     progress("judge every effect")

@@ -11,6 +11,8 @@ from diagnosis.held_out import HeldOut
 from diagnosis.price import SIGNIFICANCE, price
 from diagnosis.screening import Screening, beginning, screen
 from diagnosis.selection import holm
+from diagnosis.workers import Workers
+from diagnosis.workspace import Workspace
 from estimation.fit import Estimate, Fit
 from estimation.recording import Recording
 from estimation.response import predicted
@@ -49,7 +51,7 @@ class OwnEffect:
         return f"{self.recording.name} {does} by itself: {', '.join([*where, *sizes])} from peak to peak"
 
 
-def with_own(held_out: HeldOut, fit: Fit, candidates: Sequence[Effect] = ()) -> HeldOut:
+def with_own(held_out: HeldOut, fit: Fit, candidates: Sequence[Effect] = (), workers: Workers | None = None) -> HeldOut:
     """The recording with those effects of its own that are significant given a fit carried over to it (Holm, 1 %).
 
     Sought are the effects of the catalogue, and those among the candidates, that belong to one recording. They are
@@ -60,39 +62,46 @@ def with_own(held_out: HeldOut, fit: Fit, candidates: Sequence[Effect] = ()) -> 
     space = fit.model.space
     listed = [e for e in {e.id: e for e in (*catalogue(space), *candidates)}.values() if e.per_recording]
     found = replace(held_out, own=(), start={})
-    while found.decides and (grown := _grown(found, fit, [e for e in listed if e not in found.own])):
-        found = _placed_again(grown, fit)
+    workers = workers or Workers()
+    while found.decides and (grown := _grown(found, fit, [e for e in listed if e not in found.own], workers)):
+        found = _placed_again(grown, fit, workers)
     for effect in found.own[:-1]:
         rest = replace(found, own=tuple(e for e in found.own if e != effect))
-        if not _significant(rest.passing(fit), [effect]):
+        if not _significant(rest.passing(fit), [effect], Workspace(workers)):
             found = rest.refreshed(fit)
     return found
 
 
-def _grown(held_out: HeldOut, fit: Fit, effects: Sequence[Effect]) -> HeldOut | None:
+def _grown(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], workers: Workers) -> HeldOut | None:
     """With one more effect, that of the significant ones with which most is explained; None when there is none."""
-    grown = [_with(held_out, fit, s) for s in _significant(held_out.passing(fit), effects)]
+    grown = _with_each(held_out, fit, effects, workers)
     return _best(grown, fit, len(effects)).refreshed(fit) if grown else None
 
 
-def _placed_again(held_out: HeldOut, fit: Fit) -> HeldOut:
+def _placed_again(held_out: HeldOut, fit: Fit, workers: Workers) -> HeldOut:
     """The last effect sought again in the noise that it leaves: before, it was itself a part of that noise."""
     before = replace(held_out, own=held_out.own[:-1])
-    again = [_with(before, fit, s) for s in _significant(before.passing(fit), held_out.own[-1:])]
+    again = _with_each(before, fit, held_out.own[-1:], workers)
     return _best([held_out, *again], fit, 1).refreshed(fit)
 
 
-def _with(held_out: HeldOut, fit: Fit, screening: Screening) -> HeldOut:
-    start = {**held_out.start, **beginning(held_out.passing(fit), screening)}
-    return replace(held_out, own=(*held_out.own, screening.effect), start=start)
+def _with_each(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], workers: Workers) -> list[HeldOut]:
+    """With each of the effects that are significant, from where its screening points."""
+    passing, workspace = held_out.passing(fit), Workspace(workers)
+    found = []
+    for screening in _significant(passing, effects, workspace):
+        start = {**held_out.start, **beginning(passing, screening, workspace)}
+        found.append(replace(held_out, own=(*held_out.own, screening.effect), start=start))
+    workspace.forget()
+    return found
 
 
 def _best(choices: Sequence[HeldOut], fit: Fit, candidates: int) -> HeldOut:
     return min(choices, key=lambda h: _criterion(h.passing(fit), candidates))
 
 
-def _significant(passing: Fit, effects: Sequence[Effect]) -> list[Screening]:
-    screenings = screen(passing, effects)
+def _significant(passing: Fit, effects: Sequence[Effect], workspace: Workspace) -> list[Screening]:
+    screenings = screen(passing, effects, workspace=workspace)
     adjusted = holm(screenings)
     return [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from math import isfinite
 
 from diagnosis.screening import beginning, screen
+from diagnosis.workspace import Workspace
 from estimation.convention import decided
 from estimation.fit import Fit, refit
 from estimation.recording import Recording
@@ -26,11 +27,12 @@ def start_values(model: WrenchModel, recordings: Sequence[Recording]) -> Values:
     found: Values = {}
     fitted = refit(decided(model.base, several), several)
     for effect in model.effects:
-        (screening,) = screen(fitted, [effect])
+        workspace = Workspace()
+        (screening,) = screen(fitted, [effect], workspace=workspace)
         if not screening.excited:
             continue
         if effect in sought:
-            found |= beginning(fitted, screening)
+            found |= beginning(fitted, screening, workspace)
         fitted = _with(fitted, effect, found) if effect not in model.effects[-1:] else fitted
     return found
 

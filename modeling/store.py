@@ -71,7 +71,7 @@ class Store:
         if named is None:
             folder = _platform_folder()
             return None if folder is None else cls(folder)
-        return None if named.strip().lower() in ("", "off") else cls(Path(named))
+        return None if named.strip().lower() in ("", "off") else cls(Path(named).expanduser())
 
     def get(self, name: str) -> Data | None:
         """The data of an entry; None where there is none, or not the whole of what was written."""
