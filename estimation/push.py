@@ -85,11 +85,13 @@ def find_pushes(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[tu
     of the rest's spread and of the raw samples' about their block, and with as many degrees of freedom as the rest
     has independent blocks (by its lag-one correlation), paid for by channels and windows. Repeats see far less.
     """
+    single = [r.repeats == 1 and not r.at_rest and r.samples >= 10 * BLOCKS for r in recordings]
+    if not any(single):
+        return ((),) * len(recordings)
     averages = _averaged(model.base, recordings)
     found: list[tuple[tuple[float, float], ...]] = []
     for number, recording in enumerate(recordings):
-        single = recording.repeats == 1 and not recording.at_rest and recording.samples >= 10 * BLOCKS
-        window = _window(averages, number) if single else None
+        window = _window(averages, number) if single[number] else None
         step = recording.samples / BLOCKS * (recording.dt or 0.0)
         found.append(() if window is None else ((window[0] * step, window[1] * step),))
     return tuple(found)

@@ -35,13 +35,11 @@ def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the files, print."""
     from truewrench.case import Case, sign_data, sign_sentence
     from truewrench.output import folder, require_folder
-    from truewrench.own_candidates import own_candidates
-    from truewrench.summary import summary
 
     if arguments.out is not None:
         require_folder(arguments.out)
     case = Case.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
-    found = diagnosed(case, own_candidates(arguments.effects, case), arguments.workers)
+    found = diagnosed(case, _own(arguments.effects, case), arguments.workers)
     out = None if arguments.out is None else folder(arguments.out)
     data = found.to_data() | ({} if case.sign is None else {"sign": sign_data(case.sign)})
     if out is not None:
@@ -49,11 +47,22 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.json:
         print(json.dumps(data, indent=2, allow_nan=False))
         return
+    from truewrench.summary import summary
+
     print(summary(found))
     if case.sign is not None:
         print(f"\n{sign_sentence(case.sign)}")
     if out is not None:
         print("\nWritten: " + ", ".join(str(out / name) for name in FILES))
+
+
+def _own(path: Path | None, case: Case) -> tuple[Effect, ...]:
+    """The effects of the user's file, none without one."""
+    if path is None:
+        return ()
+    from truewrench.own_candidates import own_candidates
+
+    return own_candidates(path, case)
 
 
 def diagnosed(case: Case, own: tuple[Effect, ...] = (), workers: int | None = 1) -> Diagnosis:
