@@ -200,7 +200,7 @@ def test_the_text_starts_with_the_verdict_and_says_what_to_check(diagnosed: Diag
 def test_the_command_prints_the_summary(
     bench: Bench, diagnosed: Diagnosed, run: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(diagnose_command, "diagnosed", lambda _case, _own: diagnosed.found)
+    monkeypatch.setattr(diagnose_command, "diagnosed", lambda _case, _own, _workers: diagnosed.found)
     outcome = run("diagnose", bench.training, "--rig", bench.rig)
     assert outcome == Outcome(0, summary(diagnosed.found) + "\n", "")
 
@@ -351,7 +351,7 @@ BAD_RECORDINGS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[st
 @pytest.mark.parametrize(
     ("name", "command"),
     [
-        pytest.param(name, command, marks=[pytest.mark.study] * ((name, command) == ("other sign", "diagnose")))
+        pytest.param(name, command, marks=[pytest.mark.long] * ((name, command) == ("other sign", "diagnose")))
         for name in BAD_RECORDINGS
         for command in ("diagnose", "fit")
     ],
