@@ -107,11 +107,7 @@ FOUND = {
 }
 
 
-LONG = ("gravity_tilt, six axes",)
-"""Twenty seconds for what the other case of six axes shows too."""
-
-
-@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.long] * (c in LONG)) for c in FOUND])
+@pytest.mark.parametrize("case", FOUND)
 def test_hidden_effect_is_found_alone_with_its_amount(case: str) -> None:
     hidden = FOUND[case]
     result = diagnosed(hidden)
@@ -145,7 +141,6 @@ def test_offset_of_the_first_joint_is_a_tilted_base() -> None:
     assert abs(tilt.value + 0.02) < STANDARD_DEVIATIONS * tilt.std
 
 
-@pytest.mark.long
 def test_what_has_no_name_is_not_given_one() -> None:
     result = diagnosed(Hidden(PlanarRig(), Buoyancy()))
     assert result.added == (), str(result)
