@@ -20,10 +20,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     first: dict[tuple[Path, object], int] = {}
     places: dict[pytest.Item, int] = {}
     for number, item in enumerate(items):
-        case = (
-            item.callspec.params.get("case")
-            if isinstance(item, pytest.Function) and hasattr(item, "callspec")
-            else None
-        )
+        drawn = getattr(item, "callspec", None)  # of parametrised tests
+        case = drawn.params.get("case") if drawn else None
         places[item] = first.setdefault((item.path, case), number) if isinstance(case, str) else number
     items.sort(key=places.__getitem__)
