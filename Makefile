@@ -1,11 +1,11 @@
-# make demo | test | study | check | bench | clean
+# make demo | test | long | check | bench | clean
 # The first run creates .venv with the versions pinned in constraints.txt.
 
 BIN := .venv/bin
 STAMP := .venv/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
-.PHONY: demo test study check bench clean
+.PHONY: demo test long check bench clean
 .DEFAULT_GOAL := test
 
 demo: $(STAMP)
@@ -14,8 +14,8 @@ demo: $(STAMP)
 test: $(STAMP)
 	$(BIN)/python -m pytest
 
-study: $(STAMP)
-	$(BIN)/python -m pytest -m study
+long: $(STAMP)
+	$(BIN)/python -m pytest -m long
 
 check: $(STAMP)
 	$(BIN)/ruff check .

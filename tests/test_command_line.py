@@ -350,11 +350,7 @@ BAD_RECORDINGS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[st
 
 @pytest.mark.parametrize(
     ("name", "command"),
-    [
-        pytest.param(name, command, marks=[pytest.mark.study] * ((name, command) == ("other sign", "diagnose")))
-        for name in BAD_RECORDINGS
-        for command in ("diagnose", "fit")
-    ],
+    [(name, command) for name in BAD_RECORDINGS for command in ("diagnose", "fit")],
 )
 def test_a_bad_recording_is_refused(name: str, command: str, bench: Bench, run: Runner, tmp_path: Path) -> None:
     change, said = BAD_RECORDINGS[name]

@@ -107,11 +107,7 @@ FOUND = {
 }
 
 
-LONG = ("gravity_tilt, six axes",)
-"""Twenty seconds for what the other case of six axes shows too."""
-
-
-@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.study] * (c in LONG)) for c in FOUND])
+@pytest.mark.parametrize("case", FOUND)
 def test_hidden_effect_is_found_alone_with_its_amount(case: str) -> None:
     hidden = FOUND[case]
     result = diagnosed(hidden)

@@ -58,9 +58,8 @@ def test_the_runs_cannot_decide_the_sign(name: str) -> None:
         decide_convention([recording(name)], 9.806)
 
 
-@pytest.mark.parametrize(
-    "names", [pytest.param(("contact",), marks=pytest.mark.study), ("contact", "calibration_poses")], ids=len
-)
+@pytest.mark.long
+@pytest.mark.parametrize("names", [("contact",), ("contact", "calibration_poses")], ids=len)
 def test_the_hand_is_found_and_not_taken_for_a_heavier_tool(names: tuple[str, ...]) -> None:
     """Fitted blindly the contact run weighs 1.20 kg; the hand is on the tool from about 0.6 s to 4.2 s."""
     found = diagnosed(*names)
@@ -72,7 +71,7 @@ def test_the_hand_is_found_and_not_taken_for_a_heavier_tool(names: tuple[str, ..
 
 
 @pytest.mark.parametrize(
-    "name", ["calibration_poses", *(pytest.param(n, marks=pytest.mark.study) for n in ("baseline", "vibrations"))]
+    "name", ["calibration_poses", *(pytest.param(n, marks=pytest.mark.long) for n in ("baseline", "vibrations"))]
 )
 def test_what_the_others_hold_has_no_name_in_the_catalogue(name: str) -> None:
     """A force that depends on the pose, interference and hammer taps: nothing to add, and it is said where they are."""

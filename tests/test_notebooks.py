@@ -127,13 +127,13 @@ def test_every_notebook_has_its_claims() -> None:
     assert {path.stem for path in NOTEBOOKS} == set(CLAIMS)
 
 
-LONG = ("designed_motion",)
-"""Two minutes; what it is made of has tests of its own."""
+LONG = ("designed_motion", "from_recording_to_missing_effect")
+"""What they are made of has tests of its own."""
 
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(p, marks=[pytest.mark.study] * (p.stem in LONG)) for p in NOTEBOOKS],
+    [pytest.param(p, marks=[pytest.mark.long] * (p.stem in LONG)) for p in NOTEBOOKS],
     ids=lambda path: path.stem,
 )
 def test_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
