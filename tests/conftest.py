@@ -1,4 +1,4 @@
-"""Settings of all tests: one thread of linear algebra per process, as two processes share two cores.
+"""Settings of all tests: one thread of linear algebra per process, as two processes share two cores; seeds are fixed.
 
 What is derived is kept between tests and runs, and away from the user's: entries are named by the source that they
 follow from, so that a test of an edited derivation derives.
@@ -8,7 +8,10 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
+settings.register_profile("seeded", derandomize=True)
+settings.load_profile("seeded")
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 KEPT = Path(__file__).resolve().parents[1] / ".pytest_cache" / "derivations"

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from modeling.emission import casadi_expressions, numpy_function
@@ -82,6 +82,7 @@ def by_python(text: str) -> float | None:
     return float(found) if isinstance(found, int | float) and abs(found) < 1e12 else None
 
 
+@example("atan2(1, x+-x)")
 @settings(max_examples=120, deadline=None)
 @given(FORMULAS)
 def test_a_formula_means_what_it_means_in_python(text: str) -> None:

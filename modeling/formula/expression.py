@@ -52,4 +52,5 @@ def _is_plain(part: sp.Expr) -> bool:
     """Whether a part is no number, or one that a float can hold."""
     if not part.is_number:
         return True
-    return bool(part.is_finite and part.is_real and abs(part) < LARGEST)
+    value = part if part.is_finite and part.is_real else part.evalf()  # atan2(1, 0) does not know that it is finite
+    return bool(value.is_finite and value.is_real and abs(value) < LARGEST)
