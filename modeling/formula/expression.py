@@ -43,7 +43,10 @@ def _combined(tree: Node, values: Mapping[str, sp.Expr], source: Source) -> sp.E
         case Power(base=base, exponent=exponent):
             return expression(base, values, source) ** sp.Rational(exponent.numerator, exponent.denominator)
         case Call(function=function, arguments=arguments):
-            return function.expression(*(expression(child, values, source) for child in arguments))
+            built = function.expression(*(expression(child, values, source) for child in arguments))
+            if built.is_number and built.is_finite is None:  # atan2(1, 0), as it stands, does not know
+                return sp.Float(function.number(*map(float, built.args)))
+            return built
         case _:
             raise TypeError(f"{type(tree).__name__} is no operation")
 
@@ -52,5 +55,4 @@ def _is_plain(part: sp.Expr) -> bool:
     """Whether a part is no number, or one that a float can hold."""
     if not part.is_number:
         return True
-    value = part if part.is_finite and part.is_real else part.evalf()  # atan2(1, 0) does not know that it is finite
-    return bool(value.is_finite and value.is_real and abs(value) < LARGEST)
+    return bool(part.is_finite and part.is_real and abs(part) < LARGEST)
