@@ -7,7 +7,6 @@ import random
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -282,19 +281,9 @@ def _hook(event: str, arguments: tuple[Any, ...]) -> None:
 sys.addaudithook(_hook)  # for good, as Python has it: idle unless `guarded`
 
 
-@cache
-def _loaded() -> None:
-    """Load what SymPy itself loads only when an expression is first built."""
-    for module in ("sympy.tensor.tensor", "sympy.sets.setexpr", "sympy.calculus.accumulationbounds"):
-        import_module(module)
-    for text in ("x + y*abs(x)/3", "atan2(1, x - x) + min(x, 2)^2 - sqrt(abs(x))", "exp(2)*max(1, y)/(2 - 3)"):
-        expression(read(text), SYMBOLS, Source(text))
-
-
 @contextmanager
 def guarded() -> Iterator[None]:
     """Whatever executes, compiles, imports or opens anything in here fails, however it came to it."""
-    _loaded()
     _watched[0] = True
     try:
         yield
@@ -401,9 +390,16 @@ MAKERS: tuple[Callable[[random.Random], str], ...] = (
 def attempted(text: str) -> tuple[Node | None, sp.Expr | None]:
     """The tree and the expression of a text, as far as it has them, with nothing executed on the way."""
     tree = None
-    with guarded(), suppress(InputError):
-        tree = read(text)
-        return tree, expression(tree, SYMBOLS, Source(text))
+    try:
+        with guarded(), suppress(InputError):
+            tree = read(text)
+            return tree, expression(tree, SYMBOLS, Source(text))
+    except Executed as ran:
+        event, (module, *_) = ran.args
+        if event != "import" or not module.startswith("sympy."):
+            raise
+        import_module(module)  # a part of SymPy that it loads when it is first needed: load it, and watch again
+        return attempted(text)
     return tree, None
 
 
