@@ -25,10 +25,10 @@ MOST_WORKERS = 1000
 def add_workers(command: argparse.ArgumentParser) -> None:
     """Add the option that says how many processes share the work."""
     text = "processes that share the work (default: one for each core); the result is the same whatever N"
-    command.add_argument("--workers", type=_workers, metavar="N", help=text)
+    command.add_argument("--workers", type=worker_count, metavar="N", help=text)
 
 
-def _workers(text: str) -> int:
+def worker_count(text: str) -> int:
     """A whole number above zero; argparse turns a ValueError into one line."""
     value = int(text)
     if not 1 <= value <= MOST_WORKERS:
