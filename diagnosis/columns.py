@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MOST_NUMBERS = 1_000_000
 """Samples x channels x columns that are evaluated and whitened together: what a processor's caches and memory bear."""
 FEW = 8
-"""Points up to which derivatives are evaluated one by one; many are evaluated as arrays."""
+"""Points up to which a bent or clipped model is differentiated point by point, and columns are not kept."""
 
 
 def amplitude_columns(

@@ -20,7 +20,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 MOST_AT_ONCE = 256
-"""Items of one batch: each is handed out as one byte of a pipe."""
+"""Items of one batch, each handed out as one byte of a pipe; longer ones are done by this process alone."""
 
 
 @dataclass(frozen=True)

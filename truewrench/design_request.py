@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
@@ -21,6 +20,7 @@ from design.motion.rest_to_rest import RestToRest
 from design.motion.series import Series
 from design.motion.spline import SplineSeries
 from design.place import place_of
+from diagnosis.workers import Workers
 from modeling.errors import InputError
 from modeling.kinematics import Arm
 from modeling.model import WrenchModel, planar, spatial
@@ -121,7 +121,7 @@ class DesignRequest:
 
     def pool(self) -> AbstractContextManager[Executor | None]:
         """As many processes as are asked for, one for each core by default; none for one."""
-        workers = self.options.workers or len(os.sched_getaffinity(0))
+        workers = self.options.workers or Workers.all().count
         if workers == 1:
             return nullcontext()
         return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))

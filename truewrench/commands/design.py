@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands
+from truewrench.commands.options import Subcommands, worker_count
 
 if TYPE_CHECKING:
     from design.discrimination import Distinction
@@ -50,7 +50,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--starts", type=count, metavar="S", help=text)
     command.add_argument("--seed", type=seed, default=0, metavar="S", help="of the starts (default: 0)")
     text = "processes for the starts and the bound; any number finds the same (default: one for each core)"
-    command.add_argument("--workers", type=count, metavar="N", help=text)
+    command.add_argument("--workers", type=worker_count, metavar="N", help=text)
     command.add_argument("--no-bound", action="store_true", help="leave out the bound")
     command.add_argument("--out", type=Path, metavar="PLAN.csv", help="file for the motion; its picture goes beside it")
     command.add_argument("--json", action="store_true", help="print the plan's figures as JSON alone")

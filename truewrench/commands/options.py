@@ -24,16 +24,15 @@ MOST_WORKERS = 1000
 
 def add_workers(command: argparse.ArgumentParser) -> None:
     """Add the option that says how many processes share the work."""
-    text = "processes that share the work (default: one for each core); the result is the same whatever N"
+    text = "processes that share the work (default: one for each core, under Linux); the result is the same whatever N"
     command.add_argument("--workers", type=worker_count, metavar="N", help=text)
 
 
 def worker_count(text: str) -> int:
-    """A whole number above zero; argparse turns a ValueError into one line."""
-    value = int(text)
-    if not 1 <= value <= MOST_WORKERS:
-        raise ValueError(text)
-    return value
+    """A whole number above zero; argparse makes one line of what is wrong."""
+    if not text.isdecimal() or not 1 <= int(text) <= MOST_WORKERS:
+        raise argparse.ArgumentTypeError(f"a number of at least one, at most {MOST_WORKERS}, is needed, not {text!r}")
+    return int(text)
 
 
 def add_repeatable(command: argparse.ArgumentParser, option: str, *, metavar: str, text: str) -> None:

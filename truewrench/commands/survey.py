@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from truewrench.commands.options import Subcommands, add_recordings
+from truewrench.commands.options import Subcommands, add_recordings, worker_count
 
 FOLDER = Path("survey")
 
@@ -22,7 +22,9 @@ def add_to(commands: Subcommands[Any]) -> None:
     add_recordings(command)
     place = command.add_mutually_exclusive_group()
     place.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers diagnose")
-    place.add_argument("--workers", type=_count, metavar="N", help="processes on this machine (default: all cores)")
+    place.add_argument(
+        "--workers", type=worker_count, metavar="N", help="processes on this machine (default: all cores)"
+    )
     out = f"folder for survey.parquet, survey.html and what is finished (default: {FOLDER})"
     command.add_argument("--out", type=Path, default=FOLDER, metavar="FOLDER", help=out)
     command.add_argument("--json", action="store_true", help="print the rows as JSON alone")
@@ -49,9 +51,3 @@ def run(arguments: argparse.Namespace) -> None:
     elif not arguments.quiet:
         print(found)
         print("\nWritten: " + ", ".join(str(arguments.out / name) for name in FILES))
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"a number of at least one is needed, not {text!r}")
-    return int(text)
