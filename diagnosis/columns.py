@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from diagnosis.rows import Choice, Rows
 from estimation.layout import Layout, layout
 from estimation.recording import Recording
 from estimation.response import Passage, repeats_with_motion, respond, signals_of
-from estimation.whitening import Whitener
+from estimation.whitening import LineWhitener, Whitener
 from modeling.effect import Values
 from modeling.model import WrenchModel
 from modeling.prediction import Emitted, compiled
@@ -62,11 +63,12 @@ def _of_recording(
     which = tuple(place[name] for name in amplitudes)
     samples = recording.samples_per_repeat if rows is Rows.STEADY else recording.samples
     at_once = max(1, MOST_NUMBERS // (samples * len(recording.channels) * len(which)))
-    chunks = [
-        _whitened_slopes(own, recording, whitener, theta[i : i + at_once], which, rows)
-        for i in range(0, len(theta), at_once)
-    ]
-    return chunks[0] if len(chunks) == 1 else np.concatenate(chunks, axis=1)
+    first, last = rows.within(whitener)
+    found = np.empty((len(theta), len(which), last - first))
+    for start in range(0, len(theta), at_once):
+        part = slice(start, start + at_once)
+        found[part] = _whitened_slopes(own, recording, whitener, theta[part], which, rows).transpose(1, 2, 0)
+    return found.transpose(2, 0, 1)
 
 
 def _whitened_slopes(
@@ -81,19 +83,51 @@ def _whitened_slopes(
             reached = whitener.reached(respond(model, recording, row))[first:, 1:]
             found[: len(reached), place] = reached[: last - first, list(which)]
         return found
-    total = np.zeros((last - first, len(theta), len(which)))
-    for slopes, periodic in sensitivity_series(model, recording, theta, which):
-        total += rows.whitened(whitener, slopes, periodic=periodic)
-    return total
+    parts = [summand.whitened(rows, whitener) for summand in sensitivity_series(model, recording, theta, which)]
+    for part in parts[1:]:
+        parts[0] += part
+    return parts[0] if parts else np.zeros((last - first, len(theta), len(which)))
+
+
+@dataclass(frozen=True, eq=False)
+class Summand:
+    """A summand (n, p, g, a) of a reading's derivatives, of one repeat (`periodic`) or the whole record.
+
+    `passage` is what it has to pass yet on its way to the reading, None where nothing is left.
+    """
+
+    series: Array
+    periodic: bool
+    passage: Passage | None = None
+
+    def read(self) -> Array:
+        """As the sensor reads it."""
+        return self.series if self.passage is None else self.passage.remembered(self.series)
+
+    def whitened(self, rows: Rows, whitener: Whitener) -> Array:
+        """In some rows (r, g, a): a transfer function is a factor of each line, where the whitener takes lines."""
+        after = whitener if self.passage is None else _whitener_before(self.passage, whitener)
+        if after is None:
+            return rows.whitened(whitener, self.read(), periodic=self.periodic)
+        return rows.whitened(after, self.series, periodic=self.periodic)
+
+
+def _whitener_before(passage: Passage, whitener: Whitener) -> Whitener | None:
+    """What whitens a series that has a transfer function before it yet; None where it is no factor of each line."""
+    prediction, recording = passage.prediction, passage.recording
+    if not prediction.remembers or recording.dt is None:
+        return whitener
+    if not (isinstance(whitener, LineWhitener) and recording.repeats > 1 and recording.continuous):
+        return None
+    return whitener.behind(lambda omega: prediction.transfer(omega, passage.theta)[0], recording.dt)
 
 
 def sensitivity_series(
     model: WrenchModel, recording: Recording, theta: Array, which: tuple[int, ...]
-) -> Iterator[tuple[Array, bool]]:
-    """Summands (n, p, g, len(which)) of the reading's derivatives in some parameters, at g parameter sets theta (g, k).
+) -> Iterator[Summand]:
+    """Summands of the reading's derivatives in some parameters, at g parameter sets theta (g, k).
 
-    Each is one repeat (True) or the whole record (False). Of models whose tool does not bend, in parameters that the
-    transfer function does not have.
+    Of models whose tool does not bend, in parameters that the transfer function does not have.
     """
     prediction = compiled(model)
     outside = None if prediction.level is None else _clipped(model, recording, theta[0])
@@ -109,14 +143,21 @@ def sensitivity_series(
         slopes = sensitivity.values(signals_of(recording), values, samples)
         if slopes.shape[2] != len(theta):  # nothing that differs from set to set
             slopes = np.repeat(slopes, len(theta), axis=2)
+        summand = Summand(slopes, periodic)
         if passed and (prediction.play is not None or prediction.remembers):
             load = emitted.value(signals_of(recording), theta[0], samples)  # at no amount: the same at each set
-            slopes = Passage(prediction, recording, theta[0], load).through(slopes)
-        if outside is not None:
-            if periodic and not repeats:
-                slopes, periodic = np.tile(slopes, (recording.repeats, 1, 1, 1)), False
-            slopes[outside[: len(slopes)]] = 0.0
-        yield slopes, periodic
+            passage = Passage(prediction, recording, theta[0], load)
+            summand = Summand(passage.played(slopes), periodic, passage)
+        yield summand if outside is None else _inside(summand, outside, recording, whole=not repeats)
+
+
+def _inside(summand: Summand, outside: NDArray[np.bool_], recording: Recording, *, whole: bool) -> Summand:
+    """What is left of a summand where readings (n, p) are clipped, over the `whole` record if it has to be."""
+    slopes, periodic = summand.read(), summand.periodic
+    if periodic and whole:
+        slopes, periodic = np.tile(slopes, (recording.repeats, 1, 1, 1)), False
+    slopes[outside[: len(slopes)]] = 0.0
+    return Summand(slopes, periodic)
 
 
 def _clipped(model: WrenchModel, recording: Recording, theta: Array) -> NDArray[np.bool_]:

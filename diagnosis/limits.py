@@ -90,8 +90,8 @@ def _effect_series(
         derivative = response.periodic[1] if periodic else response.derivative
         put(derivative[:, :, list(which)], tangents, periodic=periodic)
     elif which:
-        for series, periodic in sensitivity_series(own, recording, theta[None], which):
-            put(series[:, :, 0], tangents, periodic=periodic)
+        for summand in sensitivity_series(own, recording, theta[None], which):
+            put(summand.read()[:, :, 0], tangents, periodic=summand.periodic)
     for _, amplitude, difference in differences(background, unknowns, number, [point]):
         put(difference.periodic[:, :, None], [amplitude], periodic=True)
         if difference.whole is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, rfft
 
 from estimation.differentiation import smooth
 from estimation.recording import Recording
@@ -235,27 +236,25 @@ class Passage:
         """The load read, with its derivative: through play y = P(x; w) and memory, dy = H dP + dH P."""
         value, derivative = load.value, load.derivative
         if self.prediction.play is not None:
-            value, derivative = np.concatenate([run.reading for run in self._runs]), self._played(derivative)
+            value, derivative = np.concatenate([run.reading for run in self._runs]), self.played(derivative)
             if derivative.shape[2]:
                 by_width = np.concatenate([run.by_width for run in self._runs])
                 derivative = derivative + by_width[:, :, None] * self.prediction.play.tangent({}, self.theta, 1)[1]
-        reading, tangent = (self._remembered(series) for series in (value, derivative))
+        reading, tangent = (self.remembered(series) for series in (value, derivative))
         for number, index in enumerate(self.prediction.memory_parameters if tangent.shape[2] and value.any() else ()):
             place = index if load.columns is None else load.columns.index(index)
-            tangent[:, :, place] += self._remembered(value, slope=number)
+            tangent[:, :, place] += self.remembered(value, slope=number)
         return Part(reading, tangent, load.steady, load.columns)
 
-    def through(self, series: Array) -> Array:
-        """What a small addition (n, p, ...) to the load becomes."""
-        return self._remembered(self._played(series))
-
-    def _played(self, series: Array) -> Array:
+    def played(self, series: Array) -> Array:
+        """What play leaves of a small addition (n, p, ...) to the load."""
         if not self._runs:
             return series
         pieces = zip(self._runs, _separate(self.recording, series), strict=True)
         return np.concatenate([run.through(piece) for run, piece in pieces])
 
-    def _remembered(self, series: Array, slope: int | None = None) -> Array:
+    def remembered(self, series: Array, slope: int | None = None) -> Array:
+        """A series (n, p, ...) through H(s), or through H's derivative in one of its parameters."""
         if not series.size:
             return series
         return through_memory(self.prediction, self.recording, series, self.theta, slope)
@@ -287,9 +286,10 @@ def through_memory(
     omega = np.asarray(2 * np.pi * np.fft.rfftfreq(len(closed), recording.dt), dtype=np.float64)
     gain, slopes = prediction.transfer(omega, theta)
     factor = gain if slope is None else slopes[slope]
-    lines = np.fft.rfft(closed, axis=0) * factor.reshape(-1, *([1] * (series.ndim - 1)))
-    filtered = np.fft.irfft(lines, n=len(closed), axis=0)
-    return filtered[pad : len(closed) - pad]
+    lines = rfft(closed, axis=0)
+    lines *= factor.reshape(-1, *([1] * (series.ndim - 1)))
+    filtered = irfft(lines, n=len(closed), axis=0, overwrite_x=True)
+    return np.asarray(filtered[pad : len(closed) - pad])
 
 
 def _padded(series: Array, pad: int) -> Array:

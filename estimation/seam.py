@@ -8,12 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.spectrum import Spectrum
-from estimation.whitening import Lines, LineWhitener
+from estimation.whitening import LineWhitener
 
 Array = NDArray[np.float64]
 
 SEAM = 4
 """Samples after the record's end is joined to its start at which coloured noise may start anew."""
+
+
+AT_ONCE = 16
+"""Columns that are freed of the seam together: the seam is read once for all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,22 +34,21 @@ class SeamlessWhitener(LineWhitener):
     steady_seam: Array
     rest_seam: Array
 
-    def at_motion(self, lines: Lines) -> Array:
-        """Rows of the motion's own lines, without the seam."""
-        return _without(super().at_motion(lines), self.steady_seam)
-
-    def beside(self, lines: Lines) -> Array:
-        """Rows of the lines between, without the seam."""
-        return _without(super().beside(lines), self.rest_seam)
+    def finish(self, steady: Array, rest: Array) -> None:
+        """Take the seam out of the rows."""
+        _leave_out(self.steady_seam, steady)
+        _leave_out(self.rest_seam, rest)
 
 
-def _without(rows: Array, seam: Array) -> Array:
-    if not rows.size or not seam.size:
-        return rows
-    flat = rows.reshape(len(rows), -1)
-    flat -= seam @ (seam.T @ flat)
-    flat *= np.sqrt(len(rows) / (len(rows) - seam.shape[1]))
-    return flat.reshape(rows.shape)
+def _leave_out(seam: Array, rows: Array) -> None:
+    """Take the directions (r, k) out of rows (c, r), in place, and scale what is left."""
+    if not (rows.size and seam.size):
+        return
+    directions, scale = np.ascontiguousarray(seam.T), np.sqrt(len(seam) / (len(seam) - seam.shape[1]))
+    for first in range(0, len(rows), AT_ONCE):
+        own = rows[first : first + AT_ONCE]
+        own -= (own @ directions.T) @ directions
+        own *= scale
 
 
 def seamless(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +17,10 @@ from estimation.response import Response
 
 Array = NDArray[np.float64]
 Lines = NDArray[np.complex128]
+Series = TypeVar("Series", Array, Lines)
 
-MOST_NUMBERS = 500_000
-"""Numbers that are transformed together: their lines and rows take some 20 MB."""
+MOST_NUMBERS = 100_000
+"""Numbers that are transformed together: with their lines they stay in a core's cache."""
 
 
 class Whitener(ABC):
@@ -99,48 +102,95 @@ class LineWhitener(Whitener):
 
     def series(self, values: Array) -> Array:
         """Rows of a series over the whole record, those of the motion's lines first."""
-        rows = np.empty((self.rows, *values.shape[2:]))
-        for own, part in _parts(values, rows):
-            lines = rfft(part, axis=0)
-            own[: self.steady_rows] = self.at_motion(lines[self.motion])
+        columns = _Columns.of(values, self.rows)
+        steady, rest = np.split(columns.rows, [self.steady_rows], axis=1)
+        for part, own in columns.parts():
+            lines = rfft(part)
+            self._at_motion(lines[:, :, self.motion], steady[own])
             if len(self.between):
-                own[self.steady_rows :] = self.beside(lines)
-        return rows
+                self._between(lines[:, :, self.between], rest[own])
+        self.finish(steady, rest)
+        return columns.found
 
     def steady(self, values: Array) -> Array:
         """Rows of one repeat of a periodic series, at the motion's lines."""
-        return self.at_motion(rfft(values, axis=0)[self.motion // self.repeats] * self.repeats)
+        columns, excited = _Columns.of(values, self.steady_rows), self.motion // self.repeats
+        for part, own in columns.parts():
+            self._at_motion(rfft(part)[:, :, excited] * self.repeats, columns.rows[own])
+        self.finish(columns.rows, columns.rows[:, :0])
+        return columns.found
 
     def rest(self, values: Array) -> Array:
         """Rows of a series over the whole record at the lines between the motion's."""
-        rows = np.empty((self.rows - self.steady_rows, *values.shape[2:]))
-        for own, part in _parts(values, rows):
-            own[...] = self.beside(rfft(part, axis=0))
-        return rows
+        columns = _Columns.of(values, self.rows - self.steady_rows)
+        for part, own in columns.parts():
+            self._between(rfft(part)[:, :, self.between], columns.rows[own])
+        self.finish(columns.rows[:, :0], columns.rows)
+        return columns.found
 
-    def at_motion(self, lines: Lines) -> Array:
-        """Rows of the motion's own lines."""
-        return self._rows(lines, self.motion, self.root[: len(self.motion)])
+    def behind(self, transfer: Callable[[Array], Lines], dt: float) -> Self:
+        """What whitens series that pass a transfer function, of angular frequencies (rad/s), before they are read.
 
-    def beside(self, lines: Lines) -> Array:
-        """Rows of the lines between, given all lines."""
-        return self._rows(lines[self.between], self.between, self.root[len(self.motion) :])
+        `dt` in s; the series repeat themselves without pause, so that it is a factor of each line, and real on the one
+        at half the sampling rate.
+        """
+        index = np.concatenate([self.motion, self.between])
+        gain = transfer(2 * np.pi * index / (self.samples * dt))
+        gain = np.where(2 * index == self.samples, gain.real, gain)
+        return replace(self, root=self.root * gain[:, None, None])
 
-    def _rows(self, lines: Lines, index: NDArray[np.intp], root: Lines) -> Array:
-        shape = lines.shape
-        flat = np.matmul(root, lines.reshape(shape[0], shape[1], -1))
+    def finish(self, steady: Array, rest: Array) -> None:
+        """What is done to rows (c, steady_rows) and (c, rows - steady_rows), in place, before they are given away."""
+
+    def _at_motion(self, lines: Lines, rows: Array) -> None:
+        """Put the rows (c, steady_rows) of the motion's own lines (c, p, len(motion)) where `rows` are."""
+        self._whiten(lines, rows, self._scaled[:, :, : len(self.motion)])
+
+    def _between(self, lines: Lines, rows: Array) -> None:
+        """Put the rows (c, rows - steady_rows) of the lines between (c, p, len(between)) where `rows` are."""
+        self._whiten(lines, rows, self._scaled[:, :, len(self.motion) :])
+
+    @cached_property
+    def _scaled(self) -> Lines:
+        """The root (p, p, lines), so scaled that each row has unit variance."""
+        index = np.concatenate([self.motion, self.between])
         single = (index == 0) | (2 * index == self.samples)
-        scale = np.sqrt((2.0 - single) / self.samples)
-        flat *= scale[:, None, None]
-        return np.concatenate([flat.real, flat.imag], axis=1).reshape(2 * shape[0] * shape[1], *shape[2:])
+        return np.ascontiguousarray(self.root.transpose(1, 2, 0) * np.sqrt((2.0 - single) / self.samples))
+
+    @staticmethod
+    def _whiten(lines: Lines, rows: Array, root: Lines) -> None:
+        """Real, then imaginary parts of root times lines; a root is triangular, and its zeros are left out."""
+        into = rows.reshape(len(rows), root.shape[2], 2, len(root))
+        for channel, mixed in _mixed(root, lines):
+            into[:, :, 0, channel], into[:, :, 1, channel] = mixed.real, mixed.imag
 
 
-def _parts(values: Array, rows: Array) -> Iterator[tuple[Array, Array]]:
-    """Series (n, p, ...) a few columns at a time, (n, p, c), with the rows (r, c) that they become."""
-    flat, into = values.reshape(*values.shape[:2], -1), rows.reshape(len(rows), -1)
-    at_once = max(1, MOST_NUMBERS // max(1, values.shape[0] * values.shape[1]))
-    for first in range(0, flat.shape[2], at_once):
-        yield into[:, first : first + at_once], flat[:, :, first : first + at_once]
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Series (n, p, c) taken a few columns at a time, and the rows (c, r) that they become, column after column."""
+
+    series: Array
+    rows: Array
+    shape: tuple[int, ...]
+
+    @classmethod
+    def of(cls, values: Array, rows: int) -> _Columns:
+        """Of values (n, p, ...) that become so many rows."""
+        flat = values.reshape(*values.shape[:2], -1)
+        return cls(flat, np.empty((flat.shape[2], rows)), values.shape[2:])
+
+    def parts(self) -> Iterator[tuple[Array, slice]]:
+        """Columns (c, p, n), each in one piece, with which they are."""
+        samples, channels, columns = self.series.shape
+        at_once = max(1, MOST_NUMBERS // max(1, samples * channels))
+        for first in range(0, columns, at_once):
+            part = slice(first, first + at_once)
+            yield np.ascontiguousarray(self.series[:, :, part].transpose(2, 1, 0)), part
+
+    @property
+    def found(self) -> Array:
+        """The rows (r, ...)."""
+        return self.rows.T.reshape(self.rows.shape[1], *self.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,25 +223,44 @@ class RegressionWhitener(Whitener):
 
     def series(self, values: Array) -> Array:
         """Rows of a series over the whole record."""
-        order = len(self.coefficients)
-        flat = block_means(values.reshape(*values.shape[:2], -1), self.block)
-        innovation = flat[order:].copy()
+        columns = _Columns.of(block_means(values, self.block), self.rows)
+        for part, own in columns.parts():
+            self._whiten(part, columns.rows[own].reshape(len(part), -1, len(self.root)))
+        return columns.found
+
+    def _whiten(self, means: Array, rows: Array) -> None:
+        """Put the innovations of block means (c, p, blocks), whitened, into rows (c, blocks - order, p)."""
+        order, blocks = len(self.coefficients), means.shape[2]
+        innovation = means[:, :, order:].copy()
         for lag, past in enumerate(self.coefficients, start=1):
-            innovation -= past[:, None] * flat[order - lag : len(flat) - lag]
-        white = np.matmul(self.root, innovation)
+            innovation -= past[:, None] * means[:, :, order - lag : blocks - lag]
+        for channel, mixed in _mixed(self.root, innovation):
+            rows[:, :, channel] = mixed
         for start, end in self.events if self.event_root is not None else ():
             first, last = max(start, order), max(end, order)
-            white[first - order : last - order] = np.matmul(self.event_root, flat[first:last])
-            white[last - order : end] = 0.0
-        return np.asarray(white.reshape(-1, *values.shape[2:]))
+            for channel, mixed in _mixed(self.event_root, means[:, :, first:last]):
+                rows[:, first - order : last - order, channel] = mixed
+            rows[:, last - order : end] = 0.0
 
     def steady(self, values: Array) -> Array:
         """The same as `series`: one repeat is the whole run."""
         return self.series(values)
 
 
+def _mixed(root: Series, series: Series) -> Iterator[tuple[int, Series]]:
+    """Channels with root (p, p, ...) times series (c, p, n) in each, (c, n); what is zero in a root is left out."""
+    for channel, weights in enumerate(root):
+        terms = (weight * series[:, other] for other, weight in enumerate(weights) if weight.any())
+        mixed = next(terms)
+        for term in terms:
+            mixed += term
+        yield channel, mixed
+
+
 def block_means(values: Array, block: int) -> Array:
     """Means (n // block, ...) of successive blocks of samples; what does not fill a block at the end is left out."""
+    if block == 1:
+        return values
     count = len(values) // block
     return np.asarray(values[: count * block].reshape(count, block, *values.shape[1:]).mean(axis=1))
 
