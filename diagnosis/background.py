@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -12,6 +13,7 @@ from diagnosis.rows import Choice, Index, index_of
 from diagnosis.workspace import Workspace
 from estimation.fit import Fit
 from estimation.interval import Directions
+from modeling.effect import Extent
 
 Array = NDArray[np.float64]
 
@@ -113,6 +115,16 @@ class Background:
     def drawn(self) -> Array:
         """Pure noise along the fit's directions, (k, DRAWS)."""
         return np.asarray(self.directions.basis.T @ self.workspace.draws(self.fit.noise)[self.reached])
+
+    def extent(self, number: int, make: Callable[[], Extent]) -> Extent:
+        """What a recording spans for new effects, made when first asked for."""
+        if number not in self._extents:
+            self._extents[number] = make()
+        return self._extents[number]
+
+    @cached_property
+    def _extents(self) -> dict[int, Extent]:
+        return {}
 
     def derivatives(self, number: int) -> list[tuple[Array, bool]]:
         """Summands (n, p, k) of a predicted derivative, each one repeat (True) or the whole record (False)."""

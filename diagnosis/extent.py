@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -20,11 +21,18 @@ LOUDEST = 3
 
 def extent_of(background: Background, number: int, effect: Effect) -> Extent:
     """What one of the fit's recordings spans for an effect, given what the fit leaves of it."""
+    spanned = background.extent(number, lambda: _spanned(background, number))
+    if any(p.nuisance and p.unit == "Hz" for p in effect.parameters(background.fit.model.space)):
+        return replace(spanned, tones=loudest_tones(background, number))
+    return spanned
+
+
+def _spanned(background: Background, number: int) -> Extent:
+    """What one of the fit's recordings spans for any effect."""
     fit = background.fit
     recording = fit.recordings[number]
     low, high = _visited(recording)
     load = recording.wrench - fit.residuals[number]
-    sounds = any(p.nuisance and p.unit == "Hz" for p in effect.parameters(fit.model.space))
     tip = recording.rig.tip_length if recording.rig is not None else None
     return Extent(
         low=low,
@@ -33,7 +41,7 @@ def extent_of(background: Background, number: int, effect: Effect) -> Extent:
         end=recording.samples * (recording.dt or 0.0),
         reach=2 * (tip or 0.2),
         events=fit.noise[number].events,
-        tones=loudest_tones(background, number) if sounds else (),
+        tones=(),
         largest=tuple(map(float, np.abs(recording.wrench).max(axis=0))),
         swing=tuple(map(float, np.ptp(load, axis=0) / 2)),
         inertia=_inertia(background),

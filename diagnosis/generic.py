@@ -90,19 +90,18 @@ def predictability(fit: Fit, number: int) -> Predictability:
     patterns of signs give the sum's distribution. Weaker than repeats: what the autoregression took for noise
     cannot be seen.
     """
-    recording, noise = fit.recordings[number], fit.noise[number]
+    recording, whitener = fit.recordings[number], fit.noise[number].whitener
+    assert isinstance(whitener, RegressionWhitener), "of a single run"
     load = recording.wrench - fit.residuals[number]
     p = len(recording.channels)
     terms = generic_terms(recording, load)
     constant = np.ones((recording.samples, 1))
     columns = np.column_stack([constant, standardised(terms)]) if terms else constant
-    residual = noise.whitener.series(fit.residuals[number]).reshape(-1, p)
+    residual = whitener.series(fit.residuals[number]).reshape(-1, p)
     blocks = np.array_split(np.arange(len(residual)), min(BLOCKS, len(residual)))
     pairs = np.zeros((len(blocks), len(blocks)))
     for channel in range(p):
-        series = np.zeros((recording.samples, p, columns.shape[1]))
-        series[:, channel] = columns
-        white = noise.whitener.series(series).reshape(len(residual), p, -1)[:, channel]
+        white = whitener.alone(channel).series(columns[:, None])
         pairs += _gain_of_pairs(white, residual[:, channel], blocks)
     signs = np.array(list(product((1.0, -1.0), repeat=len(blocks) - 1)))
     signs = np.column_stack([np.ones(len(signs)), signs])

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+MOST_NUMBERS = 50_000
+"""Numbers that pass a transfer function together: with their lines they stay in a core's cache."""
+
 PASSING = ("time", "progress", "order")
 """Signals that do not repeat with the motion; auxiliary signals do not either."""
 
@@ -282,22 +285,27 @@ def through_memory(
         return np.concatenate([through_memory(prediction, recording, run, theta, slope) for run in runs])
     periodic = recording.repeats > 1 and recording.continuous
     pad = 0 if periodic else min(len(series) - 1, max(64, len(series) // 8))
-    closed = _padded(series, pad)
-    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(len(closed), recording.dt), dtype=np.float64)
+    length = len(series) + 2 * pad
+    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, recording.dt), dtype=np.float64)
     gain, slopes = prediction.transfer(omega, theta)
     factor = gain if slope is None else slopes[slope]
-    lines = rfft(closed, axis=0)
-    lines *= factor.reshape(-1, *([1] * (series.ndim - 1)))
-    filtered = irfft(lines, n=len(closed), axis=0, overwrite_x=True)
-    return np.asarray(filtered[pad : len(closed) - pad])
+    flat = series.reshape(len(series), -1)
+    found = np.empty(flat.shape[::-1])
+    for first in range(0, len(found), at_once := max(1, MOST_NUMBERS // length)):
+        part = slice(first, first + at_once)
+        lines = rfft(_padded(np.ascontiguousarray(flat[:, part].T), pad))
+        lines *= factor
+        found[part] = irfft(lines, n=length, overwrite_x=True)[:, pad : length - pad]
+    return found.T.reshape(series.shape)
 
 
 def _padded(series: Array, pad: int) -> Array:
-    """The series between its point reflections at both ends, blended into one another so that it closes on itself."""
+    """Series (c, n) between their point reflections at both ends, blended into one another so that they close."""
     if not pad:
         return series
-    before = 2 * series[:1] - series[pad:0:-1]
-    after = 2 * series[-1:] - series[-2 : -pad - 2 : -1]
-    fade = (0.5 + 0.5 * np.cos(np.linspace(0, np.pi, pad))).reshape(-1, *([1] * (series.ndim - 1)))
-    middle = (series[:1] + series[-1:]) / 2
-    return np.concatenate([middle + (before - middle) * fade[::-1], series, middle + (after - middle) * fade])
+    before = 2 * series[:, :1] - series[:, pad:0:-1]
+    after = 2 * series[:, -1:] - series[:, -2 : -pad - 2 : -1]
+    fade = 0.5 + 0.5 * np.cos(np.linspace(0, np.pi, pad))
+    middle = (series[:, :1] + series[:, -1:]) / 2
+    ends = middle + (before - middle) * fade[::-1], middle + (after - middle) * fade
+    return np.concatenate([ends[0], series, ends[1]], axis=1)

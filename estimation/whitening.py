@@ -236,7 +236,7 @@ class RegressionWhitener(Whitener):
             innovation -= past[:, None] * means[:, :, order - lag : blocks - lag]
         for channel, mixed in _mixed(self.root, innovation):
             rows[:, :, channel] = mixed
-        for start, end in self.events if self.event_root is not None else ():
+        for start, end in self.events:
             first, last = max(start, order), max(end, order)
             for channel, mixed in _mixed(self.event_root, means[:, :, first:last]):
                 rows[:, first - order : last - order, channel] = mixed
@@ -245,6 +245,12 @@ class RegressionWhitener(Whitener):
     def steady(self, values: Array) -> Array:
         """The same as `series`: one repeat is the whole run."""
         return self.series(values)
+
+    def alone(self, channel: int) -> RegressionWhitener:
+        """What gives one channel's rows of a series that has nothing in the others."""
+        own = slice(channel, channel + 1)
+        root, event_root = self.root[own, own], self.event_root[own, own]
+        return replace(self, coefficients=self.coefficients[:, own], root=root, event_root=event_root)
 
 
 def _mixed(root: Series, series: Series) -> Iterator[tuple[int, Series]]:
