@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from estimation.clock import Clock
@@ -36,6 +35,8 @@ def read(path: str | Path, *, rig: Rig | None = None) -> Recording:
 
 def from_columns(columns: Mapping[str, ArrayLike], *, name: str = "recording", rig: Rig | None = None) -> Recording:
     """The recording in columns (n,) by name, as `read` takes them from a file; rows are counted from 1."""
+    import pandas as pd  # slow to import
+
     arrays = {key: np.asarray(column) for key, column in columns.items()}
     if len({array.shape for array in arrays.values()}) > 1 or any(array.ndim != 1 for array in arrays.values()):
         shapes = ", ".join(f"{key} {array.shape}" for key, array in arrays.items())

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.tape import NONE, Tape
+from modeling.tape import NONE, Operation, Tape
 
 Array = NDArray[np.float64]
 Values = NDArray[np.float64] | NDArray[np.complex128]
@@ -71,6 +71,12 @@ FUNCTIONS: Mapping[str, Callable[..., object]] = {
 
 Step = tuple[Callable[..., object], int, int, int]
 """A function, the places of its operands (`NONE` for no second one), and the place of what it makes."""
+Numbered = tuple[int, Operation]
+"""The number of a value, and the operation that makes it."""
+
+OF_SIGNALS, OF_PARAMETERS = 1, 2
+OF_BOTH = OF_SIGNALS | OF_PARAMETERS
+"""What a value depends on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,22 +96,24 @@ class Evaluation:
         if not all(output.size for output in outputs):
             return
         with np.errstate(all="ignore"):  # where a value is not finite it says so itself
-            fixed = self._fixed([] if self.varying else list(theta.T))
+            fixed = self._fixed([], 1) if self.varying else self._fixed(list(theta.T), len(theta))
             for output, place in self.plan.known:
                 outputs[output][...] = fixed[place]
             if self.plan.outputs:
                 changing = [*inputs, *(theta if self.varying else ())]
                 self._blocks(fixed, changing, [outputs[output] for output in self.plan.outputs])
 
-    def _fixed(self, parameters: list[Array]) -> list[Any]:
-        """Values (g,) of the parameters, then of the constants (), then of what is made of these alone."""
-        values = [*parameters, *(np.array(constant) for constant in self.tape.constants)]
-        for function, a, b, _ in self.plan.of_parameters:
-            taken = [values[place] for place in (a, b) if place != NONE]
-            made = np.empty(np.broadcast_shapes(*(value.shape for value in taken)), self.dtype)
-            function(*taken, made)
-            values.append(made)
+    def _fixed(self, parameters: list[Array], sets: int) -> list[Any]:
+        """Values (g,) of the parameters, then of the constants (), then of what is made of these alone, (g,)."""
+        steps = self.plan.of_parameters
+        values = [*parameters, *self._constants, *np.empty((len(steps), sets), self.dtype)]
+        _take(steps, values)
         return values
+
+    @cached_property
+    def _constants(self) -> list[Any]:
+        """The constants as arrays ()."""
+        return [np.array(constant) for constant in self.tape.constants]
 
     def _blocks(self, fixed: list[Any], changing: list[Any], outputs: list[Any]) -> None:
         """Run the samples, block by block."""
@@ -162,63 +170,72 @@ class Plan:
     @classmethod
     def of(cls, tape: Tape, varying: bool) -> Plan:
         """The plan of a tape."""
-        signals, both = _dependent(tape, varying)
-        inputs = tape.inputs + (tape.parameters if varying else 0)
-        alone = [n for n in range(inputs, tape.size) if n not in signals and n not in both]
-        order = [*alone, *range(inputs)]
-        places = {number: place for place, number in enumerate(order)}
+        kinds, inputs = _kinds(tape, varying), tape.inputs + (tape.parameters if varying else 0)
+        same = [number for number in range(inputs, tape.size) if not kinds[number] & OF_SIGNALS]
+        places = [NONE] * (tape.size + 1)  # the last is that of `NONE`
+        for place, number in enumerate((*same, *range(inputs))):
+            places[number] = place
         zero = {n for n, constant in enumerate(tape.constants, tape.first - len(tape.constants)) if constant == 0}
-        same = set(alone)
-        known = tuple((o, places[n]) for o, n in enumerate(tape.results) if n in same and n not in zero)
-        outputs = tuple(output for output, number in enumerate(tape.results) if number not in same)
-        of_parameters = [_step(tape, number, places) for number in alone if number >= tape.first]
-        rows = _Rows(tape, places, begin=len(order) + len(outputs))
+        moving = [output for output, number in enumerate(tape.results) if kinds[number] & OF_SIGNALS]
+        still = [o for o, n in enumerate(tape.results) if not kinds[n] & OF_SIGNALS and n not in zero]
+        known = tuple((output, places[tape.results[output]]) for output in still)
         puts: dict[int, list[int]] = {}
-        for place, output in enumerate(outputs, start=len(order)):
+        for place, output in enumerate(moving, start=len(same) + inputs):
             puts.setdefault(tape.results[output], []).append(place)
-        shared = {operand for n in both for operand in tape.operation(n)[1:]} | set(puts)
-        of_signals = [rows.step(number, kept=shared) for number in sorted(signals)]
-        early = [number for number in puts if number not in both]
+        of_parameters, signals, both = _parted(tape, kinds)
+        fixed = tuple((FUNCTIONS[name], places[a], places[b], places[number]) for number, (name, a, b) in of_parameters)
+        rows = _Rows(tape, places, begin=len(same) + inputs + len(moving))
+        shared = {operand for _, (_, *operands) in both for operand in operands} | set(puts)
+        of_signals = [rows.step(number, operation, kept=shared) for number, operation in signals]
+        early = [number for number in puts if kinds[number] != OF_BOTH]
         of_both: list[Step] = [(np.positive, places[number], NONE, place) for number in early for place in puts[number]]
-        for number in sorted(both):
-            of_both.append(rows.step(number, kept=signals))
+        held = {number for number, _ in signals}
+        for number, operation in both:
+            of_both.append(rows.step(number, operation, kept=held))
             of_both += [(np.positive, places[number], NONE, place) for place in puts.get(number, ())]
-        return cls(tuple(of_parameters), tuple(of_signals), tuple(of_both), known, outputs, rows.count)
+        return cls(fixed, tuple(of_signals), tuple(of_both), known, tuple(moving), rows.count)
 
 
-def _dependent(tape: Tape, varying: bool) -> tuple[set[int], set[int]]:
-    """The operations that depend on signals alone, and those that depend on parameters too."""
-    changing = tape.inputs + (tape.parameters if varying else 0)
-    moved = [number < changing for number in range(tape.first)]
-    fitted = [changing <= number < tape.inputs + tape.parameters for number in range(tape.first)]
+def _kinds(tape: Tape, varying: bool) -> list[int]:
+    """What each value depends on: `OF_SIGNALS`, `OF_PARAMETERS`, `OF_BOTH`, or 0 for nothing."""
+    kinds = [OF_SIGNALS] * tape.inputs + [OF_SIGNALS if varying else OF_PARAMETERS] * tape.parameters
+    kinds += [0] * len(tape.constants)
     for _, a, b in tape.operations:
-        moved.append(moved[a] or (b != NONE and moved[b]))
-        fitted.append(fitted[a] or (b != NONE and fitted[b]))
-    moving = [number for number in range(tape.first, tape.size) if moved[number]]
-    return {number for number in moving if not fitted[number]}, {number for number in moving if fitted[number]}
+        kinds.append(kinds[a] if b == NONE else kinds[a] | kinds[b])
+    return kinds
 
 
-def _step(tape: Tape, number: int, places: Mapping[int, int]) -> Step:
-    name, a, b = tape.operation(number)
-    return FUNCTIONS[name], places[a], NONE if b == NONE else places[b], places.get(number, NONE)
+def _parted(tape: Tape, kinds: Sequence[int]) -> tuple[list[Numbered], list[Numbered], list[Numbered]]:
+    """The operations on parameters and constants alone, on signals alone, and on both."""
+    parts: dict[int, list[Numbered]] = {kind: [] for kind in (0, OF_PARAMETERS, OF_SIGNALS, OF_BOTH)}
+    parts[0] = parts[OF_PARAMETERS]  # in one order
+    for numbered in enumerate(tape.operations, start=tape.first):
+        parts[kinds[numbered[0]]].append(numbered)
+    return parts[OF_PARAMETERS], parts[OF_SIGNALS], parts[OF_BOTH]
 
 
 class _Rows:
     """Rows for values of samples, given back when the last operation that takes a value has it."""
 
-    def __init__(self, tape: Tape, places: dict[int, int], begin: int) -> None:
-        self.tape, self.places, self.begin = tape, places, begin
+    def __init__(self, tape: Tape, places: list[int], begin: int) -> None:
+        self.places, self.begin = places, begin
         self.count = 0
         self.free: list[int] = []
-        self.last = {operand: n for n in range(tape.first, tape.size) for operand in tape.operation(n)[1:]}
+        self.last = [NONE] * len(places)
+        for number, (_, a, b) in enumerate(tape.operations, start=tape.first):
+            self.last[a] = self.last[b] = number
 
-    def step(self, number: int, kept: Collection[int]) -> Step:
+    def step(self, number: int, operation: Operation, kept: Collection[int]) -> Step:
         """The step that makes a value; its row may be that of an operand that nothing else takes, unless it is kept."""
-        for operand in {*self.tape.operation(number)[1:]}:
-            if self.last[operand] == number and operand not in kept and self.places.get(operand, NONE) >= self.begin:
-                self.free.append(self.places[operand])
-        if not self.free:
-            self.free.append(self.begin + self.count)
+        places, last, free = self.places, self.last, self.free
+        name, a, b = operation
+        left, right = places[a], places[b]
+        if last[a] == number and left >= self.begin and a not in kept:
+            free.append(left)
+        if b != a and last[b] == number and right >= self.begin and b not in kept:
+            free.append(right)
+        if not free:
+            free.append(self.begin + self.count)
             self.count += 1
-        self.places[number] = self.free.pop()
-        return _step(self.tape, number, self.places)
+        places[number] = made = free.pop()
+        return FUNCTIONS[name], left, right, made

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from modeling.evaluation import FUNCTIONS
-from modeling.tape import NONE, Operation, Tape
+from modeling.tape import NONE, Tape
 
 Value = float | int
 """A constant, or the number of a value that stays."""
@@ -38,14 +38,14 @@ class _Pending:
 
     def made(self, name: str, a: Value, b: Value) -> Value:
         """The value of an operation: a constant, one that was there, or a new one."""
-        alone = all(isinstance(operand, float) or operand == NONE for operand in (a, b))
-        if alone:
-            return _number(name, *(operand for operand in (a, b) if isinstance(operand, float)))
-        simpler = _simpler(name, a, b)
-        if simpler is not None:
-            return simpler
-        if name == "sub" and a == 0.0 and isinstance(a, float):
-            name, a, b = "neg", b, NONE
+        if isinstance(a, float) or isinstance(b, float):
+            if all(isinstance(operand, float) or operand == NONE for operand in (a, b)):
+                return _number(name, *(operand for operand in (a, b) if isinstance(operand, float)))
+            simpler = _simpler(name, a, b)
+            if simpler is not None:
+                return simpler
+            if name == "sub" and a == 0.0 and isinstance(a, float):
+                name, a, b = "neg", b, NONE
         self.operations[len(self.values)] = (name, a, b)
         return len(self.values)
 
@@ -85,29 +85,26 @@ class _Ordered:
             self._visit(result)
         begin = self.taken.inputs + self.taken.parameters
         first = begin + len(self.constants)
+        constants = {value: place for place, value in enumerate(self.constants, start=begin)}
+        made = {value: place for place, value in enumerate(self.order, start=first)}
 
         def number(value: Value) -> int:
-            if isinstance(value, float):
-                return begin + self.constants[value]
-            return first + self.order[value] if value in self.order else value
+            return constants[value] if isinstance(value, float) else made.get(value, value)
 
-        operations: list[Operation] = []
-        for value in self.order:
-            name, a, b = self.pending.operations[value]
-            operations.append((name, number(a), number(b)))
-        constants = tuple(self.constants)
-        made = tuple(map(number, results))
-        return Tape(self.taken.inputs, self.taken.parameters, constants, tuple(operations), made)
+        taken = map(self.pending.operations.__getitem__, self.order)
+        operations = tuple((name, number(a), number(b)) for name, a, b in taken)
+        numbers = tuple(map(number, results))
+        return Tape(self.taken.inputs, self.taken.parameters, tuple(constants), operations, numbers)
 
     def _visit(self, result: Value) -> None:
-        stack = [(result, False)]
+        operations, order = self.pending.operations, self.order
+        stack: list[tuple[Value, bool]] = [(result, False)]
         while stack:
             value, ready = stack.pop()
             if isinstance(value, float):
                 self.constants.setdefault(value, len(self.constants))
-            elif value in self.pending.operations and value not in self.order:
-                if ready:
-                    self.order[value] = len(self.order)
-                else:
-                    _, a, b = self.pending.operations[value]
-                    stack += [(value, True), (b, False), (a, False)]
+            elif ready:
+                order.setdefault(value, len(order))
+            elif value in operations and value not in order:
+                _, a, b = operations[value]
+                stack += ((value, True), (b, False), (a, False))

@@ -136,12 +136,16 @@ class Prediction:
 
         return self.model.stored("memory", lambda: derived().to_data(), CompiledColumn.from_data)
 
+    @cached_property
+    def _transfer_evaluation(self) -> Evaluation:
+        """What gives H and its derivatives."""
+        return Evaluation(self._transfer.tape, dtype=complex)
+
     def transfer(self, omega: Array, theta: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.complex128]]]:
         """H(j omega) and its derivatives in `memory_parameters`; omega in rad/s."""
         found = np.zeros((1 + len(self.memory_parameters), len(omega), 1), dtype=complex)
-        Evaluation(self._transfer.tape, dtype=complex).run(
-            [np.asarray(1j * omega, dtype=np.complex128)], np.asarray(theta, dtype=float)[None], list(found)
-        )
+        inputs = [np.asarray(1j * omega, dtype=np.complex128)]
+        self._transfer_evaluation.run(inputs, np.asarray(theta, dtype=float)[None], list(found))
         return found[0, :, 0], list(found[1:, :, 0])
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Self
 
 Operation = tuple[str, int, int]
@@ -25,6 +25,8 @@ BINARY = (
     *("lt", "le", "eq", "ne", "and", "or", "if_else_zero"),
 )
 """Operations by CasADi's names (OP_ADD is add); comparisons give 1 or 0, if_else_zero(c, x) is x where c is not 0."""
+ALONE = {**dict.fromkeys(UNARY, True), **dict.fromkeys(BINARY, False)}
+"""Whether an operation has one operand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +63,16 @@ class Tape:
         m, k = _count(data["inputs"]), _count(data["parameters"])
         constants = tuple(map(float, data["constants"]))
         names, left, right = data["operations"]
+        operations, results = tuple(zip(names, left, right, strict=True)), tuple(data["results"])
         first = m + k + len(constants)
-        for place, (name, a, b) in enumerate(zip(names, left, right, strict=True), start=first):
-            if not (_before(a, place) and (b == NONE if name in UNARY else name in BINARY and _before(b, place))):
+        if {*map(type, left), *map(type, right), *map(type, results)} - {int}:
+            raise ValueError("numbers of values are integers")
+        for place, (name, a, b) in enumerate(operations, start=first):
+            if not (0 <= a < place and (b == NONE if ALONE.get(name) else 0 <= b < place and name in ALONE)):
                 raise ValueError(f"operation {place} is none: {name} of {a} and {b}")
-        if not all(_before(result, first + len(names)) for result in data["results"]):
+        if not all(0 <= result < first + len(operations) for result in results):
             raise ValueError("results of nothing")
-        return cls(m, k, constants, tuple(zip(names, left, right, strict=True)), tuple(data["results"]))
+        return cls(m, k, constants, operations, results)
 
     def to_data(self) -> dict[str, Any]:
         """Lists of names and numbers."""
@@ -79,7 +84,7 @@ class Tape:
             "results": list(self.results),
         }
 
-    @property
+    @cached_property
     def first(self) -> int:
         """The number of the first operation's value."""
         return self.inputs + self.parameters + len(self.constants)
@@ -89,16 +94,12 @@ class Tape:
         """How many values there are."""
         return self.first + len(self.operations)
 
-    def operation(self, number: int) -> Operation:
-        """The operation that makes the value of that number."""
-        return self.operations[number - self.first]
-
     def depending_on(self, inputs: Sequence[int]) -> set[int]:
         """The numbers of all values that depend on any of these inputs."""
         moved = set(inputs)
-        for place, (_, a, b) in enumerate(self.operations):
+        for number, (_, a, b) in enumerate(self.operations, start=self.first):
             if a in moved or b in moved:
-                moved.add(self.first + place)
+                moved.add(number)
         return moved
 
     def with_inputs(self, parameters: Sequence[int]) -> Tape:
@@ -114,14 +115,17 @@ class Tape:
     def only(self, results: Sequence[int]) -> Tape:
         """The tape of some of the results, by their places among them, and of nothing that they do not need."""
         wanted = [self.results[place] for place in results]
-        used = set(wanted)
-        for place in range(len(self.operations) - 1, -1, -1):
-            if self.first + place in used:
-                used.update(self.operations[place][1:])
-        kept = [place for place in range(len(self.operations)) if self.first + place in used]
-        moved = {number: number for number in range(self.first)} | {NONE: NONE}
-        moved |= {self.first + place: self.first + new for new, place in enumerate(kept)}
-        operations = ((name, moved[a], moved[b]) for name, a, b in (self.operations[place] for place in kept))
+        used = bytearray(self.size + 1)  # the last is that of `NONE`
+        for number in wanted:
+            used[number] = True
+        for number, (_, a, b) in zip(range(self.size - 1, self.first - 1, -1), reversed(self.operations), strict=True):
+            if used[number]:
+                used[a] = used[b] = True
+        moved, operations = [*range(self.first), *[NONE] * (len(self.operations) + 1)], []
+        for number, (name, a, b) in enumerate(self.operations, start=self.first):
+            if used[number]:
+                moved[number] = self.first + len(operations)
+                operations.append((name, moved[a], moved[b]))
         return Tape(self.inputs, self.parameters, self.constants, tuple(operations), tuple(moved[r] for r in wanted))
 
     def graph(self, u: Any, theta: Any) -> Any:
@@ -141,10 +145,6 @@ def _count(value: object) -> int:
     if type(value) is not int or value < 0:
         raise ValueError(f"{value!r} is no number of values")
     return value
-
-
-def _before(number: object, place: int) -> bool:
-    return type(number) is int and 0 <= number < place
 
 
 @lru_cache(maxsize=1)

@@ -1,5 +1,7 @@
 """Files: CSV and Parquet alike, and one line with file, row and column for each way to be wrong."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -196,3 +198,37 @@ def test_line_ends_of_every_system_are_alike(tmp_path: Path) -> None:
         wrenches.append(read(tmp_path / "run.csv").wrench)
     np.testing.assert_array_equal(wrenches[1:], [wrenches[0]] * 2)
     assert wrenches[0].shape == (4, 3)
+
+
+def test_digits_become_the_nearest_number(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    numbers = rng.uniform(-10, 10, (50, 4)) * 10.0 ** rng.integers(-30, 30, (50, 4))
+    cells = [[np.format_float_scientific(x, precision=int(d)) for x, d in zip(row, (3, 9, 17, 25), strict=True)]
+             for row in numbers]  # fmt: skip
+    (tmp_path / "run.csv").write_text(HEADER + "".join(",".join(row) + "\n" for row in cells))
+    run = read(tmp_path / "run.csv")
+    found = np.column_stack([run.columns["phi"], run.wrench])
+    np.testing.assert_array_equal(found, [[float(cell) for cell in row] for row in cells])
+
+
+def test_quoted_numbers_are_read_like_plain_ones(tmp_path: Path) -> None:
+    for name, content in (("plain", ROWS), ("quoted", ROWS.replace("0.1", '"0.1"'))):
+        (tmp_path / f"{name}.csv").write_text(HEADER + content)
+    plain, quoted = (read(tmp_path / f"{name}.csv") for name in ("plain", "quoted"))
+    np.testing.assert_array_equal(plain.columns["phi"], quoted.columns["phi"])
+    np.testing.assert_array_equal(plain.wrench, quoted.wrench)
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.parquet"])
+def test_a_file_of_plain_numbers_is_read_without_pandas(tmp_path: Path, name: str) -> None:
+    if name.endswith("csv"):
+        planar().to_csv(tmp_path / name, index=False)
+    else:
+        planar().to_parquet(tmp_path / name)
+    code = (
+        "import sys\nfrom estimation.reading import read\nfrom modeling.rig import Rig\n"
+        "rig = Rig.from_data({'robot': {'link_lengths': [1.0, 0.5]}})\n"
+        f"print(read({str(tmp_path / name)!r}, rig=rig).samples, 'pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
+    assert done.stdout == "100 False\n"

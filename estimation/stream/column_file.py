@@ -7,16 +7,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.table import Table, explain, frame_table, header_names, unique_names
+from estimation.table import Table, arrow_table, explain, frame_table, header_names, unique_names
 from modeling.errors import InputError
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 
@@ -59,7 +55,7 @@ class ParquetColumns(ColumnFile):
         try:
             with pq.ParquetFile(self.path, pre_buffer=False, buffer_size=BUFFER) as file:
                 for batch in file.iter_batches(batch_size=size, columns=list(wanted), use_threads=False):
-                    yield _table(batch, str(self.path), row)
+                    yield arrow_table(batch, str(self.path), row)
                     row += batch.num_rows
         except (OSError, ValueError, pa.ArrowException) as error:
             raise self.refused(error) from None
@@ -133,20 +129,6 @@ def _parquet_names(path: Path) -> tuple[str, ...]:
     except (OSError, ValueError, pa.ArrowException) as error:
         raise InputError(what=f"cannot be read: {error}", where=str(path), remedy=READABLE) from None
     return tuple(unique_names([n for n in names if not n.startswith("__index_level_")], str(path)))
-
-
-def _table(batch: pa.RecordBatch, where: str, row: int) -> Table:
-    """A batch's columns as they lie in memory where they are finite numbers, otherwise the error that names the row."""
-    import pyarrow as pa  # slow to import
-
-    columns: dict[str, Array] = {}
-    for name, column in zip(batch.schema.names, batch.columns, strict=True):
-        plain = column.null_count == 0 and (pa.types.is_integer(column.type) or pa.types.is_floating(column.type))
-        values = np.from_dlpack(column) if plain else np.full(1, np.nan)  # `to_numpy` would import pandas
-        if not np.isfinite(values).all():
-            return frame_table(batch.to_pandas(), where, row)
-        columns[name] = values.astype(np.float64, copy=False)
-    return Table(columns=columns, where=where, first_row=row)
 
 
 def _of_size(tables: Iterator[Table], size: int) -> Iterator[Table]:
