@@ -64,11 +64,11 @@ def _of_recording(
     samples = recording.samples_per_repeat if rows is Rows.STEADY else recording.samples
     at_once = max(1, MOST_NUMBERS // (samples * len(recording.channels) * len(which)))
     first, last = rows.within(whitener)
-    found = np.empty((len(theta), len(which), last - first))
+    found = np.empty((last - first, len(theta), len(which)), order="F")
     for start in range(0, len(theta), at_once):
         part = slice(start, start + at_once)
-        found[part] = _whitened_slopes(own, recording, whitener, theta[part], which, rows).transpose(1, 2, 0)
-    return found.transpose(2, 0, 1)
+        found[:, part] = _whitened_slopes(own, recording, whitener, theta[part], which, rows)
+    return found
 
 
 def _whitened_slopes(

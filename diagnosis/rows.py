@@ -39,9 +39,13 @@ class Rows(Enum):
         if self is Rows.NONE:
             return np.zeros((0, *series.shape[2:]))
         if periodic:
-            steady = whitener.steady(series) if self is not Rows.REST else np.zeros((0, *series.shape[2:]))
+            if self is Rows.STEADY:
+                return whitener.steady(series)
             first, last = self.within(whitener)
-            return np.concatenate([steady, np.zeros((last - first - len(steady), *series.shape[2:]))])
+            found = np.zeros((last - first, *series.shape[2:]), order="F")
+            if self is Rows.WHOLE:
+                found[: whitener.steady_rows] = whitener.steady(series)
+            return found
         if self is Rows.REST:
             return whitener.rest(series)
         first, last = self.within(whitener)

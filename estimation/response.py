@@ -92,7 +92,7 @@ class Part:
         """The derivative in the parameters at other places, which include its own."""
         if self.columns is None or self.columns == columns:
             return self.derivative
-        found = np.zeros((*self.value.shape, len(columns)))
+        found = np.zeros((*self.value.shape, len(columns)), order="F")
         found[:, :, [columns.index(i) for i in self.columns]] = self.derivative
         return found
 
@@ -169,7 +169,7 @@ def _parts(
     value, some = emitted.tangent_in(signals, theta, passing, samples)
     once = recording.samples_per_repeat
     _, others = emitted.tangent_in(signals, theta, lasting, once, valued=False)
-    spread = np.zeros((once, emitted.rows, emitted.count))
+    spread = np.zeros((once, emitted.rows, emitted.count), order="F")
     spread[:, :, list(lasting)] = others
     still = np.zeros((once, emitted.rows))
     return [Part(value, some, steady=False, columns=passing), Part(still, spread, steady=True)]
@@ -289,14 +289,14 @@ def through_memory(
     omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, recording.dt), dtype=np.float64)
     gain, slopes = prediction.transfer(omega, theta)
     factor = gain if slope is None else slopes[slope]
-    flat = series.reshape(len(series), -1)
-    found = np.empty(flat.shape[::-1])
+    columns = series.T.reshape(-1, len(series))
+    found = np.empty(columns.shape)
     for first in range(0, len(found), at_once := max(1, MOST_NUMBERS // length)):
         part = slice(first, first + at_once)
-        lines = rfft(_padded(np.ascontiguousarray(flat[:, part].T), pad))
+        lines = rfft(_padded(columns[part], pad))
         lines *= factor
         found[part] = irfft(lines, n=length, overwrite_x=True)[:, pad : length - pad]
-    return found.T.reshape(series.shape)
+    return found.reshape(series.T.shape).T
 
 
 def _padded(series: Array, pad: int) -> Array:

@@ -56,7 +56,7 @@ class Whitener(ABC):
         if response.columns is None or len(response.columns) == steady.shape[-1] - 1:
             rows = passing
         else:
-            rows = np.zeros((self.rows, *steady.shape[1:]))
+            rows = np.zeros((self.rows, *steady.shape[1:]), order="F")
             rows[..., [0, *(1 + i for i in response.columns)]] = passing
         rows[: self.steady_rows] += steady
         return rows
@@ -71,7 +71,10 @@ class Whitener(ABC):
 
 def _joined(part: tuple[Array, Array]) -> Array:
     """A value (n, p, ...) and its derivative (n, p, ..., k) as one series (n, p, ..., 1 + k), transformed at once."""
-    return np.concatenate([part[0][..., None], part[1]], axis=-1)
+    value, derivative = part
+    joined = np.empty((*value.shape, 1 + derivative.shape[-1]), order="F")
+    joined[..., 0], joined[..., 1:] = value, derivative
+    return joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +170,10 @@ class LineWhitener(Whitener):
 
 @dataclass(frozen=True, eq=False)
 class _Columns:
-    """Series (n, p, c) taken a few columns at a time, and the rows (c, r) that they become, column after column."""
+    """Series (c, p, n) taken a few columns at a time, and the rows (c, r) that they become, column after column.
+
+    Where series (n, p, ...) are kept with their samples next to each other (Fortran's order), nothing is copied.
+    """
 
     series: Array
     rows: Array
@@ -176,21 +182,24 @@ class _Columns:
     @classmethod
     def of(cls, values: Array, rows: int) -> _Columns:
         """Of values (n, p, ...) that become so many rows."""
-        flat = values.reshape(*values.shape[:2], -1)
-        return cls(flat, np.empty((flat.shape[2], rows)), values.shape[2:])
+        turned = values.T.reshape(-1, *values.shape[1::-1])
+        return cls(turned, np.empty((len(turned), rows)), values.shape[:1:-1])
 
     def parts(self) -> Iterator[tuple[Array, slice]]:
-        """Columns (c, p, n), each in one piece, with which they are."""
-        samples, channels, columns = self.series.shape
-        at_once = max(1, MOST_NUMBERS // max(1, samples * channels))
-        for first in range(0, columns, at_once):
+        """Columns (c, p, n), with which they are."""
+        at_once = max(1, MOST_NUMBERS // max(1, self.series[0].size)) if len(self.series) else 1
+        for first in range(0, len(self.series), at_once):
             part = slice(first, first + at_once)
-            yield np.ascontiguousarray(self.series[:, :, part].transpose(2, 1, 0)), part
+            yield self.series[part], part
 
     @property
     def found(self) -> Array:
         """The rows (r, ...)."""
-        return self.rows.T.reshape(self.rows.shape[1], *self.shape)
+        return (
+            self.rows.reshape(*self.shape, -1).T
+            if self.rows.size
+            else np.zeros((self.rows.shape[1], *self.shape[::-1]))
+        )
 
 
 @dataclass(frozen=True, eq=False)

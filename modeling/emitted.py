@@ -110,13 +110,16 @@ class Emitted:
 
     def value(self, signals: Signals, theta: Array, samples: int) -> Array:
         """Value (samples, p), at the parameters (k,) or at others for each sample (samples, k)."""
-        value = np.zeros((samples, self.rows))
+        value = np.zeros((samples, self.rows), order="F")
         self._evaluate((), signals, theta, samples, [value[:, row, None] for row in range(self.rows)])
         return value
 
     def tangent(self, signals: Signals, theta: Array, samples: int) -> tuple[Array, Array]:
         """Value (samples, p) and derivative (samples, p, k) in all k parameters; theta as for `value`."""
-        value, derivative = np.zeros((samples, self.rows)), np.zeros((samples, self.rows, self.count))
+        value, derivative = (
+            np.zeros((samples, self.rows), order="F"),
+            np.zeros((samples, self.rows, self.count), order="F"),
+        )
         outputs = [value[:, row, None] for row in range(self.rows)]
         outputs += [derivative[:, row, i, None] for i in self.active for row in range(self.rows)]
         self._evaluate(self.active, signals, theta, samples, outputs)
@@ -126,7 +129,10 @@ class Emitted:
         self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int, *, valued: bool = True
     ) -> tuple[Array, Array]:
         """Value (samples, p), zero unless `valued`, and derivative (samples, p, len(which)) in some parameters."""
-        value, derivative = np.zeros((samples, self.rows)), np.zeros((samples, self.rows, len(which)))
+        value, derivative = (
+            np.zeros((samples, self.rows), order="F"),
+            np.zeros((samples, self.rows, len(which)), order="F"),
+        )
         active = tuple(i for i in which if i in self.active)
         outputs = [value[:, row, None] for row in range(self.rows)] if valued else []
         outputs += [derivative[:, row, which.index(i), None] for i in active for row in range(self.rows)]
@@ -142,7 +148,7 @@ class Emitted:
         theta = np.asarray(theta, dtype=float)
         if theta.ndim != 2 or theta.shape[1] != self.count:
             raise ValueError(f"sets of {self.count} parameters were expected, not an array {theta.shape}")
-        derivative = np.zeros((samples, self.rows, len(theta), len(which)))
+        derivative = np.zeros((samples, self.rows, len(theta), len(which)), order="F")
         places = [(place, i) for place, i in enumerate(which) if i in self.active]
         outputs = [derivative[:, row, :, place] for place, _ in places for row in range(self.rows)]
         evaluation = _evaluation(self, tuple(i for _, i in places), False, False)

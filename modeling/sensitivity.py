@@ -77,7 +77,7 @@ class Sensitivity:
         inputs = self.emitted.columns(signals, samples)
         inputs += [np.broadcast_to(others[names[i]][0], (samples,)) for i in fixed]
         p, active = self.emitted.rows, self.emitted.active
-        found = np.zeros((samples, p, count, len(self.which)))
+        found = np.zeros((samples, p, count, len(self.which)), order="F")
         moved = [column for column, i in enumerate(self.which) if i in active]
         outputs = [found[:, row, :, column] for column in moved for row in range(p)]
         _evaluation(self, tuple(fixed)).run(inputs, theta, outputs)
