@@ -141,11 +141,14 @@ def _columns_of(parts: Sequence[Part], count: int) -> tuple[int, ...]:
 
 
 def _sum(parts: Sequence[Part], columns: tuple[int, ...]) -> tuple[Array, Array] | None:
+    """Value and derivative of the sum of parts that nobody else has, in the parameters at some places."""
     if not parts:
         return None
     value, derivative = parts[0].value, parts[0].spread(columns)
     for part in parts[1:]:
-        value, derivative = value + part.value, derivative + part.spread(columns)
+        value += part.value
+        own = slice(None) if part.columns in (None, columns) else [columns.index(i) for i in part.columns]
+        derivative[:, :, own] += part.derivative
     return value, derivative
 
 
@@ -161,8 +164,11 @@ def _parts(
     samples = recording.samples_per_repeat if steady else recording.samples
     if not derivative:
         return [Part(emitted.value(signals, theta, samples), np.zeros((samples, emitted.rows, 0)), steady=steady)]
-    if steady or prediction.play is not None or prediction.level is not None:
+    if prediction.play is not None or prediction.level is not None:
         return [Part(*emitted.tangent(signals, theta, samples), steady=steady)]
+    if steady:
+        own = tuple(sorted({*emitted.active, *prediction.memory_parameters}))
+        return [Part(*emitted.tangent_in(signals, theta, own, samples), steady=True, columns=own)]
     moved = set(emitted.depending_on(frozenset(emitted.inputs) & {*PASSING, *recording.auxiliary}))
     passing = tuple(sorted({i for i in emitted.active if i in moved} | set(prediction.memory_parameters)))
     lasting = tuple(i for i in emitted.active if i not in moved)

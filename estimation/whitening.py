@@ -277,7 +277,8 @@ def block_means(values: Array, block: int) -> Array:
     if block == 1:
         return values
     count = len(values) // block
-    return np.asarray(values[: count * block].reshape(count, block, *values.shape[1:]).mean(axis=1))
+    parts = values[: count * block].T.reshape(*values.shape[:0:-1], count, block)
+    return np.asarray(np.einsum("...ij->...i", parts).T / block)
 
 
 def inverse_root(covariance: Array | Lines) -> Array | Lines:
