@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
-from estimation.distributions import chi2_isf, chi2_sf, noncentral_chi2_sf
+from estimation.distributions import chi2_isf, chi2_sf, noncentrality
 from modeling.model import WrenchModel
 
 Array = NDArray[np.float64]
@@ -36,8 +35,7 @@ def worth(parameters: int, candidates: int) -> float:
 
 def detectable_separation(freedom: int, significance: float) -> float:
     """Noncentrality that a chi-square test of this freedom at this significance shows with 80 % power."""
-    limit = chi2_isf(significance, freedom)
-    return float(brentq(lambda x: noncentral_chi2_sf(limit, freedom, x) - POWER, 1e-6, 1e4))
+    return float(noncentrality(chi2_isf(significance, freedom), freedom, POWER))
 
 
 def independent_trials(noise_scores: Array, rank: int) -> float:

@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_lsq_spline
+
+from estimation.regression_spline import RegressionSpline
 
 Array = NDArray[np.float64]
 
@@ -71,9 +72,10 @@ def smooth(run: Array, dt: float) -> Derivatives:
     end_knots = END_KNOTS if any(map(_coloured, powers)) else 0
     most = min(samples // 2, DEGREE + 1 + COEFFICIENTS_PER_LINE * max(lines, 1))
     counts = np.unique(np.round(np.geomspace(DEGREE + 1, max(most, DEGREE + 1), 30)).astype(int))
-    fits = [_spline(run, dt, int(count), end_knots) for count in counts]
+    fits = [_Fit.of(run, int(count), end_knots) for count in counts]
     best = np.argmin([fit.score for fit in fits], axis=0)
-    return _columns([fits[i] for i in best])
+    described = {i: fits[i].derivatives(dt) for i in {*best.tolist()}}
+    return _columns([described[i] for i in best])
 
 
 def best_description(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:
@@ -144,18 +146,30 @@ def _windowed_power(run: Array) -> Array:
     return power
 
 
-def _spline(run: Array, dt: float, coefficients: int, end_knots: int) -> Derivatives:
-    # Time in steps of the knots keeps the equations well scaled whatever dt is.
-    longer = end_knots if coefficients > DEGREE + 1 + 2 * end_knots else 0
-    pieces = coefficients - DEGREE + 2 * longer
-    place = np.linspace(0.0, pieces, len(run))
-    inner = np.arange(1.0 + longer, pieces - longer)
-    knots = np.concatenate([[0.0] * (DEGREE + 1), inner, [float(pieces)] * (DEGREE + 1)])
-    spline = make_lsq_spline(place, run, knots, k=DEGREE)
-    scale = pieces / ((len(run) - 1) * dt)
-    value, first, second = (np.asarray(spline(place, n)) * scale**n for n in range(3))
-    score = _score(run - value, np.full(run.shape[1], coefficients))
-    return Derivatives(value=value, first=first, second=second, score=score)
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A spline over place, which is time in steps of the knots: that keeps the equations well scaled whatever dt is."""
+
+    spline: RegressionSpline
+    place: Array
+    value: Array
+    score: Array
+
+    @classmethod
+    def of(cls, run: Array, coefficients: int, end_knots: int) -> _Fit:
+        longer = end_knots if coefficients > DEGREE + 1 + 2 * end_knots else 0
+        pieces = coefficients - DEGREE + 2 * longer
+        place = np.linspace(0.0, pieces, len(run))
+        inner = np.arange(1.0 + longer, pieces - longer)
+        knots = np.concatenate([[0.0] * (DEGREE + 1), inner, [float(pieces)] * (DEGREE + 1)])
+        spline, value = RegressionSpline.nearest(place, run, knots, DEGREE)
+        return cls(spline, place, value, _score(run - value, np.full(run.shape[1], coefficients)))
+
+    def derivatives(self, dt: float) -> Derivatives:
+        scale = self.place[-1] / ((len(self.place) - 1) * dt)
+        slope = self.spline.derivative()
+        first, second = slope(self.place) * scale, slope.derivative()(self.place) * scale**2
+        return Derivatives(value=self.value, first=first, second=second, score=self.score)
 
 
 def _score(residual: Array, parameters: NDArray[np.int64]) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import (
     chdtrc,
     chdtri,
-    chndtr,
+    chndtrinc,
     fdtrc,
     gammainccinv,
     ndtr,
@@ -34,9 +34,9 @@ def chi2_isf(probability: Numbers, freedom: Numbers) -> Numbers:
     return chdtri(freedom, probability)
 
 
-def noncentral_chi2_sf(statistic: Numbers, freedom: Numbers, noncentrality: Numbers) -> Numbers:
-    """P(X > statistic) of noncentral chi-square."""
-    return 1.0 - chndtr(statistic, freedom, noncentrality)
+def noncentrality(statistic: Numbers, freedom: Numbers, probability: Numbers) -> Numbers:
+    """The noncentrality with which noncentral chi-square exceeds `statistic` with that probability."""
+    return chndtrinc(statistic, freedom, 1.0 - probability)
 
 
 def f_sf(ratio: Numbers, above: Numbers, below: Numbers) -> Numbers:

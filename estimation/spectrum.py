@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
 from estimation.distributions import gamma_isf
+from estimation.regression_spline import basis_matrix
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class Spectrum:
     def _rows(self, u: Array) -> Array:
         """Basis values at log f, held at the ends."""
         low, high = self.knots[3], self.knots[-4]
-        return np.asarray(BSpline.design_matrix(np.clip(u, low, np.nextafter(high, low)), self.knots, 3).toarray())
+        return basis_matrix(np.clip(u, low, high), self.knots, 3)
 
 
 def smooth_spectrum(frequency: Array, ordinates: Array, *, shape: float = 1.0, start: float | None = None) -> Spectrum:
@@ -112,7 +112,7 @@ def _fitted(frequency: Array, ordinates: Array, use: NDArray[np.bool_], shape: f
     inner = np.linspace(np.log(begin), u.max() + 1e-9, pieces + 1)
     step = inner[1] - inner[0]
     knots = np.concatenate([inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)])
-    basis = BSpline.design_matrix(u[use], knots, 3).toarray()
+    basis = basis_matrix(u[use], knots, 3)
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
     best: tuple[float, Array, Array, float] | None = None
     for bend in BENDS:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial import Chebyshev
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from estimation.noise import step_of
 from estimation.recording import Recording
@@ -23,6 +23,8 @@ NEIGHBOURS = (3, 12)
 """Lines on either side whose median a tone has to stand out of: a push or a step is loud on all of them."""
 BESIDE = 2.0
 """Lines about a tone on which what is left of it may stand out still."""
+SMOOTH = 6
+"""Degree of a polynomial that is the power over a quarter of a line, its highest place to a millionth of a line."""
 MEDIAN = float(np.log(2))
 """Of a periodogram's ordinate over its mean."""
 
@@ -83,9 +85,11 @@ class Between:
 
         near = (line + np.linspace(-1.0, 1.0, 17)) / duration
         best = int(np.argmin([missed(f) for f in near]))
-        bounds = near[max(best - 1, 0)], near[min(best + 1, len(near) - 1)]
-        found = minimize_scalar(missed, bounds=bounds, method="bounded", options={"xatol": 1e-4 / duration})
-        return float(found.x)
+        ends = near[max(best - 1, 0)], near[min(best + 1, len(near) - 1)]
+        smooth = Chebyshev.interpolate(np.vectorize(missed), SMOOTH, domain=ends)
+        turns = smooth.deriv().roots()
+        inside = turns.real[(np.abs(turns.imag) < 1e-9 / duration) & (ends[0] < turns.real) & (turns.real < ends[1])]
+        return float(min((*ends, *inside), key=smooth))
 
 
 def _local_level(ordinates: Array) -> Array:

@@ -21,7 +21,7 @@ Values = NDArray[np.float64] | NDArray[np.complex128]
 
 CACHE = 2**17
 """Numbers that a block's values take at most: 1 MB, what a core has for itself."""
-SHORTEST, LONGEST = 256, 4096
+SHORTEST, LONGEST = 1024, 4096
 """Samples in a block: fewer, and calling NumPy takes longer than counting; more bring nothing."""
 
 

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from modeling.arm import PlanarArm
 from modeling.errors import InputError
 from modeling.kinematics import Arm
-from modeling.rig_file import SPATIAL_ARM, LimitsTable, RigTable, SensorTable, refusal
 from modeling.spatial_arm import SpatialArm
-from modeling.urdf import read_urdf
+from modeling.store import stored
+
+Tables: TypeAlias = dict[str, Any]
+"""What `modeling.rig_file.tables` makes of a rig's data."""
 
 STANDARD_GRAVITY = 9.806  # m/s², the value of the chapter and of FORMATS
 HERE = Path()
@@ -97,14 +97,15 @@ class Rig:
         """The rig of a TOML file; InputError, in one line, when it, or its URDF, is not what FORMATS says."""
         path = Path(path)
         try:
-            data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+            text = path.read_bytes().decode("utf-8-sig")
         except OSError as error:
             reason = error.strerror or "cannot be read"
             raise InputError(what=reason, where=str(path), remedy="give the path of a rig file") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            remedy = "correct the TOML there"
-            raise InputError(what=f"not a TOML file: {error}", where=str(path), remedy=remedy) from None
-        return cls.from_data(data, where=str(path), folder=path.parent)
+        except UnicodeDecodeError as error:
+            raise _no_toml(error, str(path)) from None
+        # The same text was accepted before: what checks it takes longer to import than all the rest of a rig.
+        checked = stored({"rig": text}, lambda: _tables_of_text(text, str(path)), dict)
+        return cls._of_tables(checked, where=str(path), folder=path.parent)
 
     @classmethod
     def from_data(cls, data: Mapping[str, object], *, where: str = "rig", folder: Path = HERE) -> Self:
@@ -112,20 +113,21 @@ class Rig:
 
         `where` names it in an InputError; `folder` is what the path of a URDF is relative to.
         """
-        try:
-            table = RigTable.model_validate(dict(data))
-        except ValidationError as error:
-            raise refusal(error, where) from None
-        robot, arm = table.robot, table.robot.spatial_arm
-        if arm is None and robot.urdf is not None:
-            arm = read_urdf(folder / robot.urdf, robot.sensor_frame)
+        from modeling.rig_file import tables  # pydantic is slow to import
+
+        return cls._of_tables(tables(data, where), where=where, folder=folder)
+
+    @classmethod
+    def _of_tables(cls, tables: Tables, *, where: str, folder: Path) -> Self:
+        robot, limits, workspace = tables["robot"], tables["limits"], tables["workspace"]
+        lengths, arm = robot["link_lengths"], _spatial_arm(robot, folder)
         return cls(
-            **robot.model_dump(exclude={"link_lengths", "spatial_arm"}, exclude_none=True),
-            link_lengths=None if robot.link_lengths is None else tuple(robot.link_lengths),
+            **_stated({key: value for key, value in robot.items() if key not in ("link_lengths", "spatial_arm")}),
+            link_lengths=None if lengths is None else tuple(lengths),
             spatial_arm=arm,
-            limits=None if table.limits is None else _limits(table.limits, arm, where),
-            workspace=None if table.workspace is None else Workspace(**table.workspace.model_dump()),
-            sensor=_sensor(table.sensor),
+            limits=None if limits is None else _limits(limits, arm, where),
+            workspace=None if workspace is None else _workspace(workspace),
+            sensor=_sensor(tables["sensor"]),
         )
 
     @cached_property
@@ -145,6 +147,8 @@ class Rig:
         robot = {"name": self.name, "gravity": self.gravity, "urdf": self.urdf, "tip_length": self.tip_length}
         robot |= {"sensor_frame": self.sensor_frame, "link_lengths": _listed(self.link_lengths)}
         if self.spatial_arm is not None:
+            from modeling.rig_file import SPATIAL_ARM  # pydantic is slow to import
+
             robot |= {"spatial_arm": SPATIAL_ARM.dump_python(self.spatial_arm, mode="json")}
         data: dict[str, Any] = {"robot": _stated(robot), "sensor": _sensor_data(self.sensor)}
         if self.limits is not None:
@@ -169,12 +173,43 @@ def _sensor_data(sensor: SensorDescription) -> dict[str, Any]:
     return _stated({**data, "convention": convention, "mirror_y": sensor.mirror_y})
 
 
-def _limits(table: LimitsTable, arm: SpatialArm | None, where: str) -> Limits:
+def _tables_of_text(text: str, where: str) -> Tables:
+    """The tables in the text of a TOML file; InputError where they are not what FORMATS says."""
+    import tomllib
+
+    from modeling.rig_file import tables  # pydantic is slow to import
+
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _no_toml(error, where) from None
+    return tables(data, where)
+
+
+def _no_toml(error: ValueError, where: str) -> InputError:
+    return InputError(what=f"not a TOML file: {error}", where=where, remedy="correct the TOML there")
+
+
+def _spatial_arm(robot: Mapping[str, Any], folder: Path) -> SpatialArm | None:
+    """The arm that a stored rig holds, or that stands in its URDF."""
+    if robot["spatial_arm"] is not None:
+        from modeling.rig_file import SPATIAL_ARM  # pydantic is slow to import
+
+        return SPATIAL_ARM.validate_python(robot["spatial_arm"])
+    if robot["urdf"] is None:
+        return None
+    from modeling.urdf import read_urdf  # so is what reads XML
+
+    return read_urdf(folder / robot["urdf"], robot["sensor_frame"])
+
+
+def _limits(table: Mapping[str, list[list[float]] | None], arm: SpatialArm | None, where: str) -> Limits:
     """The limits of the table; positions and velocities that it leaves out are the URDF's, which has no others."""
-    if arm is not None and any(count != arm.joints for count in table.counts.values()):
-        what = f"limits: {arm.joints} joints were expected, and {min(table.counts.values())} limits came"
+    counts = [len(pairs) for pairs in table.values() if pairs is not None]
+    if arm is not None and any(count != arm.joints for count in counts):
+        what = f"limits: {arm.joints} joints were expected, and {min(counts)} limits came"
         raise InputError(what=what, where=where, remedy=f"limit {', '.join(j.name for j in arm.chain)}, in this order")
-    pairs = dict(table)
+    pairs: dict[str, Any] = dict(table)
     for name in ("position", "velocity", "acceleration"):
         if pairs[name] is None:
             pairs[name] = _limits_of_urdf(arm, name, where)
@@ -194,6 +229,10 @@ def _limits_of_urdf(arm: SpatialArm | None, name: str, where: str) -> list[tuple
     return [getattr(joint, name) for joint in chain]
 
 
-def _sensor(table: SensorTable) -> SensorDescription:
-    convention = None if table.convention is None else Convention(table.convention)
-    return SensorDescription(**table.model_dump(exclude={"convention"}), convention=convention)
+def _workspace(table: Mapping[str, list[float] | None]) -> Workspace:
+    return Workspace(**{axis: None if ends is None else (ends[0], ends[1]) for axis, ends in table.items()})
+
+
+def _sensor(table: Mapping[str, Any]) -> SensorDescription:
+    stated = table["convention"]
+    return SensorDescription(**{**table, "convention": None if stated is None else Convention(stated)})

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
@@ -129,6 +130,14 @@ class RigTable(Table):
             counts = f"{len(lengths)} link_lengths and {min(limits.counts.values())} limits came"
             raise ValueError(f"limits of each joint of robot.link_lengths were expected, and {counts}")
         return self
+
+
+def tables(data: Mapping[str, object], where: str) -> dict[str, Any]:
+    """The tables in these data as plain data, what they leave out as None; InputError where they hold anything else."""
+    try:
+        return RigTable.model_validate(dict(data)).model_dump(mode="json")
+    except ValidationError as error:
+        raise refusal(error, where) from None
 
 
 # ---------------------------------------------------------------------- what pydantic says, in one line

@@ -34,7 +34,7 @@ KEPT = 0.8
 """Share of that which is left then."""
 COUNTED = 64
 """Entries are counted after every so many that were written."""
-LIBRARIES = ("sympy", "casadi")
+LIBRARIES = ("sympy", "casadi", "pydantic")
 SUFFIX = ".json"
 
 log = logging.getLogger(__name__)

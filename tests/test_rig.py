@@ -1,6 +1,10 @@
 """The rig file: what it gives, and one line for each way in which it can be wrong."""
 
+import os
 import pickle
+import subprocess
+import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +91,20 @@ WRONG = {
     "sensor": ("[sensor]\nnoise = { tau = 1, tz = 1 }", "tau"),
     "line 1": ("robot name", "not a TOML file"),
 }
+
+
+def test_a_rig_that_was_read_before_is_the_same_and_needs_no_pydantic(tmp_path: Path) -> None:
+    path = rig_file(tmp_path, FULL)
+    code = (
+        "import sys\nfrom modeling.rig import Rig\n"
+        f"rig = Rig.read({str(path)!r})\nprint('pydantic' in sys.modules)\nprint(rig.to_data())"
+    )
+    environment = os.environ | {"TRUEWRENCH_CACHE": str(tmp_path / "store")}
+    command = [sys.executable, "-c", code]
+    runs = [subprocess.run(command, text=True, capture_output=True, check=True, env=environment) for _ in range(2)]
+    (first, checked), (second, again) = (run.stdout.splitlines() for run in runs)
+    assert (first, second) == ("True", "False")
+    assert checked == again == str(Rig.from_data(tomllib.loads(FULL)).to_data())
 
 
 @pytest.mark.parametrize("key", WRONG)

@@ -6,6 +6,7 @@ Nothing heavy is imported here or by the commands' options, so that `--help` ans
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import sys
 import traceback
@@ -20,6 +21,8 @@ from truewrench.commands import compensate, demo, design, diagnose, effects, emi
 
 BAD_INPUT = 2
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
+RARELY = (50_000, 20, 50)
+"""When to look for cycles: what a command makes is needed until it ends, and looking takes a thirtieth of its time."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -90,6 +93,7 @@ def _prepare(*, as_program: bool) -> None:
     if as_program:
         for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
             os.environ.setdefault(variable, "1")  # matrices are tall and thin: threads only wait for one another
+        gc.set_threshold(*RARELY)
 
 
 def _fault(error: Exception) -> str:

@@ -8,7 +8,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from estimation.constrained.edge import Edge, smat
 from estimation.linear.descent import UNSHOWN
@@ -74,6 +73,8 @@ class Multipliers:
         both = used & self.edge.either_way
         signed = np.concatenate([self.columns[:, used], -self.columns[:, both]], axis=1)
         if signed.size:
+            from scipy.optimize import nnls  # slow to import, and few constraints press
+
             values, _ = nnls(signed, self.slope)
             found[used] = values[: used.sum()]
             found[both] -= values[used.sum() :]
