@@ -13,6 +13,9 @@ from modeling.tape import NONE, Tape
 
 Array = NDArray[np.float64]
 
+SETTLED = 1e-11
+"""Size of the last correction of a bend, against its own, at which it is found: rounding leaves little less."""
+
 
 @dataclass(frozen=True, eq=False)
 class Balancing:
@@ -35,7 +38,8 @@ class Balancing:
         bend = range(m + theta, m + theta + bends)
         moved = tape.depending_on(bend)
         late = [number for number in range(tape.first, tape.size) if number in moved]
-        taken = {operand for number in late for operand in tape.operation(number)[1:]} | {*tape.results}
+        operations = [tape.operations[number - tape.first] for number in late]
+        taken = {operand for _, *operands in operations for operand in operands} | {*tape.results}
         given = sorted(taken - moved - {NONE})
         varying = tape.depending_on(range(m))
         constants = range(m + theta + bends, tape.first)
@@ -43,16 +47,15 @@ class Balancing:
         fixed = [number for number in given if number not in varying and number not in constants]
         order = [*bend, *series, *fixed, *constants, *late]
         places = {number: place for place, number in enumerate(order)} | {NONE: NONE}
-        operations = ((name, places[a], places[b]) for name, a, b in map(tape.operation, late))
         after = Tape(
             inputs=bends + len(series),
             parameters=len(fixed),
             constants=tape.constants,
-            operations=tuple(operations),
+            operations=tuple((name, places[a], places[b]) for name, a, b in operations),
             results=tuple(places[number] for number in tape.results),
         )
         everything = Tape(m, tape.parameters, tape.constants, tape.operations, (*series, *fixed))
-        before = everything.only(range(len(given) - sum(number in constants for number in given)))
+        before = everything.only(range(len(series) + len(fixed)))
         return cls(Evaluation(before), Evaluation(after), len(series), bends)
 
     def at(self, signals: Array, theta: Array) -> Balance:

@@ -17,16 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling.errors import InputError
-from modeling.operators.balance import Balance
+from modeling.operators.balance import SETTLED, Balance
 from modeling.operators.clock import Clock
 from modeling.operators.equilibrium import Equilibrium
 from modeling.operators.mixing import Mixing
 from modeling.operators.oscillator import Coefficients, Oscillator
 
 Array = NDArray[np.float64]
-
-SETTLED = 1e-11
-"""Size of the last correction, against the bend's own, at which it is found: rounding leaves less, but not much."""
 
 QUICK = 40
 """Steps of Anderson's method; a dozen will do away from a resonance, and near one Newton's is faster from there on."""
@@ -74,12 +71,12 @@ def solve(
     clock: Clock,
     *,
     derivative: bool = True,
-    settled: float = SETTLED,
+    tolerance: float = SETTLED,
 ) -> BendSeries:
     """The bend under the signals (n, m) at the parameters theta (k,); with `derivative` False, slopes (n, 3 d, 0).
 
     Periodic: the steady state of a series that repeats. Otherwise it starts from the static equilibrium of the first
-    sample, without velocity. At rest (no dt): every sample in its static equilibrium. `settled` is the size of the last
+    sample, without velocity. At rest (no dt): every sample in its static equilibrium. `tolerance` is the size of the last
     correction, against the bend's own, at which it is found.
 
     Raises InputError when no bend is found: a spring too soft to carry the tool, or a swing that nothing damps.
@@ -87,15 +84,15 @@ def solve(
     course = _Poses() if clock.dt is None else _Swing.of(equations, signals, theta, clock)
     balance = equations.over(signals, theta)
     bend = np.zeros((3 * equations.size, len(signals)))
-    if not course.approach(balance, bend, settled):
-        bend = _by_newton(equations, course, signals, bend, theta, settled)
+    if not course.approach(balance, bend, tolerance):
+        bend = _by_newton(equations, course, signals, bend, theta, tolerance)
     if not derivative:
         return BendSeries(bend.T, np.zeros((*bend.T.shape, 0)))
     return BendSeries(bend.T, _slopes(equations, course, signals, bend, theta))
 
 
 def _by_newton(
-    equations: Equilibrium, course: _Course, signals: Array, bend: Array, theta: Array, settled: float
+    equations: Equilibrium, course: _Course, signals: Array, bend: Array, theta: Array, tolerance: float
 ) -> Array:
     """The bend (3 d, n) by Newton's method from another; InputError where there is none."""
     value, by_bend = equations.at(signals, bend.T, theta)
@@ -106,16 +103,16 @@ def _by_newton(
             raise _unsettled()
         change = course.solved(by_bend, -value.T, INNER)
         bend = bend + change
-        if _settled(change, bend, settled):
+        if _settled(change, bend, tolerance):
             return bend
         value, by_bend = equations.at(signals, bend.T, theta)
     raise _unsettled()
 
 
-def _settled(change: Array, bend: Array, settled: float) -> bool:
+def _settled(change: Array, bend: Array, tolerance: float) -> bool:
     """Whether the angles of a change (3 d, n) are no more than that share of the bend's."""
     size = len(bend) // 3
-    return bool(np.max(np.abs(change[:size])) <= settled * np.max(np.abs(bend[:size])))
+    return bool(np.max(np.abs(change[:size])) <= tolerance * np.max(np.abs(bend[:size])))
 
 
 class _Course(Protocol):
@@ -127,7 +124,7 @@ class _Course(Protocol):
     def solved(self, by_bend: Array, right: Array, tolerance: float) -> Array:
         """The possible change (3 d, n) of the bend with by_bend (n, d, 3 d) change = right (d, n)."""
 
-    def approach(self, balance: Balance, bend: Array, settled: float) -> bool:
+    def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         """Improve a bend (3 d, n) in place by quick steps, and say whether it has settled."""
 
 
@@ -144,7 +141,7 @@ class _Poses:
         change[:size] = np.linalg.solve(by_bend[:, :, :size], right.T[:, :, None])[:, :, 0].T
         return change
 
-    def approach(self, balance: Balance, bend: Array, settled: float) -> bool:
+    def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         return False
 
 
@@ -189,7 +186,7 @@ class _Swing:
             raise _unsettled()
         return self.oscillator.response(drive.reshape(right.shape))
 
-    def approach(self, balance: Balance, bend: Array, settled: float) -> bool:
+    def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         """With f = -F(R g), the next g is g + f less the combination of the last steps that f is closest to."""
         shape = (len(bend) // 3, bend.shape[1])
         mixing = Mixing(shape[0] * shape[1])
@@ -203,7 +200,7 @@ class _Swing:
                 return False
             change = self.oscillator.response(mixing.step(missing).reshape(shape))
             bend += change
-            if _settled(change, bend, settled):
+            if _settled(change, bend, tolerance):
                 return True
         return False
 
