@@ -14,6 +14,7 @@ from scipy.fft import irfft, rfft
 from estimation.differentiation import smooth
 from estimation.recording import Recording
 from modeling.model import WrenchModel
+from modeling.operators.balance import SETTLED
 from modeling.operators.clock import Clock
 from modeling.prediction import BentLoad, Emitted, Prediction, compiled
 
@@ -103,16 +104,18 @@ class Part:
         return Part(np.tile(self.value, (repeats, 1)), np.tile(self.derivative, (repeats, 1, 1)), steady=False)
 
 
-def respond(model: WrenchModel, recording: Recording, theta: Array, *, derivative: bool = True) -> Response:
+def respond(
+    model: WrenchModel, recording: Recording, theta: Array, *, derivative: bool = True, tolerance: float = SETTLED
+) -> Response:
     """Prediction of a recording at the parameters theta (k,), in the model's order and units.
 
-    With `derivative` False there is none: arrays (n, p, 0). Raises InputError when the recording lacks a signal that
-    the model needs.
+    With `derivative` False there is none: arrays (n, p, 0). `tolerance` is the size of the last correction, against
+    its own, of what is found by iterating. Raises InputError when the recording lacks a signal that the model needs.
     """
     prediction = compiled(model)
     k = len(theta) if derivative else 0
     if prediction.bend is not None:
-        loads = [_bent(prediction.bend, recording, theta, derivative=derivative)]
+        loads = [_bent(prediction.bend, recording, theta, derivative=derivative, tolerance=tolerance)]
     else:
         loads = _parts(prediction, prediction.load, recording, theta, derivative=derivative)
     if prediction.play is not None or prediction.remembers:
@@ -181,7 +184,7 @@ def _parts(
     return [Part(value, some, steady=False, columns=passing), Part(still, spread, steady=True)]
 
 
-def _bent(bend: BentLoad, recording: Recording, theta: Array, *, derivative: bool) -> Part:
+def _bent(bend: BentLoad, recording: Recording, theta: Array, *, derivative: bool, tolerance: float) -> Part:
     """The load of a tool that bends: in its steady state where the motion repeats, from rest in every single run."""
     steady = repeats_with_motion(bend.inputs, recording)
     samples = recording.samples_per_repeat if steady else recording.samples
@@ -190,7 +193,7 @@ def _bent(bend: BentLoad, recording: Recording, theta: Array, *, derivative: boo
     runs = {name: _separate(recording, values) for name, values in known.items()}
     several = [dict(zip(runs, run, strict=True)) for run in zip(*runs.values(), strict=True)]
     each = samples // len(several)
-    parts = [bend.tangent(run, theta, each, clock, derivative=derivative) for run in several]
+    parts = [bend.tangent(run, theta, each, clock, derivative=derivative, tolerance=tolerance) for run in several]
     value, slopes = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Part(value, slopes, steady)
 

@@ -16,6 +16,7 @@ from modeling.compiled_column import CompiledColumn
 from modeling.emitted import Array, Emitted, Signals
 from modeling.evaluation import Evaluation
 from modeling.model import WrenchModel
+from modeling.operators.balance import SETTLED
 
 if TYPE_CHECKING:
     from modeling.operators.clock import Clock
@@ -46,20 +47,39 @@ class BentLoad:
 
         return Equilibrium(self.equilibrium, self.size)
 
-    def tangent(self, signals: Signals, theta: Array, samples: int, clock: Clock, *, derivative: bool) -> Slopes:
+    def tangent(
+        self, signals: Signals, theta: Array, samples: int, clock: Clock, *, derivative: bool, tolerance: float = SETTLED
+    ) -> Slopes:
         """Value (samples, p) and derivative (samples, p, k), that of the bend included; (samples, p, 0) when not asked.
 
-        With b(theta) the bend over the series, d load = dload/dtheta + dload/db db/dtheta.
+        With b(theta) the bend over the series, d load = dload/dtheta + dload/db db/dtheta. `tolerance` is the size
+        of the bend's last correction, against its own.
         """
         from modeling.operators.bending import solve
 
-        bent = solve(self.equation, self.load.samples(signals, samples), theta, clock, derivative=derivative)
-        both = np.hstack([np.tile(theta, (samples, 1)), bent.values])
+        rows = self.load.samples(signals, samples)
+        bent = solve(self.equation, rows, theta, clock, derivative=derivative, tolerance=tolerance)
+        changing = [*np.ascontiguousarray(rows.T), *np.ascontiguousarray(bent.values.T)]
+        value = np.zeros((samples, self.load.rows))
+        outputs = [value[:, row, None] for row in range(self.load.rows)]
         if not derivative:
-            value = self.load.value(signals, both, samples)
+            self._value.run(changing, theta[None], outputs)
             return value, np.zeros((*value.shape, 0))
-        value, slopes = self.load.tangent(signals, both, samples)
+        slopes = np.zeros((samples, self.load.rows, self.load.count))
+        outputs += [slopes[:, row, i, None] for i in self.load.active for row in range(self.load.rows)]
+        self._tangent.run(changing, theta[None], outputs)
         return value, slopes[:, :, : self.size] + slopes[:, :, self.size :] @ bent.slopes
+
+    @cached_property
+    def _value(self) -> Evaluation:
+        """The load of signals and bend, for parameters theta."""
+        tape = self.load.compiled.tape.only(range(self.load.rows))
+        return Evaluation(tape.with_inputs(range(self.size, self.load.count)))
+
+    @cached_property
+    def _tangent(self) -> Evaluation:
+        """The same, then its derivative in the active parameters and in the bend, column after column."""
+        return Evaluation(self.load.compiled.tape.with_inputs(range(self.size, self.load.count)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Motion = tuple[Array, Array, Array]
+
+PIECE = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-6.0, 6.0, -4.0, -2.0], [12.0, -12.0, 6.0, 6.0]])
+"""Value and derivatives of a cubic at the beginning of a step, of its values at both ends and of its slopes there."""
 
 
 @dataclass(frozen=True, eq=False)
 class FromRest:
-    """inertia_i q_i'' + lag q_i' + q_i = drive_i for d modes; q(0) = drive(0), q'(0) = 0. Series (n, d), step dt (s).
+    """inertia_i q_i'' + lag q_i' + q_i = drive_i for d modes; q(0) = drive(0), q'(0) = 0. Series (d, n), step dt (s).
 
     inertias (d,) in s², positive; lag in s.
     """
@@ -23,134 +25,134 @@ class FromRest:
     lag: float
     dt: float
 
-    def motion(self, drive: Array) -> Motion:
-        """q, q' and q'' at the samples.
+    def motion(self, drive: Array) -> Array:
+        """q, q' and q'' at the samples, (3, d, n).
 
-        On each step the polynomial p that solves the equation for the spline's piece a0 + a1 t + a2 t² + a3 t³ has
-        p3 = a3, p2 = a2 - 3 lag p3, p1 = a1 - 2 lag p2 - 6 inertia p3, p0 = a0 - lag p1 - 2 inertia p2, and what the
-        state differs from it by goes on as exp(A dt). That is linear in the spline's values and slopes at both ends.
+        On each step the state x = (q, q') goes on as step x + gains e, with e the spline's values and slopes at both
+        ends: the spline's piece is a chain of integrators, and the exponential of the modes' system with that chain
+        (Van Loan, IEEE Trans. Automatic Control 23, 1978) has both, without a difference that loses digits.
         """
-        y = np.ascontiguousarray(drive.T)
-        slopes = _Slopes.of(len(drive)).of_values(y) / self.dt
-        ends = (y[:, :-1], y[:, 1:], slopes[:, :-1], slopes[:, 1:])
-        forcing = sum(gain[:, :, None] * part for gain, part in zip(self._gains, ends, strict=True))
-        q, dq = self._recurrence(y[:, 0], np.asarray(forcing))
-        found = (q.T, dq.T, (drive - q.T - self.lag * dq.T) / self.inertias)
-        return found
+        found = np.empty((3, *drive.shape))
+        self._recurrence(drive[:, 0], self._gains_of_modes @ _ends(drive), found[:2])
+        return self._accelerated(found, drive)
 
-    def change(self, drive: Array, motion: Motion, *, d_drive: Array, d_inertia: Array, d_lag: float) -> Motion:
-        """The change of that motion with changes of the drive (n, d), of the inertia (d, d) and of the lag.
+    def change(self, drive: Array, motion: Array, *, d_drive: Array, d_inertia: Array, d_lag: float) -> Array:
+        """The change of that motion with changes of the drive (d, n), of the inertia (d, d) and of the lag.
 
-        Exact, the change of exp(A dt) included (Al-Mohy and Higham 2009): a tool that rings faster than the samples
-        come gets out of phase with itself at once.
+        Exact, the change of the exponential included (Al-Mohy and Higham 2009): a tool that rings faster than the
+        samples come gets out of phase with itself at once.
         """
-        polynomials = self._polynomials(drive)
-        p1, p2, p3 = polynomials[1:]
-        d_drives = self._pieces(d_drive)
-        d3 = d_drives[3]
-        d2 = d_drives[2] - 3 * (self.lag * d3 + d_lag * p3)
-        d1 = d_drives[1] - 2 * (self.lag * d2 + d_lag * p2) - 6 * (self.inertias * d3 + p3 @ d_inertia.T)
-        d0 = d_drives[0] - (self.lag * d1 + d_lag * p1) - 2 * (self.inertias * d2 + p2 @ d_inertia.T)
-        d_begins, d_ends = self._states(np.stack([d0, d1, d2, d3]))
-        q, dq, ddq = motion
-        off = np.hstack([q, dq])[:-1] - self._states(polynomials)[0]
-        forcing = d_ends - d_begins @ self._step.T + off @ self._step_change(d_inertia, d_lag).T
-        c, dc = (part.T for part in self._recurrence(d_drive[0], forcing.T.reshape(2, len(self.inertias), -1)))
-        return c, dc, (d_drive - c - self.lag * dc - d_lag * dq - ddq @ d_inertia.T) / self.inertias
-
-    def _pieces(self, drive: Array) -> Array:
-        """Coefficients (4, n - 1, d) of the spline's pieces, the constant first."""
-        from scipy.interpolate import CubicSpline
-
-        return np.asarray(CubicSpline(np.arange(len(drive)) * self.dt, drive, axis=0).c[::-1])
-
-    @cached_property
-    def _gains(self) -> Array:
-        """What values y and slopes s of the spline add to angles and rates over a step, (4, 2, d): y0, y1, s0, s1.
-
-        A piece has a0 = y0, a1 = s0, a2 = 3 (y1 - y0) / h² - (2 s0 + s1) / h, a3 = 2 (y0 - y1) / h³ + (s0 + s1) / h².
-        """
-        d, h = len(self.inertias), self.dt
-        pieces = np.array(
-            [
-                [1, 0, 0, 0],
-                [0, 0, 1, 0],
-                [-3 / h**2, 3 / h**2, -2 / h, -1 / h],
-                [2 / h**3, -2 / h**3, 1 / h**2, 1 / h**2],
-            ]
+        d = len(drive)
+        step, gains = self._flow_change(d_inertia, d_lag)
+        states = motion[:2, :, :-1].reshape(2 * d, -1)
+        forcing = (step @ states + gains @ _together(_ends(drive)) + self._gains @ _together(_ends(d_drive))).reshape(
+            2, d, -1
         )
-        begins, ends = self._states(self._polynomials_of(np.repeat(pieces[:, :, None], d, axis=2)))
-        own = np.arange(d)
-        carried = np.stack(
-            [begins[:, :d] * self._step[i, own] + begins[:, d:] * self._step[i, own + d] for i in (own, own + d)]
-        )
-        return np.asarray(ends.reshape(4, 2, d) - carried.transpose(1, 0, 2))
+        found = np.empty(motion.shape)
+        self._recurrence(d_drive[:, 0], forcing.swapaxes(0, 1), found[:2])
+        return self._accelerated(found, d_drive - d_lag * motion[1] - d_inertia @ motion[2])
 
-    def _polynomials(self, drive: Array) -> Array:
-        return self._polynomials_of(self._pieces(drive))
-
-    def _polynomials_of(self, pieces: Array) -> Array:
-        a0, a1, a2, p3 = pieces
-        p2 = a2 - 3 * self.lag * p3
-        p1 = a1 - 2 * self.lag * p2 - 6 * self.inertias * p3
-        return np.stack([a0 - self.lag * p1 - 2 * self.inertias * p2, p1, p2, p3])
-
-    def _states(self, polynomials: Array) -> tuple[Array, Array]:
-        """Angles and rates (n - 1, 2 d) at the beginning and at the end of each step."""
-        (p0, p1, p2, p3), h = polynomials, self.dt
-        ends = [p0 + h * (p1 + h * (p2 + h * p3)), p1 + h * (2 * p2 + 3 * h * p3)]
-        return np.hstack([p0, p1]), np.hstack(ends)
+    def _accelerated(self, motion: Array, drive: Array) -> Array:
+        """A motion (3, d, n) with the accelerations that the equation asks for, put in their place."""
+        np.multiply(motion[1], -self.lag, out=motion[2])
+        motion[2] -= motion[0]
+        motion[2] += drive
+        motion[2] /= self.inertias[:, None]
+        return motion
 
     @cached_property
     def _generator(self) -> Array:
-        """A dt, with rates divided by the natural frequencies, so that nothing is lost in rounding."""
+        """Of (q, q', drive and its three derivatives per step), (6 d, 6 d), over a step.
+
+        Rates are divided by the natural frequencies, so that nothing is lost in rounding.
+        """
+        d = len(self.inertias)
         frequency = np.diag(1 / np.sqrt(self.inertias)) * self.dt
-        return np.block([[np.zeros_like(frequency), frequency], [-frequency, -self.lag * frequency**2 / self.dt]])
+        found = np.zeros((6 * d, 6 * d))
+        found[:d, d : 2 * d] = found[d : 2 * d, 2 * d : 3 * d] = frequency
+        found[d : 2 * d, :d] = -frequency
+        found[d : 2 * d, d : 2 * d] = -self.lag * frequency**2 / self.dt
+        found[2 * d : 5 * d, 3 * d :] = np.eye(3 * d)
+        return found
 
     @cached_property
     def _scale(self) -> Array:
-        ones = np.ones(2 * len(self.inertias))
-        ones[len(self.inertias) :] /= np.sqrt(self.inertias)
+        d = len(self.inertias)
+        ones = np.ones(6 * d)
+        ones[d : 2 * d] /= np.sqrt(self.inertias)
         return ones
 
+    def _parted(self, exponential: Array) -> tuple[Array, Array]:
+        """Step (2 d, 2 d) and gains (2 d, 4 d), by y0, y1, s0, s1 of all modes, in an exponential (6 d, 6 d)."""
+        d = len(self.inertias)
+        flow = (self._scale[:, None] * exponential / self._scale)[: 2 * d]
+        return flow[:, : 2 * d], flow[:, 2 * d :] @ np.kron(PIECE, np.eye(d))
+
     @cached_property
-    def _step(self) -> Array:
-        """exp(A dt), (2 d, 2 d)."""
+    def _flow(self) -> tuple[Array, Array]:
         from scipy.linalg import expm
 
-        return np.asarray(self._scale[:, None] * expm(self._generator) / self._scale)
+        return self._parted(expm(self._generator))
 
-    def _step_change(self, d_inertia: Array, d_lag: float) -> Array:
-        """Its change; that of A is in the rows of the rates, which the inverse inertia multiplies."""
+    @property
+    def _step(self) -> Array:
+        return self._flow[0]
+
+    @property
+    def _gains(self) -> Array:
+        return self._flow[1]
+
+    @cached_property
+    def _gains_of_modes(self) -> Array:
+        """Those of each mode by itself, (d, 2, 4)."""
+        d = len(self.inertias)
+        own = np.arange(d)
+        return np.ascontiguousarray(self._gains.reshape(2, d, 4, d)[:, own, :, own])
+
+    def _flow_change(self, d_inertia: Array, d_lag: float) -> tuple[Array, Array]:
+        """The change of step and gains; that of the system is in the rows of the rates, by the inverse inertia."""
         from scipy.linalg import expm_frechet
 
-        inverse = 1 / self.inertias
+        d, inverse = len(self.inertias), 1 / self.inertias
         d_inverse = -inverse[:, None] * d_inertia * inverse
-        rates = np.hstack([-d_inverse, -self.lag * d_inverse - d_lag * np.diag(inverse)]) * self.dt
-        change = np.vstack([np.zeros_like(rates), rates]) * self._scale / self._scale[:, None]
-        moved = expm_frechet(self._generator, change, compute_expm=False)
-        return np.asarray(self._scale[:, None] * moved / self._scale)
+        change = np.zeros((6 * d, 6 * d))
+        change[d : 2 * d, : 3 * d] = self.dt * np.hstack(
+            [-d_inverse, -self.lag * d_inverse - d_lag * np.diag(inverse), d_inverse]
+        )
+        change *= self._scale / self._scale[:, None]
+        return self._parted(expm_frechet(self._generator, change, compute_expm=False))
 
-    def _recurrence(self, start: Array, forcing: Array) -> tuple[Array, Array]:
-        """Angles and rates (d, n) of x_{i+1} = step x_i + forcing_i (2, d, n - 1) from (start (d,), 0), mode by mode.
+    def _recurrence(self, start: Array, forcing: Array, found: Array) -> None:
+        """Put angles and rates (2, d, n) of x_{i+1} = step x_i + forcing_i (d, 2, n - 1), x_0 = (start (d,), 0), there.
 
         As step² = trace step - determinant (Cayley-Hamilton), each obeys x_{i+1} - trace x_i + determinant x_{i-1} =
-        forcing_i - adjugate forcing_{i-1}.
+        forcing_i - adjugate forcing_{i-1}: a triangular system with three diagonals for each mode.
         """
-        from scipy.signal import lfilter
+        from scipy.linalg.lapack import dtbtrs
 
-        d = len(self.inertias)
-        inputs = np.zeros((2, d, forcing.shape[2] + 1))
-        inputs[0, :, 0], inputs[:, :, 1:] = start, forcing
-        found = np.empty_like(inputs)
+        d, n = len(self.inertias), forcing.shape[2] + 1
+        own = np.zeros((d, 2, n))
+        own[:, 0, 0], own[:, :, 1:] = start, forcing
+        diagonals = np.ones((n, 3)).T
         for mode in range(d):
             pair = [mode, mode + d]
             step = self._step[np.ix_(pair, pair)]
             trace, determinant = float(np.trace(step)), float(np.linalg.det(step))
-            own = inputs[:, mode].copy()
-            own[:, 1:] -= (trace * np.eye(2) - step) @ inputs[:, mode, :-1]
-            found[:, mode] = lfilter([1.0], [1.0, -trace, determinant], own, axis=1)
-        return found[0], found[1]
+            adjugate = trace * np.eye(2) - step
+            own[mode, :, 1:] -= adjugate @ own[mode, :, :-1]
+            diagonals[1], diagonals[2] = -trace, determinant
+            found[:, mode] = dtbtrs(diagonals, own[mode].T, uplo="L", diag="U", overwrite_b=True)[0].T
+
+
+def _ends(drive: Array) -> Array:
+    """Values and slopes per step at the beginnings and ends of the steps, y0, y1, s0, s1: (d, 4, n - 1)."""
+    slopes = _Slopes.of(drive.shape[1]).of_values(drive)
+    return np.stack([drive[:, :-1], drive[:, 1:], slopes[:, :-1], slopes[:, 1:]], axis=1)
+
+
+def _together(ends: Array) -> Array:
+    """The same of all modes one below the other, (4 d, n - 1)."""
+    return np.asarray(ends.swapaxes(0, 1).reshape(-1, ends.shape[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +161,13 @@ class _Slopes:
 
     s_{i-1} + 4 s_i + s_{i+1} = 3 (y_{i+1} - y_{i-1}) inside; the third derivative does not jump at the first and last
     inner knots, s_0 + 2 s_1 = (5 (y_1 - y_0) + y_2 - y_1) / 2 and alike at the end (de Boor, A Practical Guide to
-    Splines, 1978, IV): SciPy's `CubicSpline`, its factors kept.
+    Splines, 1978, IV): SciPy's `CubicSpline`, its factors kept. Without s_0 and s_{n-1}, which follow from their
+    neighbours, it is symmetric: 2 s_1 + s_2 is the second right side less the first.
+
+    factors  diagonal and subdiagonal of those of the inner n - 2 (Cholesky)
     """
 
-    factors: tuple[Array, ...]
+    factors: tuple[Array, Array]
 
     @classmethod
     def of(cls, count: int) -> _Slopes:
@@ -171,19 +176,23 @@ class _Slopes:
 
     def of_values(self, y: Array) -> Array:
         """(d, n) of values (d, n), per step."""
-        from scipy.linalg.lapack import dgttrs
+        from scipy.linalg.lapack import dpttrs
 
-        right = np.empty_like(y)
-        right[:, 1:-1] = 3 * (y[:, 2:] - y[:, :-2])
-        right[:, 0] = (5 * (y[:, 1] - y[:, 0]) + y[:, 2] - y[:, 1]) / 2
-        right[:, -1] = (5 * (y[:, -1] - y[:, -2]) + y[:, -2] - y[:, -3]) / 2
-        return np.asarray(dgttrs(*self.factors, right.T)[0].T)
+        first = (5 * (y[:, 1] - y[:, 0]) + y[:, 2] - y[:, 1]) / 2
+        last = (5 * (y[:, -1] - y[:, -2]) + y[:, -2] - y[:, -3]) / 2
+        right = 3 * (y[:, 2:] - y[:, :-2])
+        right[:, 0] -= first
+        right[:, -1] -= last
+        found = np.empty_like(y)
+        found[:, 1:-1] = dpttrs(*self.factors, right.T, overwrite_b=True)[0].T
+        found[:, 0], found[:, -1] = first - 2 * found[:, 1], last - 2 * found[:, -2]
+        return found
 
 
 @lru_cache(maxsize=8)
 def _factored(count: int) -> _Slopes:
-    from scipy.linalg.lapack import dgttrf
+    from scipy.linalg.lapack import dpttrf
 
-    lower, middle, upper = np.ones(count - 1), np.full(count, 4.0), np.ones(count - 1)
-    middle[[0, -1]], upper[0], lower[-1] = 1.0, 2.0, 2.0
-    return _Slopes(tuple(dgttrf(lower, middle, upper)[:5]))
+    middle = np.full(count - 2, 4.0)
+    middle[[0, -1]] = 2.0
+    return _Slopes(dpttrf(middle, np.ones(count - 3))[:2])

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from modeling.errors import InputError
 from modeling.operators.clock import Clock
@@ -50,7 +51,7 @@ class Oscillator:
         return cls(coefficients, *eigh(coefficients.mass, coefficients.stiffness), clock)
 
     def response(self, drive: Array) -> Array:
-        """b, b', b'' side by side, (n, 3 d), under a drive (n, d).
+        """b, b', b'' one below the other, (3 d, n), under a drive (d, n).
 
         Periodic: the steady state, by the lines of the spectrum up to half the sampling rate. Otherwise: from
         b(0) = drive(0) / stiffness with b'(0) = 0, for the cubic spline through the drive. Either way the equation
@@ -58,36 +59,46 @@ class Oscillator:
 
         Raises InputError when it shall start from rest with a negative inertia.
         """
-        own = drive @ self.modes
+        own = self.modes.T @ drive
         return self._together(self._steady(own) if self.clock.periodic else self._from_rest.motion(own))
 
     def change(self, response: Array, of: Coefficients) -> Array:
-        """The change of a response (n, 3 d) with a change `of` the coefficients, the drive unchanged at the samples.
+        """The change of a response (3 d, n) with a change `of` the coefficients, the drive unchanged at the samples.
 
         In the steady state that is a change of the drive, which has nothing else to it: 0.
         """
         if self.clock.periodic:
             return np.zeros_like(response)
-        parts = np.split(response, 3, axis=1)
-        q, dq, ddq = (part @ np.linalg.inv(self.modes).T for part in parts)
-        drive = ddq * self.inertias + self.coefficients.lag * dq + q
+        q, dq, ddq = motion = np.linalg.inv(self.modes) @ np.stack(np.split(response, 3))
+        drive = ddq * self.inertias[:, None] + self.coefficients.lag * dq + q
         stiffer = self.modes.T @ of.stiffness @ self.modes
         heavier = self.modes.T @ of.mass @ self.modes - stiffer * self.inertias
-        d_drive = -drive @ stiffer.T
-        found = self._from_rest.change(drive, (q, dq, ddq), d_drive=d_drive, d_inertia=heavier, d_lag=of.lag)
-        return self._together(found)
+        return self._together(
+            self._from_rest.change(drive, motion, d_drive=-stiffer @ drive, d_inertia=heavier, d_lag=of.lag)
+        )
 
-    def _together(self, parts: tuple[Array, ...]) -> Array:
-        return np.concatenate([part @ self.modes.T for part in parts], axis=1)
+    def _together(self, parts: Array) -> Array:
+        """Modes' motion (3, d, n) as that of the angles (3 d, n)."""
+        return np.asarray(self.modes @ parts).reshape(-1, parts.shape[2])
 
-    def _steady(self, drive: Array) -> tuple[Array, ...]:
-        count = len(drive)
-        omega = 2 * np.pi * np.fft.rfftfreq(count, self._step)[:, None]
-        first, second = 1j * omega, -(omega**2)
-        if count % 2 == 0:
-            first[-1] = 0.0  # The sine of half the sampling rate is zero at every sample.
-        lines = np.fft.rfft(drive, axis=0) / (1 + self.coefficients.lag * first + self.inertias * second)
-        return tuple(np.fft.irfft(lines * factor, n=count, axis=0) for factor in (1.0, first, second))
+    def _steady(self, drive: Array) -> Array:
+        lines = fft.rfft(drive) * self._gains(drive.shape[1])
+        return np.asarray(fft.irfft(lines, n=drive.shape[1]))
+
+    def _gains(self, count: int) -> NDArray[np.complex128]:
+        """What lines of q, q' and q'' have of those of the modes' drive, (3, d, lines), in a series of n samples."""
+        if count not in self._known:
+            omega = 2 * np.pi * np.fft.rfftfreq(count, self._step)
+            first, second = 1j * omega, -(omega**2)
+            if count % 2 == 0:
+                first[-1] = 0.0  # The sine of half the sampling rate is zero at every sample.
+            follows = 1 / (1 + self.coefficients.lag * first + self.inertias[:, None] * second)
+            self._known[count] = np.stack([follows, follows * first, follows * second])
+        return self._known[count]
+
+    @cached_property
+    def _known(self) -> dict[int, NDArray[np.complex128]]:
+        return {}
 
     @property
     def _step(self) -> float:
