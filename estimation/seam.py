@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,15 +37,20 @@ class SeamlessWhitener(LineWhitener):
 
     def finish(self, steady: Array, rest: Array) -> None:
         """Take the seam out of the rows."""
-        _leave_out(self.steady_seam, steady)
-        _leave_out(self.rest_seam, rest)
+        _leave_out(self._directions[0], steady)
+        _leave_out(self._directions[1], rest)
+
+    @cached_property
+    def _directions(self) -> tuple[Array, Array]:
+        """The directions one after the other, (k, r)."""
+        return np.ascontiguousarray(self.steady_seam.T), np.ascontiguousarray(self.rest_seam.T)
 
 
-def _leave_out(seam: Array, rows: Array) -> None:
-    """Take the directions (r, k) out of rows (c, r), in place, and scale what is left."""
-    if not (rows.size and seam.size):
+def _leave_out(directions: Array, rows: Array) -> None:
+    """Take the directions (k, r) out of rows (c, r), in place, and scale what is left."""
+    if not (rows.size and directions.size):
         return
-    directions, scale = np.ascontiguousarray(seam.T), np.sqrt(len(seam) / (len(seam) - seam.shape[1]))
+    scale = np.sqrt(directions.shape[1] / (directions.shape[1] - len(directions)))
     for first in range(0, len(rows), AT_ONCE):
         own = rows[first : first + AT_ONCE]
         own -= (own @ directions.T) @ directions

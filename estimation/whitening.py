@@ -162,7 +162,7 @@ class LineWhitener(Whitener):
 
     @staticmethod
     def _whiten(lines: Lines, rows: Array, root: Lines) -> None:
-        """Real, then imaginary parts of root times lines; a root is triangular, and its zeros are left out."""
+        """Real, then imaginary parts of root times lines."""
         into = rows.reshape(len(rows), root.shape[2], 2, len(root))
         for channel, mixed in _mixed(root, lines):
             into[:, :, 0, channel], into[:, :, 1, channel] = mixed.real, mixed.imag
@@ -263,12 +263,11 @@ class RegressionWhitener(Whitener):
 
 
 def _mixed(root: Series, series: Series) -> Iterator[tuple[int, Series]]:
-    """Channels with root (p, p, ...) times series (c, p, n) in each, (c, n); what is zero in a root is left out."""
-    for channel, weights in enumerate(root):
-        terms = (weight * series[:, other] for other, weight in enumerate(weights) if weight.any())
-        mixed = next(terms)
-        for term in terms:
-            mixed += term
+    """Channels with a root (p, p, ...), which is triangular, times series (c, p, n) in each, (c, n)."""
+    for channel in range(len(root)):
+        mixed = root[channel, 0] * series[:, 0]
+        for other in range(1, channel + 1):
+            mixed += root[channel, other] * series[:, other]
         yield channel, mixed
 
 

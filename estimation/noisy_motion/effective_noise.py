@@ -45,4 +45,4 @@ def _widened(root: NDArray[np.complex128] | Array, added: Array) -> NDArray[np.c
     """Inverse roots (..., p, p) of the covariances whose inverse roots these are, and `added` to each."""
     colouring = np.linalg.inv(root)
     covariance = colouring @ np.conj(np.swapaxes(colouring, -1, -2)) + added
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.complex128)
+    return np.asarray(np.tril(np.linalg.inv(np.linalg.cholesky(covariance))), dtype=np.complex128)
