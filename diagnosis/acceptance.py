@@ -15,9 +15,9 @@ from diagnosis.own_effect import with_own
 from diagnosis.part import halved
 from diagnosis.price import SIGNIFICANCE
 from diagnosis.selection import Candidate, refitted
+from estimation.directions import orthonormal
 from estimation.distributions import chi2_sf
 from estimation.fit import Fit, Problem, refit
-from estimation.interval import orthonormal
 from estimation.noise import Noise
 from estimation.response import respond
 from modeling.effect import Effect

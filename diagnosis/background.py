@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from diagnosis.rows import Choice, Index, index_of
 from diagnosis.workspace import Workspace
+from estimation.directions import Directions, Spanned, spanned
 from estimation.fit import Fit
-from estimation.interval import Directions
 from modeling.effect import Extent
 
 Array = NDArray[np.float64]
@@ -47,28 +47,24 @@ class Background:
         _ = self.drawn, self.residual
 
     @cached_property
-    def _about(self) -> tuple[Array, Index, Directions]:
-        """Whitened residual, the rows that the fit's own parameters reach, and what they do there.
-
-        The derivative itself is as large as all else, and nobody needs it again.
-        """
-        linearised = self.fit.linearised()
-        return linearised.residual, linearised.reached, Directions.of(linearised.derivative)
+    def spanned(self) -> Spanned:
+        """Whitened residual, the rows that the fit's own parameters reach, and what they do there."""
+        return spanned(self.fit)
 
     @property
     def raw_residual(self) -> Array:
         """Whitened residual of the fit, (rows,)."""
-        return self._about[0]
+        return self.spanned.residual
 
     @property
     def reached(self) -> Index:
         """The rows that the fit's own parameters reach."""
-        return self._about[1]
+        return self.spanned.reached
 
     @property
     def directions(self) -> Directions:
         """What the fit's own parameters do, in the rows that they reach."""
-        return self._about[2]
+        return self.spanned.directions
 
     @cached_property
     def residual(self) -> Array:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from diagnosis.generic import predictability, push_evidence
 from diagnosis.validation import transferred
+from estimation.directions import spanned
 from estimation.distributions import chi2_sf, f_sf
 from estimation.fit import Fit, table
-from estimation.interval import inverse_trigamma, orthonormal
+from estimation.interval import inverse_trigamma
 from estimation.noise import Noise, NoiseSource, step_of
 from estimation.recording import Recording
 from estimation.whitening import LineWhitener
@@ -164,12 +165,10 @@ def residual_judges_itself(fit: Fit) -> bool:
 
 def _judged_rows(fit: Fit, number: int) -> tuple[Array, Array]:
     """Whitened residual rows of one recording, and how much of each the fit has soaked up."""
-    linearised = fit.linearised()
-    leverage = np.zeros(len(linearised.residual))
-    leverage[linearised.reached] = (orthonormal(linearised.derivative) ** 2).sum(axis=1)
+    whole = spanned(fit)
     start = sum(n.whitener.rows for n in fit.noise[:number])
     part = slice(start, start + fit.noise[number].whitener.rows)
-    return linearised.residual[part], leverage[part]
+    return whole.residual[part], whole.leverage[part]
 
 
 def frequency_bands(noise: Noise) -> list[NDArray[np.bool_]]:

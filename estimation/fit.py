@@ -108,7 +108,8 @@ class Fit(Estimates):
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
         """Measured minus predicted of each recording, (n, p) in the channels' units."""
-        return tuple(r.wrench - self.response(i).value for i, r in enumerate(self.recordings))
+        parts = zip(self.layout.models, self.recordings, self.layout.index, strict=True)
+        return tuple(r.wrench - respond(own, r, self.theta[i], derivative=False).value for own, r, i in parts)
 
 
 def shared_by(fit: Fit) -> list[object]:

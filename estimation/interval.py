@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.special import zeta
 
+from estimation.directions import orthonormal
 from estimation.distributions import student_isf
 from estimation.fit import Fit, Problem, table
 from estimation.noise import Noise, NoiseSource
@@ -209,42 +210,3 @@ def _power(spectrum: Spectrum, frequency: Array, ordinates: Array) -> Array:
     level = spectrum(frequency)
     level[1:] = np.where(spectrum.tones, np.maximum(level[1:], ordinates[1:]), level[1:])
     return level
-
-
-def orthonormal(derivative: Array) -> Array:
-    """Orthonormal basis (rows, r) of the columns of a derivative, whatever their units."""
-    return Directions.of(derivative).basis
-
-
-@dataclass(frozen=True, eq=False)
-class Directions:
-    """What the columns of a derivative D (rows, k) span: D / scale = basis diag(singular) right.
-
-    scale     (k,) lengths of the columns; those of length 0 are left out, `kept` (k',) are the others
-    basis     (rows, r) orthonormal, `singular` (r,) and `right` (r, k'); a billionth of the largest is rounding
-    """
-
-    scale: Array
-    kept: NDArray[np.intp]
-    basis: Array
-    singular: Array
-    right: Array
-
-    @classmethod
-    def of(cls, derivative: Array) -> Directions:
-        """By Householder's reflections and the singular values of the triangle."""
-        scale = np.linalg.norm(derivative, axis=0)
-        kept = np.flatnonzero(scale > 0)
-        if len(derivative) < len(kept):
-            derivative = np.pad(derivative, ((0, len(kept) - len(derivative)), (0, 0)))
-        span, root = np.linalg.qr(derivative[:, kept] / scale[kept])
-        left, singular, right = np.linalg.svd(root)
-        shown = singular > 1e-9 * singular.max(initial=0.0)
-        return cls(scale, kept, np.asarray(span @ left[:, shown]), singular[shown], right[shown])
-
-    def amounts(self, columns: Array) -> Array:
-        """Least-squares amounts (k, a) of the derivative's columns that imitate other columns (rows, a) best."""
-        found = np.zeros((len(self.scale), columns.shape[1]))
-        inner = self.right.T @ ((self.basis.T @ columns) / self.singular[:, None])
-        found[self.kept] = inner / self.scale[self.kept, None]
-        return found

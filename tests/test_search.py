@@ -16,8 +16,8 @@ from diagnosis.screening import screen
 from diagnosis.search import points_of, projected_at, reached_rows
 from diagnosis.secants import effect_columns
 from diagnosis.workspace import Workspace
+from estimation.directions import orthonormal
 from estimation.fit import Fit, fit
-from estimation.interval import orthonormal
 from estimation.reading import from_columns
 from modeling.effect import Combination, Effect, Values
 from modeling.effects import catalogue, named
