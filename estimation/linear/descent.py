@@ -54,7 +54,9 @@ def minimise(
     """The least-squares minimum within bounds; `information` of theta is that of the rows there, for a step from it.
 
     Gauss-Newton steps with Levenberg's damping on columns of unit length; a step that would leave the bounds is
-    cut at them. A linear model takes one step, and a second one that refines it with the residual in the data.
+    cut at them. A linear model takes one step, and a second one that refines it with the residual in the data. A step
+    that cannot gain anything by the linear model of the rows is the last, and its rows are not asked for (the relative
+    offset: Bates and Watts, Technometrics 23, 1981).
     Where a trial has no prediction (a spring too soft to carry its tool) the step is taken for one that gains nothing.
     Who only needs to know whether the chi-square falls below some value says what is `far` above it: there the steps
     end with the first that gains less than `LITTLE` of it.
@@ -63,6 +65,9 @@ def minimise(
     here = information(theta)
     for _ in range(MOST_STEPS):
         trial = np.clip(theta + damped_step(here, theta, bounds, damping), *bounds)
+        foreseen = here.moved(trial - theta)
+        if not damping and abs(here.cost - foreseen.cost) < STEP_TOLERANCE:  # of the linear model: nothing to be seen
+            return Minimum.at(trial, foreseen, True)
         there = _informed(information, trial)
         gain = -np.inf if there is None else here.cost - there.cost
         if there is not None and gain > 0:
