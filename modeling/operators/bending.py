@@ -25,8 +25,14 @@ from modeling.operators.oscillator import Coefficients, Oscillator
 
 Array = NDArray[np.float64]
 
-QUICK = 40
-"""Steps of Anderson's method; a dozen will do away from a resonance, and near one Newton's is faster from there on."""
+QUICK = 60
+"""Steps of Anderson's method; a dozen will do away from a resonance."""
+
+PATIENCE = 30
+"""Steps of it that may gain little."""
+
+SLOWEST = 0.75
+"""What is missing after a step over what was before it, on average; where less is gained Newton's method is faster."""
 
 WORSE = 10.0
 """Times that more may be missing than at first, when Newton's method begins, and by a step of it."""
@@ -34,13 +40,16 @@ WORSE = 10.0
 ENOUGH = 500
 """Samples whose mean says what the oscillator is like: any will do that is near to the tool."""
 
-STEPS = 15
+STEPS = 30
 """Newton steps; from where Anderson's method came to, three to five, and of poses that bend by half a radian six."""
 
-INNER = 1e-3
-"""Relative residual of a Newton step's own equation: each step gains three digits, and the last needs no more."""
+INNER, ROUGH = 1e-3, 0.1
+"""Relative residual of a Newton step's own equation, at the least and at the most; between, what the step begins with.
 
-EXACT = 1e-11
+As in Eisenstat and Walker (SIAM J. Scientific Computing 17, 1996): no step is solved better than it can be good.
+"""
+
+EXACT = 1e-10
 """Relative residual of the equations of the derivatives."""
 
 KEPT = 150
@@ -101,18 +110,21 @@ def _by_newton(
         before, missing = missing, np.max(np.abs(value))
         if not missing <= WORSE * before or not np.isfinite(missing):
             raise _unsettled()
-        change = course.solved(by_bend, -value.T, INNER)
+        inner = min(max(missing, INNER), ROUGH)
+        change = course.solved(by_bend, -value.T, inner)
         bend = bend + change
-        if _settled(change, bend, tolerance):
+        relative = _relative(change, bend)
+        if relative * (relative + inner) <= tolerance:  # what a step misses by its own curvature and residual
             return bend
         value, by_bend = equations.at(signals, bend.T, theta)
     raise _unsettled()
 
 
-def _settled(change: Array, bend: Array, tolerance: float) -> bool:
-    """Whether the angles of a change (3 d, n) are no more than that share of the bend's."""
-    size = len(bend) // 3
-    return bool(np.max(np.abs(change[:size])) <= tolerance * np.max(np.abs(bend[:size])))
+def _relative(change: Array, bend: Array) -> float:
+    """Size of the angles of a change (3 d, n) over that of the bend's; 0 where nothing changes."""
+    angles = len(bend) // 3
+    size = np.max(np.abs(change[:angles]))
+    return float(size / np.max(np.abs(bend[:angles]))) if size else 0.0
 
 
 class _Course(Protocol):
@@ -167,7 +179,11 @@ class _Swing:
         if self.oscillator.clock.periodic:
             return np.zeros((len(theta), *bend.shape))
         changes = np.moveaxis(equations.mean_change(signals[:: self.thinned], theta), 2, 0)
-        return np.stack([self.oscillator.change(bend, _coefficients(c)) for c in changes])
+        found = np.zeros((len(theta), *bend.shape))
+        for own, change in zip(found, changes, strict=True):
+            if change.any():
+                own += self.oscillator.change(bend, _coefficients(change))
+        return found
 
     def solved(self, by_bend: Array, right: Array, tolerance: float) -> Array:
         from scipy.sparse.linalg import LinearOperator, gmres
@@ -189,18 +205,19 @@ class _Swing:
     def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         """With f = -F(R g), the next g is g + f less the combination of the last steps that f is closest to."""
         shape = (len(bend) // 3, bend.shape[1])
-        mixing = Mixing(shape[0] * shape[1])
+        mixing, first = Mixing(shape[0] * shape[1]), 0.0
         for number in range(QUICK):
             missing = -balance.of(bend).ravel()
             size = np.abs(missing).max()
-            if number == 0:
-                most = WORSE * size
-            if not size <= most:  # or not finite
+            first = size if number == 0 else first
+            if not size <= WORSE * first:  # or not finite
                 bend[:] = 0.0
+                return False
+            if number >= PATIENCE and size > first * SLOWEST**number:
                 return False
             change = self.oscillator.response(mixing.step(missing).reshape(shape))
             bend += change
-            if _settled(change, bend, tolerance):
+            if _relative(change, bend) <= tolerance:
                 return True
         return False
 
