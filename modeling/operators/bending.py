@@ -85,8 +85,8 @@ def solve(
     """The bend under the signals (n, m) at the parameters theta (k,); with `derivative` False, slopes (n, 3 d, 0).
 
     Periodic: the steady state of a series that repeats. Otherwise it starts from the static equilibrium of the first
-    sample, without velocity. At rest (no dt): every sample in its static equilibrium. `tolerance` is the size of the last
-    correction, against the bend's own, at which it is found.
+    sample, without velocity. At rest (no dt): every sample in its static equilibrium. `tolerance` is the size of the
+    last correction, against the bend's own, at which it is found.
 
     Raises InputError when no bend is found: a spring too soft to carry the tool, or a swing that nothing damps.
     """
