@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -26,9 +28,13 @@ Array = NDArray[np.float64]
 # Bends of 0.8 to 1.9 rad: gravity pulls the tool as strongly as the spring holds it, and hardly anything damps.
 @pytest.mark.parametrize(("stiffness", "damping"), [(3.0, 0.01), (3.0, 0.0), (2.5, 0.02), (2.0, 0.01)])
 def test_near_a_resonance(stiffness: float, damping: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    taken = []
-    by_newton = bending._by_newton
-    monkeypatch.setattr(bending, "_by_newton", lambda *given: taken.append(1) or by_newton(*given))
+    taken, by_newton = [], bending._by_newton
+
+    def noted(*given: Any) -> Array:
+        taken.append(given)
+        return by_newton(*given)
+
+    monkeypatch.setattr(bending, "_by_newton", noted)
     times, dt = grid(256)
     values = TOOL | {"stiffness": stiffness, "damping": damping}
     found = solved(values, times, Clock(dt, True)).values
@@ -49,6 +55,25 @@ def test_newton_comes_to_the_same_from_anywhere(steps: int, periodic: bool, monk
     found = solve(tool.equation, rows, theta, clock, derivative=False).values
     # Both stop where the angles' last correction is 1e-11; rates and accelerations have more at high frequencies.
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_long_run_begins_with_some_of_its_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It only begins with them: the bend is the same, also behind a jump of the load between two of them."""
+    count = bending.COARSER * bending.ENOUGH + 3
+    times, dt = grid(count)
+    tool, clock, theta = bent("plane"), Clock(dt, False), vector("plane", TOOL | {"stiffness": 10.0, "damping": 0.05})
+    rows = tool.load.samples(turn(times) | {"ax": np.where(times > 1.237, 5.0, 0.0)}, count)
+    tried, found = [], []
+    for coarser in (bending.COARSER, count):
+        monkeypatch.setattr(bending, "COARSER", coarser)
+        course = bending._Swing.of(tool.equation, rows, theta, clock)
+        tried.append(course.begun(tool.equation, tool.equation.over(rows, theta), rows, theta)[0])
+        found.append(solve(tool.equation, rows, theta, clock, derivative=False).values)
+    size = np.abs(found[0][:, 0]).max()
+    assert np.abs(tried[0] - found[0][:, 0]).max() < 0.01 * size
+    assert not tried[1].any()
+    # Two iterations that stop where their last correction is 1e-11.
+    np.testing.assert_allclose(found[0][:, :2], found[1][:, :2], atol=1e-9 * size)
 
 
 @pytest.mark.parametrize("periodic", [True, False])

@@ -20,7 +20,7 @@ from modeling.errors import InputError
 from modeling.operators.balance import SETTLED, Balance
 from modeling.operators.clock import Clock
 from modeling.operators.equilibrium import Equilibrium
-from modeling.operators.mixing import Mixing
+from modeling.operators.mixing import MEMORY, Mixing
 from modeling.operators.oscillator import Coefficients, Oscillator
 
 Array = NDArray[np.float64]
@@ -40,6 +40,12 @@ WORSE = 10.0
 ENOUGH = 500
 """Samples whose mean says what the oscillator is like: any will do that is near to the tool."""
 
+COARSER = 8
+"""Samples of a long run, one of which is in the series that it begins with; that has to have `ENOUGH`."""
+
+BEGUN = 1e-5
+"""Tolerance of the bend that a long run begins with: what is between the samples is not known any better."""
+
 STEPS = 30
 """Newton steps; from where Anderson's method came to, three to five, and of poses that bend by half a radian six."""
 
@@ -56,13 +62,13 @@ KEPT = 150
 """Directions that GMRES keeps; ten are enough away from a resonance, sixty near one, of numbers as long as these:"""
 
 HELD = 2**24
-"""Numbers, 128 MB, that all directions have at most; a longer series has fewer of them."""
+"""Numbers, 128 MB, that all directions or steps have at most; a longer series has fewer of them."""
 
-FEWEST = 30
-"""Directions that it has at the least."""
+FEWEST = 16
+"""Directions or steps that are kept at the least."""
 
-RESTARTS = 2
-"""Times that GMRES begins with these directions before the swing is given up."""
+MOST = 600
+"""Products with the operator, after which GMRES gives the swing up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +98,7 @@ def solve(
     """
     course = _Poses() if clock.dt is None else _Swing.of(equations, signals, theta, clock)
     balance = equations.over(signals, theta)
-    bend = np.zeros((3 * equations.size, len(signals)))
+    bend = course.begun(equations, balance, signals, theta)
     if not course.approach(balance, bend, tolerance):
         bend = _by_newton(equations, course, signals, bend, theta, tolerance)
     if not derivative:
@@ -136,6 +142,9 @@ class _Course(Protocol):
     def solved(self, by_bend: Array, right: Array, tolerance: float) -> Array:
         """The possible change (3 d, n) of the bend with by_bend (n, d, 3 d) change = right (d, n)."""
 
+    def begun(self, equations: Equilibrium, balance: Balance, signals: Array, theta: Array) -> Array:
+        """A bend (3 d, n) to begin with."""
+
     def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         """Improve a bend (3 d, n) in place by quick steps, and say whether it has settled."""
 
@@ -152,6 +161,9 @@ class _Poses:
         change = np.zeros((3 * size, right.shape[1]))
         change[:size] = np.linalg.solve(by_bend[:, :, :size], right.T[:, :, None])[:, :, 0].T
         return change
+
+    def begun(self, equations: Equilibrium, balance: Balance, signals: Array, theta: Array) -> Array:
+        return np.zeros((3 * equations.size, len(signals)))
 
     def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         return False
@@ -196,24 +208,45 @@ class _Swing:
             return _product(by_bend, response).ravel()
 
         operator = LinearOperator((right.size, right.size), matvec=applied, dtype=np.float64)
-        restart = min(KEPT, max(HELD // right.size, FEWEST), right.size)
-        drive, unsolved = gmres(operator, right.ravel(), rtol=tolerance, restart=restart, maxiter=RESTARTS)
+        kept = min(KEPT, max(HELD // right.size, FEWEST), right.size)
+        drive, unsolved = gmres(operator, right.ravel(), rtol=tolerance, restart=kept, maxiter=-(-MOST // kept))
         if unsolved or not np.all(np.isfinite(drive)):
             raise _unsettled()
         return self.oscillator.response(drive.reshape(right.shape))
 
+    def begun(self, equations: Equilibrium, balance: Balance, signals: Array, theta: Array) -> Array:
+        """Of a long run, the bend of every few samples, drawn through them (nested iteration); 0 of others.
+
+        With C the oscillator's coefficients, g = C b - F(b) takes jumps of the load, which no curve follows, from the
+        equation itself.
+        """
+        count, clock = len(signals), self.oscillator.clock
+        straight = np.zeros((3 * equations.size, count))
+        if clock.periodic or clock.dt is None or count < COARSER * ENOUGH:
+            return straight
+        from scipy.interpolate import CubicSpline
+
+        coarse = Clock(clock.dt * COARSER, periodic=False)
+        try:
+            bent = solve(equations, signals[::COARSER], theta, coarse, derivative=False, tolerance=BEGUN)
+        except InputError:
+            return straight
+        bend = CubicSpline(np.arange(0, count, COARSER), bent.values.T, axis=1)(np.arange(count))
+        return self.oscillator.response(self.oscillator.drive(bend) - balance.of(bend))
+
     def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         """With f = -F(R g), the next g is g + f less the combination of the last steps that f is closest to."""
         shape = (len(bend) // 3, bend.shape[1])
-        mixing, first = Mixing(shape[0] * shape[1]), 0.0
+        size = shape[0] * shape[1]
+        mixing, first = Mixing(size, min(MEMORY, max(HELD // (2 * size), FEWEST))), 0.0
         for number in range(QUICK):
             missing = -balance.of(bend).ravel()
-            size = np.abs(missing).max()
-            first = size if number == 0 else first
-            if not size <= WORSE * first:  # or not finite
+            largest = np.abs(missing).max()
+            first = largest if number == 0 else first
+            if not largest <= WORSE * first:  # or not finite
                 bend[:] = 0.0
                 return False
-            if number >= PATIENCE and size > first * SLOWEST**number:
+            if number >= PATIENCE and largest > first * SLOWEST**number:
                 return False
             change = self.oscillator.response(mixing.step(missing).reshape(shape))
             bend += change

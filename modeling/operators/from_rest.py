@@ -120,7 +120,7 @@ class FromRest:
             [-d_inverse, -self.lag * d_inverse - d_lag * np.diag(inverse), d_inverse]
         )
         change *= self._scale / self._scale[:, None]
-        return self._parted(expm_frechet(self._generator, change, compute_expm=False))
+        return self._parted(np.asarray(expm_frechet(self._generator, change, compute_expm=False), dtype=float))
 
     def _recurrence(self, start: Array, forcing: Array, found: Array) -> None:
         """Put angles and rates (2, d, n) of x_{i+1} = step x_i + forcing_i (d, 2, n - 1), x_0 = (start (d,), 0), there.
