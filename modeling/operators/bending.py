@@ -244,7 +244,7 @@ class _Swing:
             largest = np.abs(missing).max()
             first = largest if number == 0 else first
             if not largest <= WORSE * first:  # or not finite
-                bend[:] = 0.0
+                bend[:] = 0.0  # Newton does better from nothing than from where this ran away to
                 return False
             if number >= PATIENCE and largest > first * SLOWEST**number:
                 return False
