@@ -48,7 +48,14 @@ class BentLoad:
         return Equilibrium(self.equilibrium, self.size)
 
     def tangent(
-        self, signals: Signals, theta: Array, samples: int, clock: Clock, *, derivative: bool, tolerance: float = SETTLED
+        self,
+        signals: Signals,
+        theta: Array,
+        samples: int,
+        clock: Clock,
+        *,
+        derivative: bool,
+        tolerance: float = SETTLED,
     ) -> Slopes:
         """Value (samples, p) and derivative (samples, p, k), that of the bend included; (samples, p, 0) when not asked.
 

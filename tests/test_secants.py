@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 import pytest
 
+from diagnosis import secants
 from diagnosis.background import Background
 from diagnosis.rows import Rows
 from diagnosis.screening import screen
@@ -20,7 +21,9 @@ from modeling.effect import Extent, Values
 from modeling.effects import named
 from modeling.effects.channels import Saturation, SensorGain
 from modeling.effects.drag import ViscousDrag
+from modeling.effects.remembering import TipFlexibility
 from modeling.model import planar
+from modeling.operators.balance import SETTLED
 from modeling.parameter import Parameter
 from modeling.rig import Rig
 from truewrench import simulated_rig
@@ -89,6 +92,18 @@ def test_column_of_a_clipped_channel_is_what_clipping_takes() -> None:
         expected = fitted().noise[0].whitener.series(taken)
         assert np.abs(taken).max() > 0
         np.testing.assert_allclose(columns[:, 0, place], expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("stiffness", [4.0, 40.0])
+def test_secants_of_a_bend_are_those_of_an_exact_one(stiffness: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    background, model = Background(fitted()), fitted().model + TipFlexibility()
+    points = points_of(model, model.effects[-1], [{"stiffness": stiffness, "damping": 0.05}])
+    found = effect_columns(background, model, points, (Rows.WHOLE,))
+    monkeypatch.setattr(secants, "SCREENED", SETTLED)
+    expected = effect_columns(background, model, points, (Rows.WHOLE,))
+    difference = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+    # What the last correction of 1e-8 leaves, and ten times that near a resonance.
+    assert 0 < difference < 1e-7
 
 
 def test_start_of_an_infinite_amplitude_is_the_point_itself() -> None:

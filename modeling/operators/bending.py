@@ -20,13 +20,19 @@ from modeling.errors import InputError
 from modeling.operators.balance import SETTLED, Balance
 from modeling.operators.clock import Clock
 from modeling.operators.equilibrium import Equilibrium
-from modeling.operators.mixing import Mixing
+from modeling.operators.mixing import MEMORY, Mixing
 from modeling.operators.oscillator import Coefficients, Oscillator
 
 Array = NDArray[np.float64]
 
-QUICK = 40
-"""Steps of Anderson's method; a dozen will do away from a resonance, and near one Newton's is faster from there on."""
+QUICK = 60
+"""Steps of Anderson's method; a dozen will do away from a resonance."""
+
+PATIENCE = 30
+"""Steps of it that may gain little."""
+
+SLOWEST = 0.75
+"""What is missing after a step over what was before it, on average; where less is gained Newton's method is faster."""
 
 WORSE = 10.0
 """Times that more may be missing than at first, when Newton's method begins, and by a step of it."""
@@ -34,26 +40,35 @@ WORSE = 10.0
 ENOUGH = 500
 """Samples whose mean says what the oscillator is like: any will do that is near to the tool."""
 
-STEPS = 15
+COARSER = 8
+"""Samples of a long run, one of which is in the series that it begins with; that has to have `ENOUGH`."""
+
+BEGUN = 1e-5
+"""Tolerance of the bend that a long run begins with: what is between the samples is not known any better."""
+
+STEPS = 30
 """Newton steps; from where Anderson's method came to, three to five, and of poses that bend by half a radian six."""
 
-INNER = 1e-3
-"""Relative residual of a Newton step's own equation: each step gains three digits, and the last needs no more."""
+INNER, ROUGH = 1e-3, 0.1
+"""Relative residual of a Newton step's own equation, at the least and at the most; between, what the step begins with.
 
-EXACT = 1e-11
+As in Eisenstat and Walker (SIAM J. Scientific Computing 17, 1996): no step is solved better than it can be good.
+"""
+
+EXACT = 1e-10
 """Relative residual of the equations of the derivatives."""
 
 KEPT = 150
 """Directions that GMRES keeps; ten are enough away from a resonance, sixty near one, of numbers as long as these:"""
 
 HELD = 2**24
-"""Numbers, 128 MB, that all directions have at most; a longer series has fewer of them."""
+"""Numbers, 128 MB, that all directions or steps have at most; a longer series has fewer of them."""
 
-FEWEST = 30
-"""Directions that it has at the least."""
+FEWEST = 16
+"""Directions or steps that are kept at the least."""
 
-RESTARTS = 2
-"""Times that GMRES begins with these directions before the swing is given up."""
+MOST = 600
+"""Products with the operator, after which GMRES gives the swing up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +91,14 @@ def solve(
     """The bend under the signals (n, m) at the parameters theta (k,); with `derivative` False, slopes (n, 3 d, 0).
 
     Periodic: the steady state of a series that repeats. Otherwise it starts from the static equilibrium of the first
-    sample, without velocity. At rest (no dt): every sample in its static equilibrium. `tolerance` is the size of the last
-    correction, against the bend's own, at which it is found.
+    sample, without velocity. At rest (no dt): every sample in its static equilibrium. `tolerance` is the size of the
+    last correction, against the bend's own, at which it is found.
 
     Raises InputError when no bend is found: a spring too soft to carry the tool, or a swing that nothing damps.
     """
     course = _Poses() if clock.dt is None else _Swing.of(equations, signals, theta, clock)
     balance = equations.over(signals, theta)
-    bend = np.zeros((3 * equations.size, len(signals)))
+    bend = course.begun(equations, balance, signals, theta)
     if not course.approach(balance, bend, tolerance):
         bend = _by_newton(equations, course, signals, bend, theta, tolerance)
     if not derivative:
@@ -101,18 +116,21 @@ def _by_newton(
         before, missing = missing, np.max(np.abs(value))
         if not missing <= WORSE * before or not np.isfinite(missing):
             raise _unsettled()
-        change = course.solved(by_bend, -value.T, INNER)
+        inner = min(max(missing, INNER), ROUGH)
+        change = course.solved(by_bend, -value.T, inner)
         bend = bend + change
-        if _settled(change, bend, tolerance):
+        relative = _relative(change, bend)
+        if relative * (relative + inner) <= tolerance:  # what a step misses by its own curvature and residual
             return bend
         value, by_bend = equations.at(signals, bend.T, theta)
     raise _unsettled()
 
 
-def _settled(change: Array, bend: Array, tolerance: float) -> bool:
-    """Whether the angles of a change (3 d, n) are no more than that share of the bend's."""
-    size = len(bend) // 3
-    return bool(np.max(np.abs(change[:size])) <= tolerance * np.max(np.abs(bend[:size])))
+def _relative(change: Array, bend: Array) -> float:
+    """Size of the angles of a change (3 d, n) over that of the bend's; 0 where nothing changes."""
+    angles = len(bend) // 3
+    size = np.max(np.abs(change[:angles]))
+    return float(size / np.max(np.abs(bend[:angles]))) if size else 0.0
 
 
 class _Course(Protocol):
@@ -123,6 +141,9 @@ class _Course(Protocol):
 
     def solved(self, by_bend: Array, right: Array, tolerance: float) -> Array:
         """The possible change (3 d, n) of the bend with by_bend (n, d, 3 d) change = right (d, n)."""
+
+    def begun(self, equations: Equilibrium, balance: Balance, signals: Array, theta: Array) -> Array:
+        """A bend (3 d, n) to begin with."""
 
     def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         """Improve a bend (3 d, n) in place by quick steps, and say whether it has settled."""
@@ -140,6 +161,9 @@ class _Poses:
         change = np.zeros((3 * size, right.shape[1]))
         change[:size] = np.linalg.solve(by_bend[:, :, :size], right.T[:, :, None])[:, :, 0].T
         return change
+
+    def begun(self, equations: Equilibrium, balance: Balance, signals: Array, theta: Array) -> Array:
+        return np.zeros((3 * equations.size, len(signals)))
 
     def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         return False
@@ -167,7 +191,11 @@ class _Swing:
         if self.oscillator.clock.periodic:
             return np.zeros((len(theta), *bend.shape))
         changes = np.moveaxis(equations.mean_change(signals[:: self.thinned], theta), 2, 0)
-        return np.stack([self.oscillator.change(bend, _coefficients(c)) for c in changes])
+        found = np.zeros((len(theta), *bend.shape))
+        for own, change in zip(found, changes, strict=True):
+            if change.any():
+                own += self.oscillator.change(bend, _coefficients(change))
+        return found
 
     def solved(self, by_bend: Array, right: Array, tolerance: float) -> Array:
         from scipy.sparse.linalg import LinearOperator, gmres
@@ -180,27 +208,49 @@ class _Swing:
             return _product(by_bend, response).ravel()
 
         operator = LinearOperator((right.size, right.size), matvec=applied, dtype=np.float64)
-        restart = min(KEPT, max(HELD // right.size, FEWEST), right.size)
-        drive, unsolved = gmres(operator, right.ravel(), rtol=tolerance, restart=restart, maxiter=RESTARTS)
+        kept = min(KEPT, max(HELD // right.size, FEWEST), right.size)
+        drive, unsolved = gmres(operator, right.ravel(), rtol=tolerance, restart=kept, maxiter=-(-MOST // kept))
         if unsolved or not np.all(np.isfinite(drive)):
             raise _unsettled()
         return self.oscillator.response(drive.reshape(right.shape))
 
+    def begun(self, equations: Equilibrium, balance: Balance, signals: Array, theta: Array) -> Array:
+        """Of a long run, the bend of every few samples, drawn through them (nested iteration); 0 of others.
+
+        With C the oscillator's coefficients, g = C b - F(b) takes jumps of the load, which no curve follows, from the
+        equation itself.
+        """
+        count, clock = len(signals), self.oscillator.clock
+        straight = np.zeros((3 * equations.size, count))
+        if clock.periodic or clock.dt is None or count < COARSER * ENOUGH:
+            return straight
+        from scipy.interpolate import CubicSpline
+
+        coarse = Clock(clock.dt * COARSER, periodic=False)
+        try:
+            bent = solve(equations, signals[::COARSER], theta, coarse, derivative=False, tolerance=BEGUN)
+        except InputError:
+            return straight
+        bend = CubicSpline(np.arange(0, count, COARSER), bent.values.T, axis=1)(np.arange(count))
+        return self.oscillator.response(self.oscillator.drive(bend) - balance.of(bend))
+
     def approach(self, balance: Balance, bend: Array, tolerance: float) -> bool:
         """With f = -F(R g), the next g is g + f less the combination of the last steps that f is closest to."""
         shape = (len(bend) // 3, bend.shape[1])
-        mixing = Mixing(shape[0] * shape[1])
+        size = shape[0] * shape[1]
+        mixing, first = Mixing(size, min(MEMORY, max(HELD // (2 * size), FEWEST))), 0.0
         for number in range(QUICK):
             missing = -balance.of(bend).ravel()
-            size = np.abs(missing).max()
-            if number == 0:
-                most = WORSE * size
-            if not size <= most:  # or not finite
-                bend[:] = 0.0
+            largest = np.abs(missing).max()
+            first = largest if number == 0 else first
+            if not largest <= WORSE * first:  # or not finite
+                bend[:] = 0.0  # Newton does better from nothing than from where this ran away to
+                return False
+            if number >= PATIENCE and largest > first * SLOWEST**number:
                 return False
             change = self.oscillator.response(mixing.step(missing).reshape(shape))
             bend += change
-            if _settled(change, bend, tolerance):
+            if _relative(change, bend) <= tolerance:
                 return True
         return False
 

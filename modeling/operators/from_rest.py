@@ -120,7 +120,7 @@ class FromRest:
             [-d_inverse, -self.lag * d_inverse - d_lag * np.diag(inverse), d_inverse]
         )
         change *= self._scale / self._scale[:, None]
-        return self._parted(expm_frechet(self._generator, change, compute_expm=False))
+        return self._parted(np.asarray(expm_frechet(self._generator, change, compute_expm=False), dtype=float))
 
     def _recurrence(self, start: Array, forcing: Array, found: Array) -> None:
         """Put angles and rates (2, d, n) of x_{i+1} = step x_i + forcing_i (d, 2, n - 1), x_0 = (start (d,), 0), there.
@@ -133,15 +133,21 @@ class FromRest:
         d, n = len(self.inertias), forcing.shape[2] + 1
         own = np.zeros((d, 2, n))
         own[:, 0, 0], own[:, :, 1:] = start, forcing
+        adjugates, determinants = self._characteristics
+        own[:, :, 1:] -= adjugates @ own[:, :, :-1]
         diagonals = np.ones((n, 3)).T
         for mode in range(d):
-            pair = [mode, mode + d]
-            step = self._step[np.ix_(pair, pair)]
-            trace, determinant = float(np.trace(step)), float(np.linalg.det(step))
-            adjugate = trace * np.eye(2) - step
-            own[mode, :, 1:] -= adjugate @ own[mode, :, :-1]
-            diagonals[1], diagonals[2] = -trace, determinant
+            diagonals[1], diagonals[2] = -np.trace(adjugates[mode]), determinants[mode]
             found[:, mode] = dtbtrs(diagonals, own[mode].T, uplo="L", diag="U", overwrite_b=True)[0].T
+
+    @cached_property
+    def _characteristics(self) -> tuple[Array, Array]:
+        """Adjugate (d, 2, 2), which has the same trace, and determinant (d,) of each mode's step."""
+        d = len(self.inertias)
+        own = np.arange(d)
+        steps = self._step.reshape(2, d, 2, d)[:, own, :, own]
+        traces = np.trace(steps, axis1=1, axis2=2)
+        return traces[:, None, None] * np.eye(2) - steps, np.linalg.det(steps)
 
 
 def _ends(drive: Array) -> Array:

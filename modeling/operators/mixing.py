@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MEMORY = 32
-"""Steps that are combined."""
+"""Steps that are combined, if nothing else is said."""
 
 DEPENDENT = 1e-14
 """Singular values of the scaled Gram matrix, against the largest, below which steps say nothing new."""
@@ -21,10 +21,10 @@ class Mixing:
     closest to f. The Gram matrix of the df, scaled to ones on its diagonal, gains a row with each step.
     """
 
-    def __init__(self, size: int) -> None:
-        self._changes = np.empty((MEMORY, size))
-        self._sums = np.empty((MEMORY, size))
-        self._gram = np.zeros((MEMORY, MEMORY))
+    def __init__(self, size: int, memory: int = MEMORY) -> None:
+        self._changes = np.empty((memory, size))
+        self._sums = np.empty((memory, size))
+        self._gram = np.zeros((memory, memory))
         self._taken: tuple[Array, Array] | None = None
         self._count = 0
 
@@ -37,14 +37,14 @@ class Mixing:
         return step
 
     def _remember(self, step: Array, before: Array, missing: Array) -> None:
-        place, kept = self._count % MEMORY, min(self._count + 1, MEMORY)
+        place, kept = self._count % len(self._gram), min(self._count + 1, len(self._gram))
         np.subtract(missing, before, out=self._changes[place])
         np.add(step, self._changes[place], out=self._sums[place])
         self._gram[place, :kept] = self._gram[:kept, place] = self._changes[:kept] @ self._changes[place]
         self._count += 1
 
     def _combined(self, missing: Array) -> Array | float:
-        kept = min(self._count, MEMORY)
+        kept = min(self._count, len(self._gram))
         scale = np.sqrt(np.diag(self._gram)[:kept])
         if not kept or not scale.all():
             return 0.0

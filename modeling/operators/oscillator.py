@@ -62,6 +62,11 @@ class Oscillator:
         own = self.modes.T @ drive
         return self._together(self._steady(own) if self.clock.periodic else self._from_rest.motion(own))
 
+    def drive(self, response: Array) -> Array:
+        """The drive (d, n) that a response (3 d, n) is to."""
+        mass, lag, stiffness = self.coefficients.mass, self.coefficients.lag, self.coefficients.stiffness
+        return np.asarray(np.hstack([stiffness, lag * stiffness, mass]) @ response)
+
     def change(self, response: Array, of: Coefficients) -> Array:
         """The change of a response (3 d, n) with a change `of` the coefficients, the drive unchanged at the samples.
 
@@ -69,7 +74,8 @@ class Oscillator:
         """
         if self.clock.periodic:
             return np.zeros_like(response)
-        q, dq, ddq = motion = np.linalg.inv(self.modes) @ np.stack(np.split(response, 3))
+        motion = np.asarray(np.linalg.inv(self.modes) @ np.stack(np.split(response, 3)), dtype=np.float64)
+        q, dq, ddq = motion
         drive = ddq * self.inertias[:, None] + self.coefficients.lag * dq + q
         stiffer = self.modes.T @ of.stiffness @ self.modes
         heavier = self.modes.T @ of.mass @ self.modes - stiffer * self.inertias
