@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
+import numpy as np
+
 Operation = tuple[str, int, int]
 
 NONE = -1
@@ -65,11 +67,14 @@ class Tape:
         names, left, right = data["operations"]
         operations, results = tuple(zip(names, left, right, strict=True)), tuple(data["results"])
         first = m + k + len(constants)
-        if {*map(type, left), *map(type, right), *map(type, results)} - {int}:
-            raise ValueError("numbers of values are integers")
-        for place, (name, a, b) in enumerate(operations, start=first):
-            if not (0 <= a < place and (b == NONE if ALONE.get(name) else 0 <= b < place and name in ALONE)):
-                raise ValueError(f"operation {place} is none: {name} of {a} and {b}")
+        if {*map(type, left), *map(type, right), *map(type, results)} - {int} or not ALONE.keys() >= {*names}:
+            raise ValueError("operations are names with the numbers of values")
+        a, b, place = np.array(left), np.array(right), np.arange(first, first + len(operations))
+        alone = np.array([ALONE[name] for name in names], dtype=bool)
+        sound = (0 <= a) & (a < place) & np.where(alone, b == NONE, (0 <= b) & (b < place))
+        if not sound.all():
+            wrong = int(np.argmin(sound))
+            raise ValueError(f"operation {first + wrong} is none: {operations[wrong]}")
         if not all(0 <= result < first + len(operations) for result in results):
             raise ValueError("results of nothing")
         return cls(m, k, constants, operations, results)
