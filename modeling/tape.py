@@ -71,7 +71,7 @@ class Tape:
             raise ValueError("operations are names with the numbers of values")
         a, b, place = np.array(left), np.array(right), np.arange(first, first + len(operations))
         alone = np.array([ALONE[name] for name in names], dtype=bool)
-        sound = (0 <= a) & (a < place) & np.where(alone, b == NONE, (0 <= b) & (b < place))
+        sound = (a >= 0) & (a < place) & np.where(alone, b == NONE, (b >= 0) & (b < place))
         if not sound.all():
             wrong = int(np.argmin(sound))
             raise ValueError(f"operation {first + wrong} is none: {operations[wrong]}")
