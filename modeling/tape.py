@@ -110,7 +110,7 @@ class Tape:
     def with_inputs(self, parameters: Sequence[int]) -> Tape:
         """The tape with some of the parameters as further inputs, in that order."""
         m, chosen = self.inputs, list(parameters)
-        others = [i for i in range(self.parameters) if i not in set(chosen)]
+        others = sorted({*range(self.parameters)} - {*chosen})
         order = [*range(m), *(m + i for i in chosen), *(m + i for i in others)]
         moved = {old: new for new, old in enumerate(order)}
         operations = tuple((name, moved.get(a, a), moved.get(b, b)) for name, a, b in self.operations)
@@ -126,7 +126,8 @@ class Tape:
         for number, (_, a, b) in zip(range(self.size - 1, self.first - 1, -1), reversed(self.operations), strict=True):
             if used[number]:
                 used[a] = used[b] = True
-        moved, operations = [*range(self.first), *[NONE] * (len(self.operations) + 1)], []
+        operations: list[Operation] = []
+        moved = [*range(self.first), *[NONE] * (len(self.operations) + 1)]
         for number, (name, a, b) in enumerate(self.operations, start=self.first):
             if used[number]:
                 moved[number] = self.first + len(operations)
