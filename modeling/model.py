@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -225,12 +226,18 @@ class WrenchModel:
 
     def stored(self, part: str, derive: Callable[[], Data], read: Callable[[Data], T]) -> T:
         """What `read` makes of the data that `derive` gives of a part of this model, derived once for all processes."""
+        if self._described is None:
+            return read(derive())
+        return stored({"part": part, "model": self._described}, derive, read)
+
+    @cached_property
+    def _described(self) -> str | None:
+        """All that its derivations depend on; None with an effect from elsewhere, whose source nobody follows."""
         own = self if any(effect.needs_joints for effect in self.effects) else replace(self, arm=None)
         try:
-            what = {"part": part, "model": described(own)}
-        except TypeError:  # an effect from elsewhere, whose source nobody follows
-            return read(derive())
-        return stored(what, derive, read)
+            return json.dumps(described(own), sort_keys=True)
+        except TypeError:
+            return None
 
 
 def planar(rig: Rig | None = None) -> WrenchModel:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
+import numpy as np
+
 Operation = tuple[str, int, int]
 
 NONE = -1
@@ -65,11 +67,14 @@ class Tape:
         names, left, right = data["operations"]
         operations, results = tuple(zip(names, left, right, strict=True)), tuple(data["results"])
         first = m + k + len(constants)
-        if {*map(type, left), *map(type, right), *map(type, results)} - {int}:
-            raise ValueError("numbers of values are integers")
-        for place, (name, a, b) in enumerate(operations, start=first):
-            if not (0 <= a < place and (b == NONE if ALONE.get(name) else 0 <= b < place and name in ALONE)):
-                raise ValueError(f"operation {place} is none: {name} of {a} and {b}")
+        if {*map(type, left), *map(type, right), *map(type, results)} - {int} or not ALONE.keys() >= {*names}:
+            raise ValueError("operations are names with the numbers of values")
+        a, b, place = np.array(left), np.array(right), np.arange(first, first + len(operations))
+        alone = np.array([ALONE[name] for name in names], dtype=bool)
+        sound = (a >= 0) & (a < place) & np.where(alone, b == NONE, (b >= 0) & (b < place))
+        if not sound.all():
+            wrong = int(np.argmin(sound))
+            raise ValueError(f"operation {first + wrong} is none: {operations[wrong]}")
         if not all(0 <= result < first + len(operations) for result in results):
             raise ValueError("results of nothing")
         return cls(m, k, constants, operations, results)
@@ -105,7 +110,7 @@ class Tape:
     def with_inputs(self, parameters: Sequence[int]) -> Tape:
         """The tape with some of the parameters as further inputs, in that order."""
         m, chosen = self.inputs, list(parameters)
-        others = [i for i in range(self.parameters) if i not in set(chosen)]
+        others = sorted({*range(self.parameters)} - {*chosen})
         order = [*range(m), *(m + i for i in chosen), *(m + i for i in others)]
         moved = {old: new for new, old in enumerate(order)}
         operations = tuple((name, moved.get(a, a), moved.get(b, b)) for name, a, b in self.operations)
@@ -121,7 +126,8 @@ class Tape:
         for number, (_, a, b) in zip(range(self.size - 1, self.first - 1, -1), reversed(self.operations), strict=True):
             if used[number]:
                 used[a] = used[b] = True
-        moved, operations = [*range(self.first), *[NONE] * (len(self.operations) + 1)], []
+        operations: list[Operation] = []
+        moved = [*range(self.first), *[NONE] * (len(self.operations) + 1)]
         for number, (name, a, b) in enumerate(self.operations, start=self.first):
             if used[number]:
                 moved[number] = self.first + len(operations)

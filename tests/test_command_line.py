@@ -483,6 +483,16 @@ def test_what_only_describes_imports_nothing_heavy(calls: list[list[str]], says:
     assert not [text for text in says if text not in done.stdout]
 
 
+def test_a_diagnosis_of_plain_files_imports_only_what_it_uses() -> None:
+    unused = (*HEAVY[2:], "pyarrow", "scipy.interpolate", "scipy.optimize", "scipy.stats")
+    code = (
+        "import sys\nimport truewrench.case, truewrench.output, diagnosis.diagnosis, diagnosis.workers\n"
+        f"print('loaded:', [name for name in {unused} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
+    assert done.stdout == "loaded: []\n"
+
+
 def test_the_public_names_are_loaded_one_by_one() -> None:
     code = (
         "import sys, truewrench as tw\nassert 'modeling' not in sys.modules\n"

@@ -6,6 +6,7 @@ Nothing heavy is imported here or by the commands' options, so that `--help` ans
 from __future__ import annotations
 
 import argparse
+import atexit
 import gc
 import os
 import sys
@@ -94,6 +95,7 @@ def _prepare(*, as_program: bool) -> None:
         for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
             os.environ.setdefault(variable, "1")  # matrices are tall and thin: threads only wait for one another
         gc.set_threshold(*RARELY)
+        atexit.register(gc.freeze)  # nothing is left to be found when the process ends
 
 
 def _fault(error: Exception) -> str:
