@@ -1,7 +1,8 @@
 """Evaluation: a tape run over arrays of samples, each operation once for a block of them.
 
-What depends on parameters alone is computed once for all samples, and what depends on the signals alone once for all
-parameter sets. A block is as long as its values fit into the processor's cache.
+What depends on parameters alone is computed once for all samples, what depends on the signals alone once for all
+parameter sets, and of what depends on both each part as often as the parameters change that it depends on. A block is
+as long as its values fit into the processor's cache.
 """
 
 from __future__ import annotations
@@ -74,9 +75,10 @@ Step = tuple[Callable[..., object], int, int, int]
 Numbered = tuple[int, Operation]
 """The number of a value, and the operation that makes it."""
 
-OF_SIGNALS, OF_PARAMETERS = 1, 2
-OF_BOTH = OF_SIGNALS | OF_PARAMETERS
-"""What a value depends on."""
+ONCE, SEVERAL, EACH = range(3)
+"""How often values change from one set of parameters to the next: never, between groups of sets, with each set."""
+Levels = tuple[int, ...]
+"""The one of these for each parameter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,17 +97,22 @@ class Evaluation:
         """
         if not all(output.size for output in outputs):
             return
+        levels = () if self.varying else _levels(theta)
+        plan = self._plan(levels)
         with np.errstate(all="ignore"):  # where a value is not finite it says so itself
-            fixed = self._fixed([], 1) if self.varying else self._fixed(list(theta.T), len(theta))
-            for output, place in self.plan.known:
+            fixed = self._fixed(plan, [], 1) if self.varying else self._fixed(plan, list(theta.T), len(theta))
+            for output, place in plan.known:
                 outputs[output][...] = fixed[place]
-            if self.plan.outputs:
+            if plan.outputs:
                 changing = [*inputs, *(theta if self.varying else ())]
-                self._blocks(fixed, changing, [outputs[output] for output in self.plan.outputs])
+                order = (
+                    _order(theta, levels) if plan.of_several else [(row, False) for row in range(outputs[0].shape[1])]
+                )
+                _blocks(plan, fixed, changing, [outputs[output] for output in plan.outputs], order, self.dtype)
 
-    def _fixed(self, parameters: list[Array], sets: int) -> list[Any]:
+    def _fixed(self, plan: Plan, parameters: list[Array], sets: int) -> list[Any]:
         """Values (g,) of the parameters, then of the constants (), then of what is made of these alone, (g,)."""
-        steps = self.plan.of_parameters
+        steps = plan.of_parameters
         values = [*parameters, *self._constants, *np.empty((len(steps), sets), self.dtype)]
         _take(steps, values)
         return values
@@ -115,27 +122,66 @@ class Evaluation:
         """The constants as arrays ()."""
         return [np.array(constant) for constant in self.tape.constants]
 
-    def _blocks(self, fixed: list[Any], changing: list[Any], outputs: list[Any]) -> None:
-        """Run the samples, block by block."""
-        plan, (samples, sets) = self.plan, outputs[0].shape
-        scalars = [[value[row, ...] if value.ndim else value for value in fixed] for row in range(sets)]
-        length = min(max(CACHE // max(plan.rows, 1), SHORTEST), LONGEST, samples)
-        work, unset = np.empty((plan.rows, length), self.dtype), [None] * len(outputs)
-        begin = len(fixed) + len(changing)
-        for start in range(0, samples, length):
-            stop = min(start + length, samples)
-            values: list[Any] = [*scalars[0], *(column[start:stop] for column in changing), *unset]
-            values += list(work[:, : stop - start])
-            _take(plan.of_signals, values)
-            for row in range(sets):
-                values[: len(fixed)] = scalars[row]
-                values[begin : begin + len(outputs)] = [output[start:stop, row] for output in outputs]
-                _take(plan.of_both, values)
-
     @cached_property
-    def plan(self) -> Plan:
+    def _plans(self) -> dict[Levels, Plan]:
+        return {}
+
+    def _plan(self, levels: Levels) -> Plan:
         """What is done in which order, and where values are held."""
-        return Plan.of(self.tape, self.varying)
+        if levels not in self._plans:
+            self._plans[levels] = Plan.of(self.tape, levels)
+        return self._plans[levels]
+
+
+def _levels(theta: Array) -> Levels:
+    """How often each parameter changes over sets theta (g, k), in the order in which the most is shared.
+
+    The one that changes with each set is the one without which the fewest different sets are left.
+    """
+    sets, count = theta.shape
+    if sets == 1:
+        return (EACH,) * count
+    moving = np.flatnonzero((theta != theta[0]).any(axis=0))
+    left = [len(np.unique(theta[:, moving[moving != i]], axis=0)) for i in moving] if len(moving) > 1 else []
+    several = SEVERAL if left and 2 * min(left) <= sets else EACH
+    most = int(moving[int(np.argmin(left))]) if left else NONE
+    changing = set(moving.tolist())
+    return tuple((EACH if i == most else several) if i in changing else ONCE for i in range(count))
+
+
+def _order(theta: Array, levels: Levels) -> list[tuple[int, bool]]:
+    """The sets, group after group, and whether each begins a group."""
+    grouping = theta[:, [level == SEVERAL for level in levels]]
+    order = np.lexsort(grouping.T)
+    begins = np.append(True, (np.diff(grouping[order], axis=0) != 0).any(axis=1))
+    return list(zip(map(int, order), map(bool, begins), strict=True))
+
+
+def _blocks(
+    plan: Plan,
+    fixed: list[Any],
+    changing: list[Any],
+    outputs: list[Any],
+    order: Sequence[tuple[int, bool]],
+    dtype: type[float] | type[complex],
+) -> None:
+    """Run the samples, block by block, in each the sets in that order."""
+    samples, sets = outputs[0].shape
+    scalars = [[value[row, ...] if value.ndim else value for value in fixed] for row in range(sets)]
+    length = min(max(CACHE // max(plan.rows, 1), SHORTEST), LONGEST, samples)
+    work, unset = np.empty((plan.rows, length), dtype), [None] * len(outputs)
+    begin = len(fixed) + len(changing)
+    for start in range(0, samples, length):
+        stop = min(start + length, samples)
+        values: list[Any] = [*scalars[0], *(column[start:stop] for column in changing), *unset]
+        values += list(work[:, : stop - start])
+        _take(plan.of_signals, values)
+        for row, begins in order:
+            values[: len(fixed)] = scalars[row]
+            if begins:
+                _take(plan.of_several, values)
+            values[begin : begin + len(outputs)] = [output[start:stop, row] for output in outputs]
+            _take(plan.of_each, values)
 
 
 def _take(steps: Sequence[Step], values: list[Any]) -> None:
@@ -151,8 +197,9 @@ class Plan:
     """The operations of a tape by what they depend on, and places for what they make.
 
     of_parameters   on parameters and constants alone: each makes the value of the next place after these
-    of_signals      on signals alone
-    of_both         on both, and what puts results into the outputs
+    of_signals      on signals, and parameters that are the same in all sets
+    of_several      on signals and parameters, none of which changes with each set
+    of_each         on a parameter that does; and what puts results into the outputs
     known           results of parameters alone that are not zero for certain: the output, and the place of the value
     outputs         the results that differ from sample to sample
     rows            values of samples that are held at the same time
@@ -162,56 +209,55 @@ class Plan:
 
     of_parameters: tuple[Step, ...]
     of_signals: tuple[Step, ...]
-    of_both: tuple[Step, ...]
+    of_several: tuple[Step, ...]
+    of_each: tuple[Step, ...]
     known: tuple[tuple[int, int], ...]
     outputs: tuple[int, ...]
     rows: int
 
     @classmethod
-    def of(cls, tape: Tape, varying: bool) -> Plan:
-        """The plan of a tape."""
-        kinds, inputs = _kinds(tape, varying), tape.inputs + (tape.parameters if varying else 0)
-        same = [number for number in range(inputs, tape.size) if not kinds[number] & OF_SIGNALS]
+    def of(cls, tape: Tape, levels: Levels) -> Plan:
+        """The plan of a tape whose parameters change so often; no `levels` where they differ from sample to sample."""
+        inputs = tape.inputs + tape.parameters - len(levels)
+        moved, often = _dependence(tape, inputs, levels)
+        same = [number for number in range(inputs, tape.size) if not moved[number]]
         places = [NONE] * (tape.size + 1)  # the last is that of `NONE`
         for place, number in enumerate((*same, *range(inputs))):
             places[number] = place
         zero = {n for n, constant in enumerate(tape.constants, tape.first - len(tape.constants)) if constant == 0}
-        moving = [output for output, number in enumerate(tape.results) if kinds[number] & OF_SIGNALS]
-        still = [o for o, n in enumerate(tape.results) if not kinds[n] & OF_SIGNALS and n not in zero]
+        moving = [output for output, number in enumerate(tape.results) if moved[number]]
+        still = [o for o, n in enumerate(tape.results) if not moved[n] and n not in zero]
         known = tuple((output, places[tape.results[output]]) for output in still)
         puts: dict[int, list[int]] = {}
         for place, output in enumerate(moving, start=len(same) + inputs):
             puts.setdefault(tape.results[output], []).append(place)
-        of_parameters, signals, both = _parted(tape, kinds)
-        fixed = tuple((FUNCTIONS[name], places[a], places[b], places[number]) for number, (name, a, b) in of_parameters)
+        parts: dict[int | None, list[Numbered]] = {None: [], ONCE: [], SEVERAL: [], EACH: []}
+        for number, operation in enumerate(tape.operations, start=tape.first):
+            parts[often[number] if moved[number] else None].append((number, operation))
+        fixed = tuple((FUNCTIONS[name], places[a], places[b], places[n]) for n, (name, a, b) in parts[None])
         rows = _Rows(tape, places, begin=len(same) + inputs + len(moving))
-        shared = {operand for _, (_, *operands) in both for operand in operands} | set(puts)
-        of_signals = [rows.step(number, operation, kept=shared) for number, operation in signals]
-        early = [number for number in puts if kinds[number] != OF_BOTH]
-        of_both: list[Step] = [(np.positive, places[number], NONE, place) for number in early for place in puts[number]]
-        held = {number for number, _ in signals}
-        for number, operation in both:
-            of_both.append(rows.step(number, operation, kept=held))
-            of_both += [(np.positive, places[number], NONE, place) for place in puts.get(number, ())]
-        return cls(fixed, tuple(of_signals), tuple(of_both), known, tuple(moving), rows.count)
+        later = {o for level in (SEVERAL, EACH) for _, (_, *operands) in parts[level] for o in operands} | set(puts)
+        of_signals = [rows.step(number, operation, kept=later) for number, operation in parts[ONCE]]
+        later = {number for number, _ in parts[ONCE]} | {o for _, (_, *operands) in parts[EACH] for o in operands}
+        of_several = [rows.step(number, operation, kept=later | set(puts)) for number, operation in parts[SEVERAL]]
+        held = {number for level in (ONCE, SEVERAL) for number, _ in parts[level]}
+        early = [number for number in puts if number < tape.first or often[number] != EACH]
+        of_each: list[Step] = [(np.positive, places[number], NONE, place) for number in early for place in puts[number]]
+        for number, operation in parts[EACH]:
+            of_each.append(rows.step(number, operation, kept=held))
+            of_each += [(np.positive, places[number], NONE, place) for place in puts.get(number, ())]
+        return cls(fixed, tuple(of_signals), tuple(of_several), tuple(of_each), known, tuple(moving), rows.count)
 
 
-def _kinds(tape: Tape, varying: bool) -> list[int]:
-    """What each value depends on: `OF_SIGNALS`, `OF_PARAMETERS`, `OF_BOTH`, or 0 for nothing."""
-    kinds = [OF_SIGNALS] * tape.inputs + [OF_SIGNALS if varying else OF_PARAMETERS] * tape.parameters
-    kinds += [0] * len(tape.constants)
+def _dependence(tape: Tape, inputs: int, levels: Levels) -> tuple[list[bool], list[int]]:
+    """Whether each value differs from sample to sample, and how often it changes from set to set."""
+    constants = len(tape.constants)
+    moved = [True] * inputs + [False] * (len(levels) + constants)
+    often = [ONCE] * inputs + [*levels] + [ONCE] * constants
     for _, a, b in tape.operations:
-        kinds.append(kinds[a] if b == NONE else kinds[a] | kinds[b])
-    return kinds
-
-
-def _parted(tape: Tape, kinds: Sequence[int]) -> tuple[list[Numbered], list[Numbered], list[Numbered]]:
-    """The operations on parameters and constants alone, on signals alone, and on both."""
-    parts: dict[int, list[Numbered]] = {kind: [] for kind in (0, OF_PARAMETERS, OF_SIGNALS, OF_BOTH)}
-    parts[0] = parts[OF_PARAMETERS]  # in one order
-    for numbered in enumerate(tape.operations, start=tape.first):
-        parts[kinds[numbered[0]]].append(numbered)
-    return parts[OF_PARAMETERS], parts[OF_SIGNALS], parts[OF_BOTH]
+        moved.append(moved[a] or (b != NONE and moved[b]))
+        often.append(often[a] if b == NONE else max(often[a], often[b]))
+    return moved, often
 
 
 class _Rows:

@@ -61,33 +61,21 @@ class Sensitivity:
         return steps, tuple(map(named, self.tape.results))
 
     def values(self, signals: Signals, parameters: Mapping[str, Array], samples: int) -> Array:
-        """(samples, p, g, a) at g values of each parameter (g,).
-
-        A parameter that is the same at all of them counts as a signal: what depends on it is computed once.
-        """
-        others = {name: np.asarray(parameters[name], dtype=np.float64) for name in self.parameters}
-        count = max((len(values) for values in others.values()), default=1)
-        names = self.emitted.names
-        fixed = [i for i, name in enumerate(names) if name in others and np.all(others[name] == others[name][0])]
-        moving = [i for i in range(len(names)) if i not in set(fixed)]
-        theta = np.zeros((count, len(moving)))
-        for place, i in enumerate(moving):
-            if names[i] in others:
-                theta[:, place] = others[names[i]]
-        inputs = self.emitted.columns(signals, samples)
-        inputs += [np.broadcast_to(others[names[i]][0], (samples,)) for i in fixed]
+        """(samples, p, g, a) at g values of each parameter (g,)."""
+        count = max((len(parameters[name]) for name in self.parameters), default=1)
+        theta = np.zeros((count, self.emitted.count))
+        for name in self.parameters:
+            theta[:, self.emitted.names.index(name)] = parameters[name]
         p, active = self.emitted.rows, self.emitted.active
         found = np.zeros((samples, p, count, len(self.which)), order="F")
         moved = [column for column, i in enumerate(self.which) if i in active]
         outputs = [found[:, row, :, column] for column in moved for row in range(p)]
-        _evaluation(self, tuple(fixed)).run(inputs, theta, outputs)
+        self._evaluation.run(self.emitted.columns(signals, samples), theta, outputs)
         return found
 
-
-@lru_cache(maxsize=256)
-def _evaluation(sensitivity: Sensitivity, fixed: tuple[int, ...]) -> Evaluation:
-    """With the parameters at these places among the inputs."""
-    return Evaluation(sensitivity.tape.with_inputs(fixed))
+    @cached_property
+    def _evaluation(self) -> Evaluation:
+        return Evaluation(self.tape)
 
 
 @lru_cache(maxsize=256)

@@ -114,6 +114,26 @@ def test_long_series_and_many_sets_are_taken_in_blocks() -> None:
         np.testing.assert_allclose(own, wanted, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_sets_that_share_parameters_are_evaluated_as_each_by_itself(seed: int) -> None:
+    """Some parameters the same in all sets, some in groups, in any order; results of every kind of dependence."""
+    random = np.random.default_rng(seed)
+    u, theta = ca.SX.sym("u", 2), ca.SX.sym("theta", 4)
+    a, b, c, d = ca.vertsplit(theta)
+    early, late = ca.sin(a * u[0]) + b, ca.exp(-((c * u[1]) ** 2)) * u[0]
+    tape = Tape.of(u, theta, ca.vertcat(early * late + d * u[1], early, late * d, d * u[0] * b, a * c, u[1], d, 2.0))
+    groups = random.integers(1, 4, size=4)
+    sets = np.stack([random.normal(size=count)[random.integers(count, size=30)] for count in groups], axis=1)
+    if seed % 2:
+        sets[:, random.integers(4)] = random.normal(size=30)
+    inputs = list(random.normal(size=(2, LONGEST + 5)))
+    together, alone = np.zeros((8, LONGEST + 5, 30)), np.zeros((8, LONGEST + 5, 30))
+    Evaluation(tape).run(inputs, sets, list(together))
+    for row, own in enumerate(sets):
+        Evaluation(tape).run(inputs, own[None], list(alone[:, :, row, None]))
+    np.testing.assert_array_equal(together, alone)
+
+
 def test_some_of_the_results_need_some_of_the_operations() -> None:
     u, theta = ca.SX.sym("u", 1), ca.SX.sym("theta", 1)
     tape = Tape.of(u, theta, ca.vertcat(ca.sin(u), ca.cos(u) * theta, u))
