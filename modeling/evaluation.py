@@ -140,7 +140,7 @@ def _levels(theta: Array) -> Levels:
     """
     sets, count = theta.shape
     if sets == 1:
-        return (EACH,) * count
+        return tuple([EACH] * count)
     moving = np.flatnonzero((theta != theta[0]).any(axis=0))
     left = [len(np.unique(theta[:, moving[moving != i]], axis=0)) for i in moving] if len(moving) > 1 else []
     several = SEVERAL if left and 2 * min(left) <= sets else EACH
