@@ -21,7 +21,7 @@ from modeling.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 
-MOST_NUMBERS = 1_000_000
+MOST_NUMBERS = 2_500_000
 """Samples x channels x columns that are evaluated and whitened together: what a processor's caches and memory bear."""
 FEW = 8
 """Points up to which a bent or clipped model is differentiated point by point, and columns are not kept."""
@@ -63,6 +63,8 @@ def _of_recording(
     which = tuple(place[name] for name in amplitudes)
     samples = recording.samples_per_repeat if rows is Rows.STEADY else recording.samples
     at_once = max(1, MOST_NUMBERS // (samples * len(recording.channels) * len(which)))
+    if len(theta) <= at_once:
+        return _whitened_slopes(own, recording, whitener, theta, which, rows)
     first, last = rows.within(whitener)
     found = np.empty((last - first, len(theta), len(which)), order="F")
     for start in range(0, len(theta), at_once):
