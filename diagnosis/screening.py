@@ -72,7 +72,11 @@ def screen(
     if lacking:
         background.prepare()
     searches = background.workspace.each(
-        [(fit, e) for e in lacking], lambda key: _searched(background, key[1]), shared=shared_by(fit), announce=announce
+        [(fit, e) for e in lacking],
+        lambda key: _searched(background, key[1]),
+        shared=shared_by(fit),
+        announce=announce,
+        keeps=lambda key: _often_kept(fit.model, key[1]),
     )
     found = [_judged(s, count) if isinstance(s, Search) else s for s in searches]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))
@@ -101,6 +105,11 @@ def _searched(background: Background, new: Effect) -> Search | Screening:
     if not grid:
         return _not_excited(effect, "the recording has no position")
     return Search.over(background, model, effect, grid)
+
+
+def _often_kept(model: WrenchModel, effect: Effect) -> bool:
+    """Whether an effect's sensitivities are many, and often the same beside another fit."""
+    return effect.stage.adds and any(p.nuisance for p in effect.parameters(model.space))
 
 
 def _missing(alone: WrenchModel, effect: Effect, recording: Recording, noise: Noise) -> tuple[str, ...]:

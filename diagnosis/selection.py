@@ -160,7 +160,10 @@ def _best_in_one_noise(best: Candidate, tried: Sequence[Candidate]) -> Candidate
     Sets that each have their own residual for noise are all of size one in that unit, and none looks better.
     """
     others = [c for c in tried if c.ids != best.ids and c.adequate]
-    alike = [refitted(best, c.fit.model.effects, c.fit.values) for c in others]
+    shared = [*shared_by(best.fit), best.workspace]
+    alike = best.workspace.workers.map(
+        lambda c: refitted(best, c.fit.model.effects, c.fit.values), others, shared=shared
+    )
     return min([best, *alike], key=lambda c: c.criterion)
 
 

@@ -45,19 +45,22 @@ class Workers:
         *,
         shared: Iterable[object] = (),
         announce: Announce | None = None,
+        keeps: Callable[[Item], bool] | None = None,
     ) -> list[Result]:
         """The function of every item, in their order; whoever is free takes the next one.
 
-        `shared` are objects that results may contain and that come back as themselves, not as copies. An exception
-        comes back as it was raised, the first item's first. How many are begun of how many is announced. A result that
-        cannot be sent is made here. No copy outlives the call, whatever ends it.
+        This process begins with the items of which `keeps` is true: what they leave in memory is of use later, and what
+        a copy has in memory goes with it. `shared` are objects that results may contain and that come back as
+        themselves, not as copies. An exception comes back as it was raised, the first item's first. How many are begun
+        of how many is announced. A result that cannot be sent is made here. No copy outlives the call, whatever ends
+        it.
         """
         begun = _unsaid if announce is None else announce
         copies = min(self.count, len(items), MOST_AT_ONCE) - 1
         if copies < 1 or len(items) > MOST_AT_ONCE or not _can_copy():
             return [_announced(function, item, begun, place, len(items)) for place, item in enumerate(items)]
         known = {id(thing): thing for thing in shared}
-        queue = _Queue.of(len(items))
+        queue = _Queue.of([keeps is not None and keeps(item) for item in items])
         context = get_context("fork")
         children: list[tuple[ForkProcess, Connection]] = []
         try:
@@ -68,7 +71,7 @@ class Workers:
                 child.start()
                 there.close()
                 children.append((child, here))
-            found = dict(_taken(function, items, queue, begun))
+            found = dict(_taken(function, items, queue, queue.here, begun))
             for _, here in children:
                 found |= _received(here, known)
         except BaseException:  # an interrupt, or an announcement that failed: nobody waits for the others' results
@@ -95,24 +98,44 @@ class _Raised:
 
 @dataclass(frozen=True)
 class _Queue:
-    """The places of the items, each a byte in a pipe that everybody reads from."""
+    """The places of the items, each a byte in one of two pipes that everybody reads from.
 
-    descriptor: int
+    `here` (a descriptor) has those that the original begins with, `anywhere` those that copies begin with.
+    """
+
+    here: int
+    anywhere: int
 
     @classmethod
-    def of(cls, count: int) -> _Queue:
-        read, write = os.pipe()
-        os.write(write, bytes(range(count)))
-        os.close(write)
-        return cls(read)
+    def of(cls, here: Sequence[bool]) -> _Queue:
+        """Of as many items, and whether the original begins with them."""
+        return cls(*(_filled([place for place, own in enumerate(here) if own is first]) for first in (True, False)))
 
-    def next(self) -> int | None:
-        """The next place; None when all are taken."""
-        place = os.read(self.descriptor, 1)
+    def next(self, first: int) -> int | None:
+        """The next place, of that pipe as long as it has any; None when all are taken."""
+        place = os.read(first, 1) or os.read(self.anywhere if first == self.here else self.here, 1)
         return place[0] if place else None
 
+    def left(self) -> int:
+        """How many places nobody has taken yet."""
+        from fcntl import ioctl
+        from termios import FIONREAD
+
+        return sum(
+            int.from_bytes(ioctl(pipe, FIONREAD, bytes(4)), sys.byteorder) for pipe in (self.here, self.anywhere)
+        )
+
     def close(self) -> None:
-        os.close(self.descriptor)
+        for pipe in (self.here, self.anywhere):
+            os.close(pipe)
+
+
+def _filled(places: Sequence[int]) -> int:
+    """The reading end of a pipe with these bytes in it."""
+    read, write = os.pipe()
+    os.write(write, bytes(places))
+    os.close(write)
+    return read
 
 
 def _can_copy() -> bool:
@@ -131,10 +154,11 @@ def _announced(function: Callable[[Item], Result], item: Item, announce: Announc
 
 
 def _taken(
-    function: Callable[[Item], Result], items: Sequence[Item], queue: _Queue, announce: Announce
+    function: Callable[[Item], Result], items: Sequence[Item], queue: _Queue, first: int, announce: Announce | None
 ) -> Iterable[tuple[int, Result | _Raised]]:
-    while (place := queue.next()) is not None:  # as places are handed out in order, so many were begun
-        announce(place, len(items))
+    while (place := queue.next(first)) is not None:
+        if announce is not None:
+            announce(len(items) - queue.left() - 1, len(items))
         yield place, _tried(function, items[place])
 
 
@@ -167,7 +191,7 @@ def _work(
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for reader in readers:
         reader.close()
-    for place, result in _taken(function, items, queue, _unsaid):
+    for place, result in _taken(function, items, queue, queue.anywhere, None):
         message = _message(place, result, known)
         try:
             if message is not None:

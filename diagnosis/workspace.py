@@ -88,8 +88,10 @@ class Workspace:
         *,
         shared: Iterable[object] = (),
         announce: Announce | None = None,
+        keeps: Callable[[Key], bool] | None = None,
     ) -> list[Result]:
-        """What is made of each key, by all workers, and of none twice."""
+        """What is made of each key, by all workers, and of none twice; some of them keep something here."""
         new = [key for key in keys if key not in self._found]
-        self._found.update(zip(new, self.workers.map(make, new, shared=shared, announce=announce), strict=True))
+        made = self.workers.map(make, new, shared=shared, announce=announce, keeps=keeps)
+        self._found.update(zip(new, made, strict=True))
         return [self._found[key] for key in keys]  # type: ignore[misc]

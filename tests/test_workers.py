@@ -39,6 +39,29 @@ def test_several_processes_work_at_the_same_time() -> None:
     assert len(set(Workers(2).map(meet, [0, 1]))) == 2
 
 
+@pytest.mark.parametrize("kept", [0, 1])
+def test_what_is_kept_is_made_where_it_stays(kept: int) -> None:
+    """Two items that each wait for the other: the original makes the one that leaves something behind."""
+    barrier = get_context("fork").Barrier(2)
+
+    def meet(_item: int) -> int:
+        barrier.wait(timeout=60)
+        return os.getpid()
+
+    assert Workers(2).map(meet, [0, 1], keeps=lambda item: item == kept)[kept] == os.getpid()
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_items_that_keep_something_are_all_done_once_and_announced(count: int) -> None:
+    announced: list[int] = []
+    found = Workers(count).map(
+        lambda n: n + 1, MANY, keeps=lambda n: n % 3 == 0, announce=lambda begun, _total: announced.append(begun)
+    )
+    assert found == [n + 1 for n in MANY]
+    assert announced == sorted(announced)
+    assert set(announced) <= set(MANY)
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_the_first_exception_comes_back(count: int) -> None:
     def refuse(n: int) -> int:
