@@ -89,14 +89,6 @@ class Part:
     steady: bool
     columns: tuple[int, ...] | None = None
 
-    def spread(self, columns: tuple[int, ...]) -> Array:
-        """The derivative in the parameters at other places, which include its own."""
-        if self.columns is None or self.columns == columns:
-            return self.derivative
-        found = np.zeros((*self.value.shape, len(columns)), order="F")
-        found[:, :, [columns.index(i) for i in self.columns]] = self.derivative
-        return found
-
     def over(self, repeats: int) -> Part:
         """The same over the whole record."""
         if not self.steady:
@@ -144,14 +136,18 @@ def _columns_of(parts: Sequence[Part], count: int) -> tuple[int, ...]:
 
 
 def _sum(parts: Sequence[Part], columns: tuple[int, ...]) -> tuple[Array, Array] | None:
-    """Value and derivative of the sum of parts that nobody else has, in the parameters at some places."""
+    """Value and derivative of the sum, in the parameters at some places: views of one array, value first."""
     if not parts:
         return None
-    value, derivative = parts[0].value, parts[0].spread(columns)
-    for part in parts[1:]:
+    joined = np.zeros((*parts[0].value.shape, 1 + len(columns)), order="F")
+    value, derivative = joined[:, :, 0], joined[:, :, 1:]
+    for part in parts:
         value += part.value
-        own = slice(None) if part.columns in (None, columns) else [columns.index(i) for i in part.columns]
-        derivative[:, :, own] += part.derivative
+        if part.columns is None or part.columns == columns:
+            derivative += part.derivative
+        else:
+            for place, i in enumerate(part.columns):
+                derivative[:, :, columns.index(i)] += part.derivative[:, :, place]
     return value, derivative
 
 

@@ -70,8 +70,14 @@ class Whitener(ABC):
 
 
 def _joined(part: tuple[Array, Array]) -> Array:
-    """A value (n, p, ...) and its derivative (n, p, ..., k) as one series (n, p, ..., 1 + k), transformed at once."""
+    """A value (n, p, ...) and its derivative (n, p, ..., k) as one series (n, p, ..., 1 + k), transformed at once.
+
+    Nothing is copied where both are views of such a series.
+    """
     value, derivative = part
+    whole = value.base
+    if whole is not None and whole is derivative.base and whole.shape == (*value.shape, 1 + derivative.shape[-1]):
+        return whole
     joined = np.empty((*value.shape, 1 + derivative.shape[-1]), order="F")
     joined[..., 0], joined[..., 1:] = value, derivative
     return joined
@@ -277,7 +283,7 @@ def block_means(values: Array, block: int) -> Array:
         return values
     count = len(values) // block
     parts = values[: count * block].T.reshape(*values.shape[:0:-1], count, block)
-    return np.asarray(np.einsum("...ij->...i", parts).T / block)
+    return np.asarray((parts @ np.full(block, 1 / block)).T)
 
 
 def inverse_root(covariance: Array | Lines) -> Array | Lines:
