@@ -21,7 +21,7 @@ from modeling.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 
-MOST_NUMBERS = 2_500_000
+MOST_NUMBERS = 4_500_000
 """Samples x channels x columns that are evaluated and whitened together: what a processor's caches and memory bear."""
 FEW = 8
 """Points up to which a bent or clipped model is differentiated point by point, and columns are not kept."""

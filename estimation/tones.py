@@ -80,8 +80,10 @@ class Between:
 
         def missed(frequency: float) -> float:
             angle = 2 * np.pi * frequency * self.time[:, None]
-            waves = np.linalg.qr(self.without_motion(np.hstack([np.sin(angle), np.cos(angle)])))[0]
-            return -float(((waves.T @ self.seen) ** 2 @ weight).sum())
+            waves = self.without_motion(np.hstack([np.sin(angle), np.cos(angle)]))
+            along = waves.T @ self.seen
+            amounts = np.linalg.lstsq(waves.T @ waves, along, rcond=None)[0]
+            return -float((along * amounts).sum(axis=0) @ weight)
 
         near = (line + np.linspace(-1.0, 1.0, 17)) / duration
         best = int(np.argmin([missed(f) for f in near]))
