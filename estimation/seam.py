@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +26,9 @@ class SeamlessWhitener(LineWhitener):
 
     Coloured noise does not close on itself. Filtered to whiteness round the seam, the first few samples after it are
     wrong, by the same amount in all lines: to a drift, which jumps there too, they look like proof. The noise is
-    therefore free to start anew, as in an autoregression that is given its first samples. The directions `seam`
-    (rows, k), orthonormal, of the motion's lines and of those between are taken out of every row, and the rest
-    scaled so that the squares of noise still add up to the number of rows.
+    therefore free to start anew, as in an autoregression that is given its first samples. Orthonormal directions
+    (k, rows), of the motion's lines and of those between, are taken out of every column, and the rest scaled so that
+    the squares of noise still add up to the number of rows.
     """
 
     steady_seam: Array
@@ -37,13 +36,8 @@ class SeamlessWhitener(LineWhitener):
 
     def finish(self, steady: Array, rest: Array) -> None:
         """Take the seam out of the rows."""
-        _leave_out(self._directions[0], steady)
-        _leave_out(self._directions[1], rest)
-
-    @cached_property
-    def _directions(self) -> tuple[Array, Array]:
-        """The directions one after the other, (k, r)."""
-        return np.ascontiguousarray(self.steady_seam.T), np.ascontiguousarray(self.rest_seam.T)
+        _leave_out(self.steady_seam, steady)
+        _leave_out(self.rest_seam, rest)
 
 
 def _leave_out(directions: Array, rows: Array) -> None:
@@ -75,7 +69,7 @@ def seamless(
         steady = np.hstack([steady, rows[: plain.steady_rows]])
         rest = np.hstack([rest, rows[plain.steady_rows :, judged:]])
     fields = (plain.samples, plain.repeats, plain.motion, plain.between, plain.root)
-    return SeamlessWhitener(*fields, np.linalg.qr(steady)[0], np.linalg.qr(rest)[0])
+    return SeamlessWhitener(*fields, *(np.ascontiguousarray(np.linalg.qr(seam)[0].T) for seam in (steady, rest)))
 
 
 def shocks_of(spectra: tuple[Spectrum, ...], n: int, dt: float) -> Array:
