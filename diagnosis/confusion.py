@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.price import SIGNIFICANCE
-from diagnosis.screening import Screening
+from diagnosis.screening import Screening, lacking, searched
 from diagnosis.selection import Candidate, Selection, holm
 from estimation.distributions import normal_cdf
 from estimation.fit import Fit, Problem, start_of
@@ -57,22 +58,30 @@ class Imitation(Problem):
         return minimise(self.information, start, (low, high), far=FAR * CONFUSABLE)
 
 
-def rivals(selection: Selection, candidate: Candidate, effect_id: str, effects: list[Effect]) -> list[Rival]:
-    """Other effects that imitate one of a candidate's effects, the others kept; the closest first.
+def rivals(selection: Selection, candidate: Candidate, effects: Sequence[Effect]) -> dict[str, list[Rival]]:
+    """For each of a candidate's effects, the others that imitate it beside its remaining effects; the closest first.
 
     Those that screening finds significant in its place are refitted to the candidate's noise-free prediction.
     """
-    model = candidate.fit.model
-    rest = [e for e in model.effects if e.id != effect_id]
-    without = selection.refitted(candidate, rest)
-    screenings = without.screened([e for e in effects if e.id != effect_id])
-    adjusted = holm(screenings)
-    likely = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
-    likely.sort(key=lambda s: -s.statistic)
+    workspace, own = candidate.workspace, candidate.fit.model.effects
+    places = {e.id: selection.refitted(candidate, [other for other in own if other.id != e.id]) for e in own}
+    others = {i: [e for e in effects if e.id != i] for i in places}
+    searched([key for i, without in places.items() for key in lacking(without.fit, others[i])], workspace)
+    likely = [(i, s) for i, without in places.items() for s in _likely(without.screened(others[i]))]
     target = _prediction(candidate)
-    separations = candidate.workspace.workers.map(lambda s: separation(target, without.fit, s), likely[:RIVALS])
-    found = [Rival(s.effect, far) for s, far in zip(likely, separations, strict=False)]
-    return sorted((r for r in found if np.isfinite(r.separation)), key=lambda r: r.separation)
+    separations = workspace.workers.map(lambda pair: separation(target, places[pair[0]].fit, pair[1]), likely)
+    found: dict[str, list[Rival]] = {i: [] for i in places}
+    for (i, screening), far in zip(likely, separations, strict=True):
+        if np.isfinite(far):
+            found[i].append(Rival(screening.effect, far))
+    return {i: sorted(of, key=lambda r: r.separation) for i, of in found.items()}
+
+
+def _likely(screenings: Sequence[Screening]) -> list[Screening]:
+    """The significant ones that bring the most."""
+    adjusted = holm(screenings)
+    significant = [s for s in screenings if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
+    return sorted(significant, key=lambda s: -s.statistic)[:RIVALS]
 
 
 def _prediction(candidate: Candidate) -> tuple[Array, ...]:

@@ -165,8 +165,7 @@ def _diagnosed(
         steps = staircase(selection, final, known)
     require_weight(final.fit)
     progress("judge every effect")
-    added = [e.id for e in final.fit.model.effects]
-    lookalikes = {i: rivals(selection, final, i, list(candidates)) for i in added}
+    lookalikes = rivals(selection, final, candidates)
     findings = findings_of(selection, final, steps, lookalikes, reasons, candidates, tolerance)
     left = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):

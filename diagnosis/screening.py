@@ -65,21 +65,32 @@ def screen(
     `candidates` is the number of effects that could have been found, by default of those given. What screenings of
     fits in the same noise share is taken from the `workspace`; no effect is searched twice given the same fit.
     """
-    background = Background.of(fit, Workspace() if workspace is None else workspace)
-    present = {e.id for e in fit.model.effects}
     count = len(effects) if candidates is None else candidates
-    lacking = [e for e in effects if e.id not in present]
-    if lacking:
-        background.prepare()
-    searches = background.workspace.each(
-        [(fit, e) for e in lacking],
-        lambda key: _searched(background, key[1]),
-        shared=shared_by(fit),
-        announce=announce,
-        keeps=lambda key: _often_kept(fit.model, key[1]),
-    )
+    searches = searched(lacking(fit, effects), Workspace() if workspace is None else workspace, announce)
     found = [_judged(s, count) if isinstance(s, Search) else s for s in searches]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))
+
+
+def lacking(fit: Fit, effects: Sequence[Effect]) -> list[tuple[Fit, Effect]]:
+    """The fit with each of the effects that its model does not have."""
+    present = {e.id for e in fit.model.effects}
+    return [(fit, e) for e in effects if e.id not in present]
+
+
+def searched(
+    wanted: Sequence[tuple[Fit, Effect]], workspace: Workspace, announce: Announce | None = None
+) -> list[Search | Screening]:
+    """The searches for effects, each beside a fit, all shared out together; they are kept in the workspace."""
+    fits = list({fit: None for fit, _ in wanted})
+    for fit in fits:
+        Background.of(fit, workspace).prepare()
+    return workspace.each(
+        wanted,
+        lambda key: _searched(Background.of(key[0], workspace), key[1]),
+        shared=[thing for fit in fits for thing in shared_by(fit)],
+        announce=announce,
+        keeps=lambda key: _often_kept(key[0].model, key[1]),
+    )
 
 
 def beginning(fit: Fit, screening: Screening, workspace: Workspace | None = None) -> Values:

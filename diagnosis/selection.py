@@ -10,7 +10,7 @@ from diagnosis.background import Background
 from diagnosis.comparison import comparison_of, residual_judges_itself
 from diagnosis.price import SIGNIFICANCE, price, worth
 from diagnosis.progress import Announce, Progress, counted, silent
-from diagnosis.screening import Screening, beginning, screen
+from diagnosis.screening import Screening, beginning, lacking, screen, searched
 from diagnosis.workers import Workers
 from diagnosis.workspace import Workspace
 from estimation.fit import Fit, refit, refreshed, shared_by
@@ -129,9 +129,11 @@ def _swapped(
     best: Candidate, effects: Sequence[Effect], tried: dict[frozenset[str], Candidate], progress: Progress
 ) -> Candidate:
     """The best after each effect's place was offered to the others, given the rest."""
-    for effect in best.fit.model.effects:
-        rest = [e for e in best.fit.model.effects if e.id != effect.id]
-        _grown([_known(tried, best, rest)], effects, tried, progress)
+    own = best.fit.model.effects
+    sets = [[e for e in own if e.id != effect.id] for effect in own]
+    shared = [thing for c in (best, *tried.values()) for thing in (c, *shared_by(c.fit), c.workspace)]
+    rests = best.workspace.workers.map(lambda rest: _known(tried, best, rest), sets, shared=shared)
+    _grown(rests, effects, tried, progress)
     return min(tried.values(), key=lambda c: c.criterion)
 
 
@@ -174,10 +176,9 @@ def _grown(
     progress: Progress,
 ) -> list[Candidate]:
     """Each set with one more effect, for the significant ones that were not tried; they are added to `tried`."""
-    wanted: list[Growth] = []
-    for candidate in level:
-        beside = " + ".join(sorted(candidate.ids)) or "the rigid tip"
-        wanted += _growths(candidate, candidate.screened(effects, counted(progress, f"screen beside {beside}")))
+    beside = "; ".join(" + ".join(sorted(c.ids)) or "the rigid tip" for c in level)
+    explored(level, effects, counted(progress, f"screen beside {beside}"))
+    wanted = [growth for c in level for growth in _growths(c, c.screened(effects))]
     grown = []
     while wanted := [growth for growth in wanted if growth.ids not in tried]:
         first = list({growth.ids: growth for growth in reversed(wanted)}.values())[::-1]
@@ -204,6 +205,13 @@ class Growth:
     def ids(self) -> frozenset[str]:
         """The ids of the larger set."""
         return self.candidate.ids | {self.screening.effect.id}
+
+
+def explored(level: Sequence[Candidate], effects: Sequence[Effect], announce: Announce | None = None) -> None:
+    """Search the effects that each candidate lacks, all shared out together where they have one workspace."""
+    for workspace in {c.workspace: None for c in level}:
+        wanted = [key for c in level if c.workspace is workspace for key in lacking(c.fit, effects)]
+        searched(wanted, workspace, announce)
 
 
 def _growths(candidate: Candidate, screenings: Sequence[Screening]) -> list[Growth]:
