@@ -22,7 +22,9 @@ from modeling.sensitivity import Sensitivity
 Array = NDArray[np.float64]
 
 MOST_NUMBERS = 4_500_000
-"""Samples x channels x columns that are evaluated and whitened together: what a processor's caches and memory bear."""
+"""Samples x channels x columns that are evaluated and whitened together: what memory bears."""
+PIECE = 1_500_000
+"""Those of each piece where there are more: less memory is moved about."""
 FEW = 8
 """Points up to which a bent or clipped model is differentiated point by point, and columns are not kept."""
 
@@ -62,12 +64,12 @@ def _of_recording(
             point[place[name]] = value
     which = tuple(place[name] for name in amplitudes)
     samples = recording.samples_per_repeat if rows is Rows.STEADY else recording.samples
-    at_once = max(1, MOST_NUMBERS // (samples * len(recording.channels) * len(which)))
-    if len(theta) <= at_once:
+    numbers = samples * len(recording.channels) * len(which)
+    if numbers * len(theta) <= MOST_NUMBERS:
         return _whitened_slopes(own, recording, whitener, theta, which, rows)
     first, last = rows.within(whitener)
     found = np.empty((last - first, len(theta), len(which)), order="F")
-    for start in range(0, len(theta), at_once):
+    for start in range(0, len(theta), at_once := max(1, PIECE // numbers)):
         part = slice(start, start + at_once)
         found[:, part] = _whitened_slopes(own, recording, whitener, theta[part], which, rows)
     return found
