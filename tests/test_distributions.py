@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.special import polygamma
-from scipy.stats import ncx2
+from scipy.stats import false_discovery_control, ncx2
 
+from diagnosis.maps import adjusted
 from estimation.distributions import chi2_isf, noncentrality
 from estimation.interval import inverse_trigamma
 
@@ -21,3 +22,11 @@ def test_trigamma_of_its_inverse(value: float) -> None:
 def test_noncentrality_gives_the_power(freedom: int, significance: float) -> None:
     limit = chi2_isf(significance, freedom)
     np.testing.assert_allclose(ncx2.sf(limit, freedom, noncentrality(limit, freedom, 0.8)), 0.8, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_false_discovery_rates_are_scipys(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    p_values = random.uniform(size=random.integers(1, 40)) ** 3
+    p_values[: len(p_values) // 3] = p_values[-1]  # equal ones
+    np.testing.assert_allclose(adjusted(p_values), false_discovery_control(p_values), rtol=1e-14)

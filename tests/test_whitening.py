@@ -160,6 +160,20 @@ def test_events_count_with_their_own_noise_and_teach_nothing_after(event: tuple[
         np.testing.assert_allclose(rows[t - order], expected, atol=1e-14)  # rounding
 
 
+def test_a_channel_by_itself_is_whitened_as_among_others_that_are_silent() -> None:
+    samples, event = 20, (8, 13)
+    root = np.real(inverse_root(MIXING @ MIXING.T))
+    whitener = RegressionWhitener(
+        samples=samples, block=2, coefficients=COEFFICIENTS, root=root, events=(event,), event_root=0.1 * np.eye(P)
+    )
+    values = np.random.default_rng(1).normal(size=(samples, 4))
+    for channel in range(P):
+        among = np.zeros((samples, P, 4))
+        among[:, channel] = values
+        expected = whitener.series(among).reshape(-1, P, 4)[:, channel]
+        np.testing.assert_allclose(whitener.alone(channel).series(values[:, None]), expected, atol=1e-14)  # rounding
+
+
 # --------------------------------------------------------------- repeats of one motion, and responses
 
 
@@ -284,3 +298,22 @@ def test_floor_is_the_spread_of_one_sample(kind: str) -> None:
     values = drawn(kind, 6000, 6)
     np.testing.assert_allclose(by_residual(values).floor, values.std(axis=0), rtol=1e-2)  # the rig's mean stays in
     np.testing.assert_allclose(by_repeats(values).floor, np.linalg.norm(MIXING, axis=1), rtol=0.4)
+
+
+@pytest.mark.parametrize(("samples", "repeats"), [(24, 3), (30, 2), (27, 3), (21, 1), (20, 4)])
+def test_a_transfer_function_is_a_factor_of_the_lines(samples: int, repeats: int) -> None:
+    """A series filtered by its spectrum and then whitened; over the whole record, and of one repeat of it."""
+    dt, whitener = 0.02, line_whitener(samples, repeats)[0]
+
+    def lag(omega: Array) -> NDArray[np.complex128]:
+        return np.asarray(np.exp(-0.7j * dt * omega) / (1 + 0.03j * omega))
+
+    def filtered(series: Array) -> Array:
+        omega = 2 * np.pi * np.fft.rfftfreq(len(series), dt)
+        return np.fft.irfft(np.fft.rfft(series, axis=0) * lag(omega)[:, None], n=len(series), axis=0)
+
+    behind, random = whitener.behind(lag, dt), np.random.default_rng(2)
+    whole, once = random.normal(size=(samples, P)), random.normal(size=(samples // repeats, P))
+    np.testing.assert_allclose(behind.series(whole), whitener.series(filtered(whole)), atol=1e-12)  # rounding
+    np.testing.assert_allclose(behind.rest(whole), whitener.rest(filtered(whole)), atol=1e-12)
+    np.testing.assert_allclose(behind.steady(once), whitener.steady(filtered(once)), atol=1e-12)
