@@ -185,19 +185,25 @@ def _work(
 ) -> None:
     """What a copy does; its memory has the shared objects at the addresses of the original's.
 
-    An interrupt is the original's to answer. No copy keeps a pipe's reading end open: where the original is gone,
-    sending fails instead of waiting for ever.
+    Results are sent when nothing is left to do: a pipe is soon full, and the original reads it after its own work. An
+    interrupt is the original's to answer. A copy whose original is gone goes too, after the item that it has begun: no
+    copy keeps a pipe's reading end open, so that sending fails instead of waiting for ever.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    original, messages = os.getppid(), []
     for reader in readers:
         reader.close()
     for place, result in _taken(function, items, queue, queue.anywhere, None):
-        message = _message(place, result, known)
-        try:
-            if message is not None:
-                there.send_bytes(message)
-        except OSError:
+        if os.getppid() != original:
             return
+        message = _message(place, result, known)
+        if message is not None:
+            messages.append(message)
+    try:
+        for message in messages:
+            there.send_bytes(message)
+    except OSError:
+        return
     there.close()
 
 

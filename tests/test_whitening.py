@@ -306,11 +306,13 @@ def test_a_transfer_function_is_a_factor_of_the_lines(samples: int, repeats: int
     dt, whitener = 0.02, line_whitener(samples, repeats)[0]
 
     def lag(omega: Array) -> NDArray[np.complex128]:
-        return np.asarray(np.exp(-0.7j * dt * omega) / (1 + 0.03j * omega))
+        return np.asarray(np.exp(-0.7j * dt * omega) / (1 + 0.03j * omega), dtype=np.complex128)
 
     def filtered(series: Array) -> Array:
-        omega = 2 * np.pi * np.fft.rfftfreq(len(series), dt)
-        return np.fft.irfft(np.fft.rfft(series, axis=0) * lag(omega)[:, None], n=len(series), axis=0)
+        omega = np.asarray(2 * np.pi * np.fft.rfftfreq(len(series), dt), dtype=np.float64)
+        lines = np.fft.rfft(series, axis=0)
+        lines *= lag(omega)[:, None]
+        return np.asarray(np.fft.irfft(lines, n=len(series), axis=0), dtype=np.float64)
 
     behind, random = whitener.behind(lag, dt), np.random.default_rng(2)
     whole, once = random.normal(size=(samples, P)), random.normal(size=(samples // repeats, P))

@@ -39,6 +39,23 @@ def test_several_processes_work_at_the_same_time() -> None:
     assert len(set(Workers(2).map(meet, [0, 1]))) == 2
 
 
+def test_large_results_hold_nobody_up() -> None:
+    """Far more than a pipe holds; the copy goes on to its second item while the original has only begun its first."""
+    going_on = get_context("fork").Event()
+    original = os.getpid()
+    begun: list[int] = []
+
+    def work(item: int) -> bytes:
+        begun.append(item)
+        if os.getpid() == original:
+            assert going_on.wait(timeout=60)
+        elif len(begun) == 2:
+            going_on.set()
+        return bytes(10**6 + item)
+
+    assert [len(found) for found in Workers(2).map(work, [0, 1, 2])] == [10**6, 10**6 + 1, 10**6 + 2]
+
+
 @pytest.mark.parametrize("kept", [0, 1])
 def test_what_is_kept_is_made_where_it_stays(kept: int) -> None:
     """Two items that each wait for the other: the original makes the one that leaves something behind."""
