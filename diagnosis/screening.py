@@ -82,7 +82,7 @@ def searched(
 ) -> list[Search | Screening]:
     """The searches for effects, each beside a fit, all shared out together; they are kept in the workspace."""
     fits = list({fit: None for fit, _ in wanted})
-    for fit in fits:
+    for fit in {fit: None for fit, effect in wanted if not workspace.knows((fit, effect))}:
         Background.of(fit, workspace).prepare()
     return workspace.each(
         wanted,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import pickle
@@ -52,8 +53,8 @@ class Workers:
         This process begins with the items of which `keeps` is true: what they leave in memory is of use later, and what
         a copy has in memory goes with it. `shared` are objects that results may contain and that come back as
         themselves, not as copies. An exception comes back as it was raised, the first item's first. How many are begun
-        of how many is announced. A result that cannot be sent is made here. No copy outlives the call, whatever ends
-        it.
+        of how many is announced. A result that cannot be sent is made here, and so are all of a copy that was killed.
+        No copy outlives the call, whatever ends it.
         """
         begun = _unsaid if announce is None else announce
         copies = min(self.count, len(items), MOST_AT_ONCE) - 1
@@ -190,6 +191,7 @@ def _work(
     copy keeps a pipe's reading end open, so that sending fails instead of waiting for ever.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.disable()  # looking for cycles would touch, and so copy, all the memory that is shared with the original
     original, messages = os.getppid(), []
     for reader in readers:
         reader.close()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from diagnosis.progress import Announce
 from diagnosis.workers import Workers
+from estimation.directions import spanned
 from estimation.noise import Noise
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ SEED = 0
 """Draws of pure noise from which a supremum over nuisance values takes its number of trials."""
 MOST_BYTES = 120e6
 """Memory for whitened sensitivities that are kept from one screening to the next."""
-MOST_FITS = 2
-"""Fits whose directions are kept: the ones that a search goes to and fro between."""
+MOST_FITS = 4
+"""Fits whose directions are kept: those that are screened together, at most one for each effect of a set."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,11 @@ class Workspace:
         """Let go of all that is kept: backgrounds and their workspace hold each other, and are large."""
         for kept in (self._draws, self._kept, self._backgrounds, self._found):
             kept.clear()
+        spanned.cache_clear()
+
+    def knows(self, key: Hashable) -> bool:
+        """Whether something was made of a key already."""
+        return key in self._found
 
     def recent(self, fit: Fit, make: Callable[[], Background]) -> Background:
         """A fit as a new effect sees it; the few last asked for are kept."""

@@ -24,7 +24,8 @@ class Directions:
     """What the columns of a derivative D (rows, k) span: D / scale = basis diag(singular) right.
 
     scale     (k,) lengths of the columns; those of length 0 are left out, `kept` (k',) are the others
-    basis     (rows, r) orthonormal, `singular` (r,) and `right` (r, k'); a billionth of the largest is rounding
+    basis     (rows, r) orthonormal to 1e-11, `singular` (r,) and `right` (r, k'); a billionth of the
+              largest is rounding
     """
 
     scale: Array

@@ -24,7 +24,7 @@ NEIGHBOURS = (3, 12)
 BESIDE = 2.0
 """Lines about a tone on which what is left of it may stand out still."""
 SMOOTH = 6
-"""Degree of a polynomial that is the power over a quarter of a line, its highest place to a millionth of a line."""
+"""Degree of a polynomial that is the power over a quarter of a line, its highest place to a hundred-thousandth."""
 MEDIAN = float(np.log(2))
 """Of a periodogram's ordinate over its mean."""
 

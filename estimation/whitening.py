@@ -75,12 +75,18 @@ def _joined(part: tuple[Array, Array]) -> Array:
     Nothing is copied where both are views of such a series.
     """
     value, derivative = part
-    whole = value.base
-    if whole is not None and whole is derivative.base and whole.shape == (*value.shape, 1 + derivative.shape[-1]):
+    whole, shape = value.base, (*value.shape, 1 + derivative.shape[-1])
+    joins = whole is not None and whole is derivative.base and whole.shape == shape
+    if whole is not None and joins and _same(value, whole[..., 0]) and _same(derivative, whole[..., 1:]):
         return whole
     joined = np.empty((*value.shape, 1 + derivative.shape[-1]), order="F")
     joined[..., 0], joined[..., 1:] = value, derivative
     return joined
+
+
+def _same(one: Array, other: Array) -> bool:
+    """Whether two views of an array are the same part of it."""
+    return one.strides == other.strides and one.__array_interface__["data"] == other.__array_interface__["data"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from estimation.linear.descent import minimise
 from estimation.linear.least_squares import Solution, solve
 from estimation.linear.square_root import Method, SquareRoot
 
@@ -323,6 +324,19 @@ def test_moved_held_only_and_spread(seed: int, strength: float) -> None:
         np.testing.assert_allclose(np.abs(other.root), np.abs(fewer.root), rtol=1e-9, atol=1e-12)
         assert other.cost == pytest.approx(fewer.cost, rel=1e-11)
         assert other.power == pytest.approx(fewer.power, rel=1e-9)
+
+
+@pytest.mark.parametrize("start", [0.0, 2.0, 4.0])
+def test_a_minimum_costs_what_it_says(start: float) -> None:
+    """A row that hardly shows its unknown: little to be gained by the linear model, and a long way to go."""
+
+    def information(theta: Array) -> SquareRoot:
+        found = 5e-4 - 1e-5 * np.expm1(theta)
+        return SquareRoot.of(1e-5 * np.exp(theta)[:, None] * np.ones((2, 1)), np.tile(found, 2))
+
+    found = minimise(information, np.array([start]), (np.array([-100.0]), np.array([100.0])))
+    assert found.cost == pytest.approx(information(found.theta).cost, rel=1e-6, abs=1e-18)
+    assert found.cost <= information(np.array([start])).cost
 
 
 if __name__ == "__main__":

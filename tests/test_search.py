@@ -12,12 +12,14 @@ from diagnosis.background import Background
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.extent import extent_of
 from diagnosis.projection import Projected, Whitened
-from diagnosis.screening import screen
+from diagnosis.screening import lacking, screen, searched
 from diagnosis.search import points_of, projected_at, reached_rows
 from diagnosis.secants import effect_columns
+from diagnosis.selection import MOST_EFFECTS
 from diagnosis.workspace import Workspace
 from estimation.directions import orthonormal
 from estimation.fit import Fit, fit
+from estimation.problem import Linearised
 from estimation.reading import from_columns
 from modeling.effect import Combination, Effect, Values
 from modeling.effects import catalogue, named
@@ -128,6 +130,26 @@ def test_what_a_workspace_keeps_changes_nothing() -> None:
         for a, b in zip(together, by_itself, strict=True):
             assert a.statistic == pytest.approx(b.statistic, rel=1e-9)
             assert a.p_value == pytest.approx(b.p_value, rel=1e-6)
+
+
+def test_fits_screened_together_are_each_linearised_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four sets side by side, as many as a search has: nothing of one is lost while another is screened."""
+    effects = [named(i) for i in ("viscous_drag", "sensor_lag", "gravity_tilt", "time_delay", "sensor_gain")]
+    first = fitted()
+    fits = [fit(planar(RIG) + effect, first.recordings[0], noise=first.noise) for effect in effects[:MOST_EFFECTS]]
+    seen: list[Fit] = []
+    plain = Fit.linearised
+
+    def counted(known: Fit) -> Linearised:
+        seen.append(known)
+        return plain(known)
+
+    monkeypatch.setattr(Fit, "linearised", counted)
+    shared = Workspace()
+    searched([key for known in fits for key in lacking(known, effects)], shared)
+    for known in fits:
+        screen(known, effects, workspace=shared)
+    assert [seen.count(known) for known in fits] == [1] * len(fits)
 
 
 @cache

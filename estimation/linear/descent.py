@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 STEP_TOLERANCE = 1e-6
 """Drop of chi-square below which a refit has converged: a thousandth of a standard deviation away from its minimum."""
 MOST_STEPS = 40
+REFINED = 1e-6
+"""Of an unknown: what a step moves that is taken without a look at what it brings."""
 LITTLE = 0.1
 """Share of the chi-square that a step has to gain where there is a long way to go."""
 UNSHOWN = 1e-9
@@ -55,8 +57,8 @@ def minimise(
 
     Gauss-Newton steps with Levenberg's damping on columns of unit length; a step that would leave the bounds is
     cut at them. A linear model takes one step, and a second one that refines it with the residual in the data. A step
-    that cannot gain anything by the linear model of the rows is the last, and its rows are not asked for (the relative
-    offset: Bates and Watts, Technometrics 23, 1981).
+    that gains nothing by the linear model of the rows (the relative offset: Bates and Watts, Technometrics 23, 1981),
+    and only refines digits that nobody reads, is the last, and the rows there are not asked for.
     Where a trial has no prediction (a spring too soft to carry its tool) the step is taken for one that gains nothing.
     Who only needs to know whether the chi-square falls below some value says what is `far` above it: there the steps
     end with the first that gains less than `LITTLE` of it.
@@ -66,7 +68,7 @@ def minimise(
     for _ in range(MOST_STEPS):
         trial = np.clip(theta + damped_step(here, theta, bounds, damping), *bounds)
         foreseen = here.moved(trial - theta)
-        if not damping and abs(here.cost - foreseen.cost) < STEP_TOLERANCE:  # of the linear model: nothing to be seen
+        if not damping and abs(here.cost - foreseen.cost) < STEP_TOLERANCE and _refines(theta, trial):
             return Minimum.at(trial, foreseen, True)
         there = _informed(information, trial)
         gain = -np.inf if there is None else here.cost - there.cost
@@ -81,6 +83,11 @@ def minimise(
         if abs(gain) < STEP_TOLERANCE + 4 * EPS * here.cost or damping > 1e6:
             return Minimum.at(theta, here, True)
     return Minimum.at(theta, here, False)
+
+
+def _refines(theta: Array, trial: Array) -> bool:
+    """Whether a step moves no unknown by more than its last digits: so short that no model does anything else there."""
+    return bool(np.all(np.abs(trial - theta) <= REFINED * np.abs(trial)))
 
 
 def _informed(information: Callable[[Array], SquareRoot], trial: Array) -> SquareRoot | None:

@@ -30,7 +30,8 @@ class FromRest:
 
         On each step the state x = (q, q') goes on as step x + gains e, with e the spline's values and slopes at both
         ends: the spline's piece is a chain of integrators, and the exponential of the modes' system with that chain
-        (Van Loan, IEEE Trans. Automatic Control 23, 1978) has both, without a difference that loses digits.
+        (Van Loan, IEEE Trans. Automatic Control 23, 1978) has both, without a difference that loses digits. From step
+        to step some are lost, about eps / (omega dt)², where a slow mode is sampled fast.
         """
         found = np.empty((3, *drive.shape))
         self._recurrence(drive[:, 0], self._gains_of_modes @ _ends(drive), found[:2])
