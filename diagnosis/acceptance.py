@@ -14,10 +14,10 @@ from diagnosis.held_out import HeldOut
 from diagnosis.own_effect import with_own
 from diagnosis.part import halved
 from diagnosis.price import SIGNIFICANCE
-from diagnosis.selection import Candidate, refitted
+from diagnosis.selection import Candidate
 from estimation.directions import orthonormal
 from estimation.distributions import chi2_sf
-from estimation.fit import Fit, Problem, refit
+from estimation.fit import Fit, Problem, refit, shared_by
 from estimation.noise import Noise
 from estimation.response import respond
 from modeling.effect import Effect
@@ -66,8 +66,7 @@ def accepted(
             return Acceptance(candidate, reasons, known)
         effect_id, reason = failed
         reasons[effect_id] = reason
-        rest = [e for e in candidate.fit.model.effects if e.id != effect_id]
-        candidate = refitted(candidate, rest)
+        candidate = candidate.less(effect_id)
 
 
 def _failed(candidate: Candidate, base: Candidate, held_out: Sequence[HeldOut]) -> tuple[str, str] | None:
@@ -99,13 +98,17 @@ def _falls_across_halves(candidate: Candidate, base: Candidate) -> bool:
     effect that is there keeps nearly all of it, one that follows noise loses as much as it had won.
     """
     halves = halved(candidate.fit)
-    fitted_cost, judged_cost = [0.0, 0.0], [0.0, 0.0]
-    for trained_on, judged_on in (halves, halves[::-1]):
-        for place, whole in enumerate((base.fit, candidate.fit)):
-            half = refit(whole.model, whole.recordings, noise=trained_on, start=whole.values)
-            fitted_cost[place] += _cost(half, trained_on)
-            judged_cost[place] += _cost(half, judged_on)
-    return judged_cost[0] - judged_cost[1] > (fitted_cost[0] - fitted_cost[1]) / 2
+    ways: list[tuple[Fit, Sequence[Noise], Sequence[Noise]]]
+    ways = [(whole, a, b) for whole in (base.fit, candidate.fit) for a, b in (halves, halves[::-1])]
+
+    def costs(way: tuple[Fit, Sequence[Noise], Sequence[Noise]]) -> tuple[float, float]:
+        whole, trained_on, judged_on = way
+        half = refit(whole.model, whole.recordings, noise=trained_on, start=whole.values)
+        return _cost(half, trained_on), _cost(half, judged_on)
+
+    both_ways = np.array(candidate.workspace.workers.map(costs, ways)).reshape(2, 2, 2).sum(axis=1)
+    fitted_drop, judged_drop = both_ways[0] - both_ways[1]
+    return bool(judged_drop > fitted_drop / 2)
 
 
 def _cost(fitted: Fit, noise: Sequence[Noise]) -> float:
@@ -151,7 +154,7 @@ def _least_needed(candidate: Candidate) -> str:
     ids = [e.id for e in candidate.fit.model.lasting.effects] or [e.id for e in effects]
     if len(ids) == 1:
         return ids[0]
-    costs = {i: refitted(candidate, [o for o in effects if o.id != i]).cost for i in ids}
+    costs = {i: smaller.cost for i, smaller in candidate.less_each().items() if i in ids}
     return min(costs, key=lambda effect_id: costs[effect_id])
 
 
@@ -183,9 +186,11 @@ def _pairs(candidate: Candidate, held_out: Sequence[HeldOut]) -> list[tuple[Fit,
         alone = refit(model + other.own, (other.recording,), noise=(other.noise,), start=start)
         pairs.append((trained, alone, f"on {other.recording.name}"))
     if not pairs or residual_judges_itself(trained):
-        halves = [
-            refit(trained.model, trained.recordings, noise=noise, start=trained.values) for noise in halved(trained)
-        ]
+        halves = candidate.workspace.workers.map(
+            lambda noise: refit(trained.model, trained.recordings, noise=noise, start=trained.values),
+            halved(trained),
+            shared=shared_by(trained),
+        )
         pairs.append((halves[0], halves[1], "between two halves of the data"))
     return pairs
 

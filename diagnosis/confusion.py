@@ -58,22 +58,30 @@ class Imitation(Problem):
         return minimise(self.information, start, (low, high), far=FAR * CONFUSABLE)
 
 
-def rivals(selection: Selection, candidate: Candidate, effects: Sequence[Effect]) -> dict[str, list[Rival]]:
-    """For each of a candidate's effects, the others that imitate it beside its remaining effects; the closest first.
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """A screened effect in the `place` of an added one, beside the remaining effects that `without` has."""
 
-    Those that screening finds significant in its place are refitted to the candidate's noise-free prediction.
-    """
-    workspace, own = candidate.workspace, candidate.fit.model.effects
-    places = {e.id: selection.refitted(candidate, [other for other in own if other.id != e.id]) for e in own}
+    place: str
+    without: Fit
+    screening: Screening
+
+
+def contests_of(selection: Selection, candidate: Candidate, effects: Sequence[Effect]) -> list[Contest]:
+    """Those that are to be decided: for each of a candidate's effects, the others found significant in its place."""
+    workspace = candidate.workspace
+    places = candidate.less_each((selection.base, *selection.tried))
     others = {i: [e for e in effects if e.id != i] for i in places}
     searched([key for i, without in places.items() for key in lacking(without.fit, others[i])], workspace)
-    likely = [(i, s) for i, without in places.items() for s in _likely(without.screened(others[i]))]
-    target = _prediction(candidate)
-    separations = workspace.workers.map(lambda pair: separation(target, places[pair[0]].fit, pair[1]), likely)
-    found: dict[str, list[Rival]] = {i: [] for i in places}
-    for (i, screening), far in zip(likely, separations, strict=True):
+    return [Contest(i, without.fit, s) for i, without in places.items() for s in _likely(without.screened(others[i]))]
+
+
+def rivals(contests: Sequence[Contest], separations: Sequence[float]) -> dict[str, list[Rival]]:
+    """For each of a candidate's effects, the others that imitate it beside its remaining effects; the closest first."""
+    found: dict[str, list[Rival]] = {}
+    for contest, far in zip(contests, separations, strict=True):
         if np.isfinite(far):
-            found[i].append(Rival(screening.effect, far))
+            found.setdefault(contest.place, []).append(Rival(contest.screening.effect, far))
     return {i: sorted(of, key=lambda r: r.separation) for i, of in found.items()}
 
 
@@ -84,18 +92,20 @@ def _likely(screenings: Sequence[Screening]) -> list[Screening]:
     return sorted(significant, key=lambda s: -s.statistic)[:RIVALS]
 
 
-def _prediction(candidate: Candidate) -> tuple[Array, ...]:
+def prediction_of(candidate: Candidate) -> tuple[Array, ...]:
     """The whitened noise-free prediction (rows,) of each of a candidate's recordings."""
     measured = candidate.fit.problem.measured
     residuals = np.split(candidate.background.raw_residual, np.cumsum([len(m) for m in measured])[:-1])
     return tuple(m - r for m, r in zip(measured, residuals, strict=True))
 
 
-def separation(target: tuple[Array, ...], without: Fit, rival: Screening) -> float:
-    """Smallest whitened distance of a model with the rival from a whitened prediction, (rows,) of each recording.
+def separation(target: tuple[Array, ...], contest: Contest) -> float:
+    """Smallest whitened distance of a contest's model from a whitened prediction, (rows,) of each recording.
 
-    Far beyond what is confusable it is an upper limit of it.
+    The model is refitted exactly to a candidate's noise-free prediction, the `target`. Far beyond what is confusable
+    the distance is an upper limit.
     """
+    without, rival = contest.without, contest.screening
     unknowns = layout(without.model + rival.effect, without.recordings)
     imitation = Imitation(unknowns, without.recordings, without.noise, target)
     begin = start_of(unknowns, {**without.values, **rival.start})

@@ -9,8 +9,7 @@ from typing import Any
 
 from diagnosis.acceptance import HELD_OUT_SIGNIFICANCE, accepted
 from diagnosis.comparison import residual_judges_itself
-from diagnosis.confusion import rivals
-from diagnosis.finding import Finding, findings_of
+from diagnosis.finding import Finding, findings_of, weighed
 from diagnosis.held_out import HeldOut
 from diagnosis.limits import contribution_limit, tolerance_of, within
 from diagnosis.own_effect import OwnEffect, own_effects, with_own
@@ -20,13 +19,14 @@ from diagnosis.remainder import Remainder, remainder
 from diagnosis.renewal import renewed_noise
 from diagnosis.result import estimates_data, finding_data, finite, own_data, remainder_data, step_data
 from diagnosis.screening import screen
-from diagnosis.selection import Candidate, Selection, refitted, select
+from diagnosis.selection import Candidate, Selection, select
 from diagnosis.step import Step, explainable, staircase
 from diagnosis.validation import zero_shift
 from diagnosis.verdict import RecordVerdict
-from diagnosis.workers import Workers
+from diagnosis.workers import Task, Workers, in_step
 from estimation.convention import decided
 from estimation.fit import Fit, check_channels, first_noise, refit, require_weight, table
+from estimation.noise import Noise
 from estimation.recording import Recording
 from modeling.effect import Effect
 from modeling.effects import catalogue
@@ -127,7 +127,7 @@ def diagnose(
     others = (validate,) if isinstance(validate, Recording) else tuple(validate or ())
     candidates = None if effects is None else tuple(effects)
     with threadpool_limits(1):  # matrices are tall and thin: threads of linear algebra only wait for one another
-        return _diagnosed(model, training, others, candidates, progress, Workers(workers))
+        return in_step(workers, lambda team: _diagnosed(model, training, others, candidates, progress, team))
 
 
 def _diagnosed(
@@ -145,12 +145,13 @@ def _diagnosed(
             where="model",
             remedy="diagnose the rigid tool: model.base",
         )
+    progress = progress if workers.rank == 0 else silent
     check_channels(model, training)
     model = decided(model, (*training, *others))
     candidates = catalogue(model.space) if effects is None else effects
     progress("fit the rigid tip")
-    base = refit(model, training)
-    held_out = [HeldOut(r, n) for r, n in zip(others, first_noise(model, others), strict=True)]
+    base, noise = _begun(model, training, others, workers)
+    held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
     selection = _selected(base, candidates, progress, workers)
     progress("check on other data")
     tolerance, stated = tolerance_of(base)
@@ -165,8 +166,8 @@ def _diagnosed(
         steps = staircase(selection, final, known)
     require_weight(final.fit)
     progress("judge every effect")
-    lookalikes = rivals(selection, final, candidates)
-    findings = findings_of(selection, final, steps, lookalikes, reasons, candidates, tolerance)
+    evidence = weighed(selection, final, candidates, reasons)
+    findings = findings_of(selection, final, steps, evidence, reasons, candidates, tolerance)
     left = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         left = _left(steps[-1], tolerance)
@@ -174,6 +175,18 @@ def _diagnosed(
     own = tuple(effect for h in known for effect in own_effects(h, final.fit))
     final.workspace.forget()
     return Diagnosis(final.fit.model, verdict, steps, findings, shift, own, tolerance, left)
+
+
+def _begun(
+    model: WrenchModel, training: tuple[Recording, ...], others: tuple[Recording, ...], workers: Workers
+) -> tuple[Fit, tuple[Noise, ...]]:
+    """The rigid tip fitted to the training recordings, and the noise of the others before any fit."""
+    if not others:
+        return refit(model, training), ()
+    shared = [model, training, others, *(part for r in (*training, *others) for part in (r, r.rig)), model.arm]
+    tasks = [Task("fit", lambda: refit(model, training)), Task("noise", lambda: first_noise(model, others))]
+    base, noise = workers.run(tasks, shared=shared)
+    return base, noise
 
 
 def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, workers: Workers) -> Selection:
@@ -193,7 +206,7 @@ def _worthwhile(candidate: Candidate, tolerance: Mapping[str, float], stated: bo
     if not stated:
         return candidate
     for effect in candidate.fit.model.effects:
-        without = refitted(candidate, [e for e in candidate.fit.model.effects if e.id != effect.id])
+        without = candidate.less(effect.id)
         (screening,) = screen(without.fit, [effect], candidates=candidate.among, workspace=candidate.workspace)
         if screening.excited and within(contribution_limit(without.fit, screening, candidate.workspace), tolerance):
             return _worthwhile(without, tolerance, stated)

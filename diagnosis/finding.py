@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from diagnosis.confusion import CONFUSABLE, Rival
+from diagnosis.confusion import CONFUSABLE, Rival, contests_of, prediction_of, rivals, separation
 from diagnosis.limits import contribution_limit, within
 from diagnosis.price import SIGNIFICANCE
 from diagnosis.screening import Screening, screen
 from diagnosis.selection import Candidate, Selection, holm
 from diagnosis.step import Step, explainable
 from diagnosis.verdict import EffectVerdict
+from diagnosis.workers import Task
 from estimation.distributions import chi2_sf
 from estimation.fit import Estimate, Fit
 from modeling.effect import Effect
@@ -34,20 +36,48 @@ class Finding:
     parameters: Mapping[str, Estimate]
 
 
+@dataclass(frozen=True)
+class Weighed:
+    """What it takes to judge every effect.
+
+    rivals  of each added effect, the closest first
+    limits  by effect, how large one that was not added could still be: upper 95 % limit per channel, RMS
+    """
+
+    rivals: Mapping[str, list[Rival]]
+    limits: Mapping[str, Mapping[str, float]]
+
+
+def weighed(selection: Selection, final: Candidate, effects: Sequence[Effect], rejected: Collection[str]) -> Weighed:
+    """The rivals of a candidate's effects, and the limits of those that it lacks; all of it one batch of work."""
+    contests = contests_of(selection, final, effects)
+    limited = [
+        s
+        for s in final.screened(effects)
+        if s.excited and s.effect.id not in rejected and not _beyond_range(s, final.fit)
+    ]
+    target = prediction_of(final)
+    tasks = [Task(c.screening.effect.id, partial(separation, target, c)) for c in contests]
+    tasks += [Task(s.effect.id, partial(contribution_limit, final.fit, s, final.workspace)) for s in limited]
+    found = final.workspace.workers.run(tasks)
+    limits = {s.effect.id: limit for s, limit in zip(limited, found[len(contests) :], strict=True)}
+    return Weighed(rivals(contests, found[: len(contests)]), limits)
+
+
 def findings_of(
     selection: Selection,
     final: Candidate,
     steps: Sequence[Step],
-    lookalikes: Mapping[str, list[Rival]],
+    evidence: Weighed,
     rejected: Mapping[str, str],
     candidates: Sequence[Effect],
     tolerance: Mapping[str, float],
 ) -> tuple[Finding, ...]:
     """What is said of every candidate effect, those added first."""
-    left = explainable(steps)
+    lookalikes, left = evidence.rivals, explainable(steps)
     removed = np.clip((left[:-1] - left[1:]) / max(left[0], 1e-300), 0.0, 1.0)
     added = [
-        _supported(screening, float(share), lookalikes[step.effect], steps[-1].fit, final.among)
+        _supported(screening, float(share), lookalikes.get(step.effect, []), steps[-1].fit, final.among)
         for step, share, screening in zip(steps[1:], removed, _path(final, steps), strict=True)
         if step.effect is not None
     ]
@@ -58,14 +88,12 @@ def findings_of(
     adjusted = holm(screenings)
     excess = None if selection.base.adequate else selection.base.excess
     others = []
-
-    def judged(screening: Screening) -> tuple[EffectVerdict, str]:
+    for screening in screenings:
         effect_id = screening.effect.id
-        return _judged(screening, final, confusable.get(effect_id), rejected.get(effect_id), tolerance)
-
-    judgements = final.workspace.workers.map(judged, screenings)
-    for screening, (verdict, reason) in zip(screenings, judgements, strict=True):
-        effect_id = screening.effect.id
+        negligible = effect_id in evidence.limits and within(evidence.limits[effect_id], tolerance)
+        verdict, reason = _judged(
+            screening, final.fit, confusable.get(effect_id), rejected.get(effect_id), negligible=negligible
+        )
         others.append(
             Finding(
                 effect=screening.effect,
@@ -107,10 +135,11 @@ def _supported(screening: Screening, removed: float, lookalikes: list[Rival], fi
 
 def _judged(
     screening: Screening,
-    final: Candidate,
+    final: Fit,
     confusable: tuple[str, Rival] | None,
     rejected: str | None,
-    tolerance: Mapping[str, float],
+    *,
+    negligible: bool,
 ) -> tuple[EffectVerdict, str]:
     if confusable is not None:
         added, rival = confusable
@@ -122,9 +151,9 @@ def _judged(
         return EffectVerdict.NOT_SUPPORTED, rejected
     if not screening.excited:
         return EffectVerdict.NOT_EXCITED, screening.reason
-    if beyond := _beyond_range(screening, final.fit):
+    if beyond := _beyond_range(screening, final):
         return EffectVerdict.NOT_EXCITED, beyond
-    if within(contribution_limit(final.fit, screening, final.workspace), tolerance):
+    if negligible:
         return EffectVerdict.NEGLIGIBLE, "its upper 95 % limit is below tolerance"
     if screening.p_value < SIGNIFICANCE / 10:
         return EffectVerdict.NOT_SUPPORTED, "follows what is left, but does not explain it when refitted exactly"

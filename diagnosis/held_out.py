@@ -26,10 +26,13 @@ class HeldOut:
     noise: Noise
     own: tuple[Effect, ...] = ()
     start: Values = field(default_factory=dict)
+    _carried: dict[Fit, Fit] = field(default_factory=dict, init=False, repr=False)
 
     def carried(self, fit: Fit) -> Fit:
         """The fit carried over to this recording, its biases and its own effects estimated here."""
-        return transferred(fit, self.recording, self.noise, self.own, self.start)
+        if fit not in self._carried:
+            self._carried[fit] = transferred(fit, self.recording, self.noise, self.own, self.start)
+        return self._carried[fit]
 
     @property
     def decides(self) -> bool:

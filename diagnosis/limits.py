@@ -44,7 +44,8 @@ def contribution_limit(fitted: Fit, screening: Screening, workspace: Workspace |
     columns = projected.columns(0)
     along = directions.T @ columns.T @ background.taken(choice).residual
     raw = _raw_columns(background, unknowns, number, point, background.spread(columns, choice))
-    power = (np.einsum("npa,ab->npb", raw, directions) ** 2).mean(axis=0)
+    gram = np.stack([raw[:, c].T @ raw[:, c] for c in range(raw.shape[1])]) / len(raw)
+    power = np.einsum("ab,cad,db->cb", directions, gram, directions, optimize=True)
     present = np.linalg.norm(directions, axis=0) > 0
     limit = np.sqrt((power * np.where(present, np.abs(along) + 1.96, 0.0) ** 2).sum(axis=1))
     return {c: float(v) for c, v in zip(fitted.recordings[number].channels, limit, strict=True)}
@@ -61,41 +62,43 @@ def _raw_columns(background: Background, unknowns: Layout, number: int, point: P
     known = {**fitted.values, **point.nuisances}
     theta = np.array([known.get(n, p.nominal) for n, p in zip(names, own.parameters, strict=True)])
     taken = background.directions.amounts(columns[background.reached])[fitted.layout.index[number]]
-    parts = [(-part @ taken, periodic) for part, periodic in background.derivatives(number)]
+    every = list(range(len(point.amplitudes)))
+    parts = [(-part @ taken, every, periodic) for part, periodic in background.derivatives(number)]
     parts += _effect_series(background, unknowns, number, point, theta)
-    if all(periodic for _, periodic in parts):
-        return np.asarray(sum(part for part, _ in parts))
-    return np.asarray(sum(np.tile(part, (recording.repeats, 1, 1)) if p else part for part, p in parts))
+    once, channels = parts[0][0].shape[:2]
+    repeats = 1 if all(periodic for _, _, periodic in parts) else recording.repeats
+    raw = np.zeros((len(every), channels, repeats, once))
+    for part, places, periodic in parts:
+        series = part.transpose(2, 1, 0)
+        raw[places] += series[:, :, None] if periodic else series.reshape(*series.shape[:2], repeats, once)
+    return raw.reshape(len(every), channels, -1).transpose(2, 1, 0)
 
 
 def _effect_series(
     background: Background, unknowns: Layout, number: int, point: Point, theta: Array
-) -> list[tuple[Array, bool]]:
-    """Summands (n, p, a) of an effect's columns in a recording, each one repeat (True) or the whole record (False)."""
+) -> list[tuple[Array, list[int], bool]]:
+    """Summands (n, p, c) of some of an effect's columns in a recording.
+
+    With each the places of its columns, and whether it is one repeat (True) or the whole record (False).
+    """
     recording, own = background.fit.recordings[number], unknowns.models[number]
     place = {p.name: i for i, p in enumerate(own.parameters)}
     tangents = [i for i, p in enumerate(point.amplitudes) if p not in point.named]
     which = tuple(place[point.amplitudes[i].name] for i in tangents)
     prediction = compiled(own)
-    found: list[tuple[Array, bool]] = []
-
-    def put(series: Array, columns: list[int], *, periodic: bool) -> None:
-        wide = np.zeros((*series.shape[:2], len(point.amplitudes)))
-        wide[:, :, columns] = series
-        found.append((wide, periodic))
-
+    found: list[tuple[Array, list[int], bool]] = []
     if which and (prediction.bend is not None or set(which) & set(prediction.memory_parameters)):
         response = respond(own, recording, theta)
         periodic = response.whole is None
         derivative = response.periodic[1] if periodic else response.derivative
-        put(derivative[:, :, list(which)], tangents, periodic=periodic)
+        found.append((derivative[:, :, list(which)], tangents, periodic))
     elif which:
         for summand in sensitivity_series(own, recording, theta[None], which):
-            put(summand.read()[:, :, 0], tangents, periodic=summand.periodic)
+            found.append((summand.read()[:, :, 0], tangents, summand.periodic))
     for _, amplitude, difference in differences(background, unknowns, number, [point]):
-        put(difference.periodic[:, :, None], [amplitude], periodic=True)
+        found.append((difference.periodic[:, :, None], [amplitude], True))
         if difference.whole is not None:
-            put(difference.whole[:, :, None], [amplitude], periodic=False)
+            found.append((difference.whole[:, :, None], [amplitude], False))
     return found
 
 

@@ -87,9 +87,9 @@ def searched(
     return workspace.each(
         wanted,
         lambda key: _searched(Background.of(key[0], workspace), key[1]),
+        label=lambda key: key[1].id,
         shared=[thing for fit in fits for thing in shared_by(fit)],
         announce=announce,
-        keeps=lambda key: _often_kept(key[0].model, key[1]),
     )
 
 
@@ -116,11 +116,6 @@ def _searched(background: Background, new: Effect) -> Search | Screening:
     if not grid:
         return _not_excited(effect, "the recording has no position")
     return Search.over(background, model, effect, grid)
-
-
-def _often_kept(model: WrenchModel, effect: Effect) -> bool:
-    """Whether an effect's sensitivities are many, and often the same beside another fit."""
-    return effect.stage.adds and any(p.nuisance for p in effect.parameters(model.space))
 
 
 def _missing(alone: WrenchModel, effect: Effect, recording: Recording, noise: Noise) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ class Candidate:
     fit: Fit
     among: int
     workspace: Workspace = field(default_factory=Workspace)
+    _less: dict[str, Candidate] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def ids(self) -> frozenset[str]:
@@ -49,6 +50,26 @@ class Candidate:
     def cost(self) -> float:
         """Whitened chi-square."""
         return self.background.cost
+
+    def less(self, effect_id: str) -> Candidate:
+        """The candidate less one of its effects, refitted once."""
+        if effect_id not in self._less:
+            self._less[effect_id] = refitted(self, [e for e in self.fit.model.effects if e.id != effect_id])
+        return self._less[effect_id]
+
+    def less_each(self, tried: Sequence[Candidate] = ()) -> dict[str, Candidate]:
+        """The candidate less each of its effects, by the effect's id, refitted by all workers unless it was `tried`."""
+        own, known = self.fit.model.effects, {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
+        found = {e.id: known.get(self.ids - {e.id}, self._less.get(e.id)) for e in own}
+        new = [e for e in own if found[e.id] is None]
+        smaller = self.workspace.workers.map(
+            lambda effect: self.less(effect.id),
+            new,
+            label=lambda effect: effect.id,
+            shared=[self, *shared_by(self.fit), self.workspace],
+        )
+        self._less.update(zip((e.id for e in new), smaller, strict=True))
+        return {e.id: found[e.id] or self._less[e.id] for e in own}
 
     def screened(self, effects: Sequence[Effect], announce: Announce | None = None) -> list[Screening]:
         """The effects that it lacks, screened."""
@@ -129,12 +150,12 @@ def _swapped(
     best: Candidate, effects: Sequence[Effect], tried: dict[frozenset[str], Candidate], progress: Progress
 ) -> Candidate:
     """The best after each effect's place was offered to the others, given the rest."""
-    own = best.fit.model.effects
-    sets = [[e for e in own if e.id != effect.id] for effect in own]
-    shared = [thing for c in (best, *tried.values()) for thing in (c, *shared_by(c.fit), c.workspace)]
-    rests = best.workspace.workers.map(lambda rest: _known(tried, best, rest), sets, shared=shared)
-    _grown(rests, effects, tried, progress)
+    _grown(list(best.less_each(list(tried.values())).values()), effects, tried, progress)
     return min(tried.values(), key=lambda c: c.criterion)
+
+
+def _ids(effects: Sequence[Effect]) -> str:
+    return " + ".join(sorted(e.id for e in effects))
 
 
 def _known(tried: Mapping[frozenset[str], Candidate], candidate: Candidate, effects: Sequence[Effect]) -> Candidate:
@@ -164,7 +185,10 @@ def _best_in_one_noise(best: Candidate, tried: Sequence[Candidate]) -> Candidate
     others = [c for c in tried if c.ids != best.ids and c.adequate]
     shared = [*shared_by(best.fit), best.workspace]
     alike = best.workspace.workers.map(
-        lambda c: refitted(best, c.fit.model.effects, c.fit.values), others, shared=shared
+        lambda c: refitted(best, c.fit.model.effects, c.fit.values),
+        others,
+        label=lambda c: _ids(c.fit.model.effects),
+        shared=shared,
     )
     return min([best, *alike], key=lambda c: c.criterion)
 
@@ -176,7 +200,7 @@ def _grown(
     progress: Progress,
 ) -> list[Candidate]:
     """Each set with one more effect, for the significant ones that were not tried; they are added to `tried`."""
-    beside = "; ".join(" + ".join(sorted(c.ids)) or "the rigid tip" for c in level)
+    beside = "; ".join(_ids(c.fit.model.effects) or "the rigid tip" for c in level)
     explored(level, effects, counted(progress, f"screen beside {beside}"))
     wanted = [growth for c in level for growth in _growths(c, c.screened(effects))]
     grown = []
@@ -185,7 +209,9 @@ def _grown(
         doing = "refit with " + "; ".join(" + ".join(sorted(growth.ids)) for growth in first)
         shared = [thing for c in level for thing in (*shared_by(c.fit), c.workspace)]
         workers, announce = level[0].workspace.workers, counted(progress, doing)
-        found = workers.map(_refitted_with, first, shared=shared, announce=announce)
+        found = workers.map(
+            _refitted_with, first, label=lambda g: g.screening.effect.id, shared=shared, announce=announce
+        )
         for growth, new in zip(first, found, strict=True):
             if new is not None:
                 tried[growth.ids] = new
@@ -253,10 +279,9 @@ def refitted(candidate: Candidate, effects: Sequence[Effect], start: Mapping[str
 
 def _pruned(candidate: Candidate, tried: Mapping[frozenset[str], Candidate], progress: Progress) -> Candidate:
     """Drop effects one by one while the set without them is better by the criterion."""
-    for effect in candidate.fit.model.effects:
-        rest = [e for e in candidate.fit.model.effects if e.id != effect.id]
-        progress(f"refit without {effect.id}")
-        smaller = _known(tried, candidate, rest)
+    if candidate.ids:
+        progress(f"refit without each of {_ids(candidate.fit.model.effects)}")
+    for smaller in candidate.less_each(list(tried.values())).values():
         if smaller.criterion < candidate.criterion:
             return _pruned(smaller, tried, progress)
     return candidate

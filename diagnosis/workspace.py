@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
@@ -92,12 +92,12 @@ class Workspace:
         keys: Sequence[Key],
         make: Callable[[Key], Result],
         *,
-        shared: Iterable[object] = (),
+        label: Callable[[Key], str] | None = None,
+        shared: Sequence[object] = (),
         announce: Announce | None = None,
-        keeps: Callable[[Key], bool] | None = None,
     ) -> list[Result]:
-        """What is made of each key, by all workers, and of none twice; some of them keep something here."""
+        """What is made of each key, by all workers, and of none twice."""
         new = [key for key in keys if key not in self._found]
-        made = self.workers.map(make, new, shared=shared, announce=announce, keeps=keeps)
+        made = self.workers.map(make, new, label=label, shared=shared, announce=announce)
         self._found.update(zip(new, made, strict=True))
         return [self._found[key] for key in keys]  # type: ignore[misc]

@@ -7,25 +7,32 @@ import select
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from multiprocessing import active_children, get_context
+from typing import Any
 
 import numpy as np
 import pytest
 
-from diagnosis.workers import Workers
+from diagnosis.workers import MOST_AT_ONCE, Task, Workers, in_step
 
 MANY = list(range(40))
+Function = Callable[[Any], Any]
+
+
+def mapped(count: int, function: Function, items: Sequence[Any] = MANY, **options: Any) -> list[Any]:
+    """One batch, by so many processes in step."""
+    return in_step(count, lambda team: team.map(function, items, **options))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 100])
 def test_results_come_in_the_order_of_the_items(count: int) -> None:
-    assert Workers(count).map(lambda n: n * n, MANY) == [n * n for n in MANY]
+    assert mapped(count, lambda n: n * n, MANY) == [n * n for n in MANY]
 
 
 def test_more_items_than_a_batch_takes() -> None:
-    items = list(range(1000))
-    assert Workers(2).map(lambda n: -n, items) == [-n for n in items]
+    items = list(range(MOST_AT_ONCE + 1))
+    assert mapped(2, lambda n: -n, items) == [-n for n in items]
 
 
 def test_several_processes_work_at_the_same_time() -> None:
@@ -36,7 +43,7 @@ def test_several_processes_work_at_the_same_time() -> None:
         barrier.wait(timeout=60)
         return os.getpid()
 
-    assert len(set(Workers(2).map(meet, [0, 1]))) == 2
+    assert len(set(mapped(2, meet, [0, 1]))) == 2
 
 
 def test_large_results_hold_nobody_up() -> None:
@@ -53,27 +60,77 @@ def test_large_results_hold_nobody_up() -> None:
             going_on.set()
         return bytes(10**6 + item)
 
-    assert [len(found) for found in Workers(2).map(work, [0, 1, 2])] == [10**6, 10**6 + 1, 10**6 + 2]
+    assert [len(found) for found in mapped(2, work, [0, 1, 2])] == [10**6, 10**6 + 1, 10**6 + 2]
 
 
-@pytest.mark.parametrize("kept", [0, 1])
-def test_what_is_kept_is_made_where_it_stays(kept: int) -> None:
-    """Two items that each wait for the other: the original makes the one that leaves something behind."""
+def test_a_process_has_the_items_of_a_label_again() -> None:
+    """Two items that each wait for the other, and change places: whoever made one makes it again."""
     barrier = get_context("fork").Barrier(2)
 
-    def meet(_item: int) -> int:
+    def meet(_label: str) -> int:
         barrier.wait(timeout=60)
         return os.getpid()
 
-    assert Workers(2).map(meet, [0, 1], keeps=lambda item: item == kept)[kept] == os.getpid()
+    def program(team: Workers) -> tuple[list[int], list[int]]:
+        return team.map(meet, ["a", "b"], label=str), team.map(meet, ["b", "a"], label=str)
+
+    first, second = in_step(2, program)
+    assert second == first[::-1]
+    assert len(set(first)) == 2
+
+
+def test_every_process_has_all_results() -> None:
+    """Each of a second batch, whoever makes it, is made of what all had made in the first."""
+
+    def program(team: Workers) -> list[int]:
+        squares = team.map(lambda n: n * n, MANY)
+        return team.map(lambda n: squares[n] + sum(squares), MANY)
+
+    total = sum(n * n for n in MANY)
+    assert in_step(4, program) == [n * n + total for n in MANY]
+
+
+def test_tasks_of_several_kinds_are_one_batch() -> None:
+    tasks = [Task("one", lambda: 1), Task("pi", lambda: "3.14"), Task("none", lambda: None)]
+    assert in_step(2, lambda team: team.run(tasks)) == [1, "3.14", None]
+
+
+def test_an_exception_leaves_the_processes_in_step() -> None:
+    """Who catches it goes on with all the others."""
+
+    def program(team: Workers) -> list[int]:
+        with pytest.raises(ZeroDivisionError):
+            team.map(lambda n: 1 // n, MANY)
+        barrier.wait(timeout=60)
+        return team.map(lambda n: -n, MANY)
+
+    barrier = get_context("fork").Barrier(3)
+    assert in_step(3, program) == [-n for n in MANY]
+
+
+def test_a_copy_out_of_step_is_let_go() -> None:
+    """It would hand in results of other items."""
+
+    def program(team: Workers) -> list[int]:
+        own = [n + 100 for n in MANY] if team.rank == 1 else MANY
+        return [sum(team.map(lambda n: n, own, label=str)), sum(team.map(lambda n: 2 * n, MANY))]
+
+    assert in_step(3, program) == [sum(MANY), 2 * sum(MANY)]
+
+
+def test_copies_are_not_heard(capfd: pytest.CaptureFixture[str]) -> None:
+    def program(team: Workers) -> int:
+        print("at", team.rank)
+        return sum(team.map(lambda n: n, MANY))
+
+    assert in_step(3, program) == sum(MANY)
+    assert capfd.readouterr().out == "at 0\n"
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_items_that_keep_something_are_all_done_once_and_announced(count: int) -> None:
+def test_all_items_are_begun_once_and_announced(count: int) -> None:
     announced: list[int] = []
-    found = Workers(count).map(
-        lambda n: n + 1, MANY, keeps=lambda n: n % 3 == 0, announce=lambda begun, _total: announced.append(begun)
-    )
+    found = mapped(count, lambda n: n + 1, announce=lambda begun, _total: announced.append(begun))
     assert found == [n + 1 for n in MANY]
     assert announced == sorted(announced)
     assert set(announced) <= set(MANY)
@@ -87,7 +144,7 @@ def test_the_first_exception_comes_back(count: int) -> None:
         return n
 
     with pytest.raises(ValueError, match="no 5"):
-        Workers(count).map(refuse, MANY)
+        mapped(count, refuse, MANY)
 
 
 def test_a_killed_worker_costs_no_result() -> None:
@@ -98,19 +155,24 @@ def test_a_killed_worker_costs_no_result() -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         return n
 
-    assert Workers(4).map(fragile, MANY) == MANY
+    def program(team: Workers) -> list[list[int]]:
+        return [team.map(fragile, MANY) for _ in range(2)]
+
+    assert in_step(4, program) == [MANY, MANY]
 
 
 def test_shared_objects_come_back_as_themselves() -> None:
     shared, other = np.arange(3.0), np.arange(2.0)
-    for first, second in Workers(3).map(lambda _n: (shared, other), MANY, shared=[shared]):
+    for first, second in mapped(3, lambda _n: (shared, other), MANY, shared=[shared]):
         assert first is shared
         np.testing.assert_array_equal(second, other)
 
 
 def test_work_within_work_is_done_there() -> None:
-    inner = Workers(3)
-    assert Workers(3).map(lambda n: sum(inner.map(lambda m: m, range(n))), [2, 3, 4]) == [1, 3, 6]
+    def program(team: Workers) -> list[int]:
+        return team.map(lambda n: sum(team.map(lambda m: m, range(n))), [2, 3, 4])
+
+    assert in_step(3, program) == [1, 3, 6]
 
 
 def test_no_copy_outlives_what_ends_the_work() -> None:
@@ -126,7 +188,7 @@ def test_no_copy_outlives_what_ends_the_work() -> None:
         return n
 
     with pytest.raises(KeyboardInterrupt):
-        Workers(3).map(wait, MANY, announce=interrupted)
+        mapped(3, wait, MANY, announce=interrupted)
     assert not active_children()
     assert set(os.listdir("/proc/self/fd")) == descriptors
 
@@ -139,7 +201,7 @@ def test_an_interrupt_is_left_to_the_original(capfd: pytest.CaptureFixture[str])
             os.kill(os.getpid(), signal.SIGINT)
         return n
 
-    assert Workers(3).map(interrupt, MANY) == MANY
+    assert mapped(3, interrupt, MANY) == MANY
     assert capfd.readouterr().err == ""
 
 
@@ -155,14 +217,14 @@ def test_an_exception_that_cannot_be_sent_is_raised_all_the_same() -> None:
         raise StubbornError(reason=f"no {n}")
 
     with pytest.raises(StubbornError, match="no 0"):
-        Workers(3).map(refuse, MANY)
+        mapped(3, refuse, MANY)
 
 
 def test_results_that_cannot_be_sent_are_made_here(capfd: pytest.CaptureFixture[str]) -> None:
     def promised(n: int) -> Callable[[], int]:
         return lambda: n
 
-    made = Workers(3).map(promised, MANY)
+    made = mapped(3, promised, MANY)
     assert [one() for one in made] == MANY
     assert capfd.readouterr().err == ""
 
@@ -181,7 +243,7 @@ def test_a_copy_killed_while_it_sends_costs_no_result() -> None:
             begun.set()
         return bytes([n]) * 1_000_000
 
-    assert Workers(2).map(large, [1, 2]) == [bytes([n]) * 1_000_000 for n in (1, 2)]
+    assert mapped(2, large, [1, 2]) == [bytes([n]) * 1_000_000 for n in (1, 2)]
 
 
 def test_no_copy_waits_for_an_original_that_is_gone() -> None:
@@ -209,4 +271,4 @@ def _killed_while_a_copy_sends(read: int, _write: int) -> None:
         begun.set()
         return bytes(1_000_000)
 
-    Workers(3).map(large, MANY)
+    mapped(3, large, MANY)

@@ -20,7 +20,7 @@ from design.motion.rest_to_rest import RestToRest
 from design.motion.series import Series
 from design.motion.spline import SplineSeries
 from design.place import place_of
-from diagnosis.workers import Workers
+from diagnosis.workers import cores
 from modeling.errors import InputError
 from modeling.kinematics import Arm
 from modeling.model import WrenchModel, planar, spatial
@@ -121,7 +121,7 @@ class DesignRequest:
 
     def pool(self) -> AbstractContextManager[Executor | None]:
         """As many processes as are asked for, one for each core by default; none for one."""
-        workers = self.options.workers or Workers.all().count
+        workers = self.options.workers or cores()
         if workers == 1:
             return nullcontext()
         return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))

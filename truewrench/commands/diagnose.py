@@ -72,7 +72,7 @@ def diagnosed(case: Case, own: tuple[Effect, ...] = (), workers: int | None = 1)
     Raises InputError when the mass comes out negative.
     """
     from diagnosis.diagnosis import diagnose
-    from diagnosis.workers import Workers
+    from diagnosis.workers import cores
     from modeling.effects import catalogue
     from truewrench.output import progress_line
 
@@ -83,7 +83,7 @@ def diagnosed(case: Case, own: tuple[Effect, ...] = (), workers: int | None = 1)
             validate=case.validation,
             effects=(*catalogue(case.model.space), *own),
             progress=progress,
-            workers=Workers.all().count if workers is None else workers,
+            workers=cores() if workers is None else workers,
         )
 
 
