@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from estimation.contact.detection import detect
+from estimation.contact.contact_detection import detect_contacts
 from truewrench.simulated_rig import NOISE_MODELS
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ PUSHES = (1.0, 3.0)
 def found(residual: Array) -> bool:
     """Whether any contact is found in a residual of unit noise."""
     size = residual.shape[1]
-    return bool(detect(residual, STEP, floor=np.ones(size), remainder=np.zeros(size)).intervals)
+    return bool(detect_contacts(residual, STEP, floor=np.ones(size), remainder=np.zeros(size)).intervals)
 
 
 def drawn(kind: str, samples: int, channels: int, seed: int) -> Array:

@@ -3,8 +3,8 @@
 `python -m benchmarks.coverage [DRAWS]` prints the table (default 200 draws of the noise a case). Columns:
 
 normal    theta ± 1.96 std with `Fit.covariance`, as if the noise were known
-student   `estimation.interval.intervals`: Student's quantile with the freedom of the estimated noise, and for single
-          runs the spectrum that the autoregression left
+student   `estimation.confidence_intervals.intervals`: Student's quantile with the freedom of the estimated noise, and
+          for single runs the spectrum that the autoregression left
 Each with the 95 % interval of the share itself (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212): parameters of one
 kind share their noise, so that the draws are counted, and the parameters of a draw only as far as they differ.
 """
@@ -20,17 +20,16 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.confidence_intervals import Intervals, intervals
 from estimation.fit import Fit, fit, table
-from estimation.interval import Intervals, intervals
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.repeats.bootstrap import bootstrap
-from estimation.robust.loss import Huber, Loss
-from estimation.robust.rereading import reread
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording, with_readings
+from estimation.repeatability.bootstrap import bootstrap
 from estimation.robust.robust_fit import robust_fit
+from estimation.robust.robust_loss import Huber, Loss
 from modeling import effects
-from modeling.model import WrenchModel, planar, spatial
-from modeling.rig import Convention, Rig, SensorDescription
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.rig.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
@@ -41,7 +40,7 @@ DRAWS = 200
 """Draws of the noise a case: coverage of 0.95 is then known to ± 0.03."""
 EXACT = 1e-9
 """Steps (rad, m) of resolvers fine enough that the motion is no source of error: what is studied is the readings'."""
-RIGS: Mapping[Space, simulated.Rig] = {
+RIGS: Mapping[Space, simulated.SimulatedRig] = {
     Space.PLANE: simulated.PlanarRig(resolver_step=EXACT),
     Space.SPACE: simulated.SpatialRig(resolver_step=EXACT, position_step=EXACT),
 }
@@ -114,7 +113,7 @@ class Setting:
         """A recording with this noise, of the rig's size."""
         silent, rig = silent_recording(self), RIGS[self.space]
         series = noise.draw(np.random.default_rng(seed), silent.samples, len(rig.channels))
-        return reread(silent, silent.wrench + series * np.array(rig.noise))
+        return with_readings(silent, silent.wrench + series * np.array(rig.noise))
 
 
 @cache
@@ -122,7 +121,7 @@ def silent_recording(setting: Setting) -> Recording:
     """The setting's recording without noise."""
     rig = RIGS[setting.space]
     if setting.rest:
-        frame = simulated.rest_poses(rig, setting.samples, noise=Silence(), seed=5)
+        frame = simulated.static_poses(rig, setting.samples, noise=Silence(), seed=5)
     else:
         frame = simulated.simulate(
             rig, rig.random_motion(seed=5), hidden=setting.hidden, repeats=setting.repeats,

@@ -23,15 +23,14 @@ from benchmarks.rivals.reference import ARM, FREE, LIMITS, RIG, SAMPLES
 from benchmarks.rivals.unoptimised import chapter_optimum
 from benchmarks.scatter import TAIL, Scatter, span
 from design.information.experiment import Experiment
-from design.information.noise import WhiteNoise
-from design.motion.series import Motion
-from design.random_feasible import random_feasible
+from design.information.sensor_noise import WhiteNoise
+from design.limits.random_feasible import random_feasible_trajectory
+from design.trajectories.trajectory import Trajectory
 from estimation.fit import fit
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.robust.rereading import reread
-from estimation.stream.noise_model import NoiseModel
-from modeling.model import planar
+from estimation.noise.autoregression import NoiseModel
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording, with_readings
+from modeling.chain.model import planar
 from truewrench import simulated_rig as simulated
 
 Array = npt.NDArray[np.float64]
@@ -52,22 +51,24 @@ class Silence(simulated.NoiseModel):
         return np.zeros((samples, channels))
 
 
-def silent(motion: Motion) -> Recording:
+def silent(motion: Trajectory) -> Recording:
     """The recording of one period without noise; the angles are read by resolvers."""
     frame = simulated.simulate(ARM_IN_MUJOCO, motion, repeats=1, samples_per_period=SAMPLES, noise=Silence())
     left_out = {"temperature", "repeat"}
     return from_columns({str(n): frame[n].to_numpy(dtype=float) for n in frame if n not in left_out}, rig=RIG)
 
 
-def estimates(motion: Motion, draws: int, seed: int) -> Array:
+def estimates(motion: Trajectory, draws: int, seed: int) -> Array:
     """(draws, k): the parameters estimated from recordings that differ by their noise."""
     recording, known = silent(motion), NoiseModel.white([STD] * 3)
     rng = np.random.default_rng(seed)
     noises = STD * rng.standard_normal((draws, *recording.wrench.shape))
-    return np.array([fit(MODEL, reread(recording, recording.wrench + noise), noise=known).theta for noise in noises])
+    return np.array(
+        [fit(MODEL, with_readings(recording, recording.wrench + noise), noise=known).theta for noise in noises]
+    )
 
 
-def promised(motion: Motion) -> Array:
+def promised(motion: Trajectory) -> Array:
     """M (k, k) of the motion that was asked for."""
     noise = WhiteNoise.of_std([STD] * len(MODEL.channels))
     return Experiment.of(MODEL, ARM, noise=noise).information(motion, SAMPLES)
@@ -87,7 +88,7 @@ def gain_rows(designed: Scatter, others: Sequence[Scatter]) -> list[tuple[str, .
     return rows
 
 
-def compared(motions: Mapping[str, Motion], *, draws: int, seed: int) -> list[Scatter]:
+def compared(motions: Mapping[str, Trajectory], *, draws: int, seed: int) -> list[Scatter]:
     """The scatter along each motion, with noise of its own."""
     return [
         Scatter(name, estimates(motion, draws, seed + number), promised(motion))
@@ -125,7 +126,7 @@ def main() -> None:
     designed = traced(0, starts=1).motion
     assert designed is not None
     motions = {"designed": designed, "x_opt of 22.17": chapter_optimum()}
-    motions |= {f"random {i + 1}": random_feasible(FREE, LIMITS, seed=i) for i in range(options.random)}
+    motions |= {f"random {i + 1}": random_feasible_trajectory(FREE, LIMITS, seed=i) for i in range(options.random)}
     print(report(compared(motions, draws=options.draws, seed=0)))
 
 

@@ -12,9 +12,9 @@ from truewrench.simulated_rig import (
     HiddenEffect,
     PayloadChange,
     PlanarRig,
-    Rig,
     SensorCrosstalk,
     SensorLag,
+    SimulatedRig,
     SpatialRig,
     TimeDelay,
     ViscousDrag,
@@ -37,7 +37,7 @@ class Case:
 
     group: str
     name: str
-    rig: Rig
+    rig: SimulatedRig
     hidden: Sequence[HiddenEffect] = ()
     passing: Sequence[HiddenEffect] = ()
     repeats: tuple[int, int] = (8, 3)
@@ -68,7 +68,7 @@ class Case:
 
 def _pairs(
     group: str,
-    rig: Rig,
+    rig: SimulatedRig,
     hidden: dict[str, tuple[Sequence[HiddenEffect], Sequence[HiddenEffect]]],
     repeats: tuple[int, int],
     rows: int,

@@ -37,13 +37,13 @@ from benchmarks.long_fit import NOISE, log
 from benchmarks.measure import Cost, cost, peak_bytes, process
 from benchmarks.row import Row, table
 from estimation.fit import fit
-from estimation.stream.chunk import Chunk
-from estimation.stream.noise_model import NoiseModel
-from estimation.stream.regressor_map import linear
-from modeling.emit.base import BaseRegressor
-from modeling.emit.numpy_regressor import numpy_regressor
-from modeling.model import WrenchModel, planar, spatial
-from modeling.rig import STANDARD_GRAVITY, Convention
+from estimation.noise.autoregression import NoiseModel
+from estimation.streaming.chunk import Chunk
+from estimation.streaming.regressor_map import linear_regressor_map
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.codegen.numpy_target import numpy_regressor
+from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.rig.rig import STANDARD_GRAVITY, Convention
 from modeling.space import Space
 
 Array = npt.NDArray[np.float64]
@@ -159,7 +159,7 @@ class Task:
 
     def rows(self) -> list[Row]:
         """Ratios of time and memory, and of the time that sine and cosine take."""
-        linear(self.model)  # derived outside the clock
+        linear_regressor_map(self.model)  # derived outside the clock
         found = fit(self.model, self.chunk, noise=self.noise)
         _require_same(found.theta, self.instead(), np.sqrt(np.diag(found.covariance)))
         costs: dict[str, list[Cost]] = {"ours": [], "instead": [], "floor": []}
@@ -213,7 +213,7 @@ def emitted(space: Space, folder: Path) -> ModuleType:
     """The module that `truewrench emit` writes, written and loaded."""
     name = "planar_regressor" if space is Space.PLANE else "spatial_regressor"
     path = folder / f"{name}.py"
-    path.write_text(numpy_regressor(BaseRegressor(space), "truewrench"), encoding="utf-8")
+    path.write_text(numpy_regressor(RigidToolRegressor(space), "truewrench"), encoding="utf-8")
     spec = spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None

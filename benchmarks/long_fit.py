@@ -25,10 +25,10 @@ import numpy.typing as npt
 from benchmarks.measure import peak_bytes, peak_resident, rounds
 from benchmarks.row import Row, table
 from estimation.fit import fit
-from estimation.stream.chunk import Chunk
-from estimation.stream.noise_model import NoiseModel
-from estimation.stream.regressor_map import linear
-from modeling.model import planar
+from estimation.noise.autoregression import NoiseModel
+from estimation.streaming.chunk import Chunk
+from estimation.streaming.regressor_map import linear_regressor_map
+from modeling.chain.model import planar
 
 Array = npt.NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def readings(signals: dict[str, Array], rng: np.random.Generator) -> Array:
 
 def regressor(signals: dict[str, Array], samples: int) -> Array:
     """Emitted regressor and offset (k + 1, p, n)."""
-    emitted = linear(planar())
+    emitted = linear_regressor_map(planar())
     assert emitted is not None
     return emitted(signals, samples)
 
@@ -128,7 +128,7 @@ def in_a_process(samples: int) -> tuple[float, float]:
 
 def fit_and_print(samples: int) -> None:
     """Fit a generated log of that many samples and print what it took."""
-    linear(planar())  # derived outside the clock
+    linear_regressor_map(planar())  # derived outside the clock
     begin = perf_counter()
     found = fit(planar(), log(samples), noise=NOISE)
     seconds = perf_counter() - begin

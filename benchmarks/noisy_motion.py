@@ -26,16 +26,24 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from benchmarks.orthogonal_regression import orthogonal
+from estimation.errors_in_variables.errors_in_variables_fit import errors_in_variables_fit
+from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import Fit, fit
-from estimation.linear.estimate import table
-from estimation.noisy_motion.errors_in_variables import errors_in_variables_fit
-from estimation.noisy_motion.input_noise import InputNoise
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from modeling.arm import PlanarArm
-from modeling.model import WrenchModel, planar, spatial
-from modeling.rig import Convention, Rig, SensorDescription
-from truewrench.simulated_rig import HiddenEffect, NoiseModel, PlanarRig, SpatialRig, ViscousDrag, rest_poses, simulate
+from estimation.least_squares.estimates import table
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.rig.rig import Convention, Rig, SensorDescription
+from truewrench.simulated_rig import (
+    HiddenEffect,
+    NoiseModel,
+    PlanarRig,
+    SpatialRig,
+    ViscousDrag,
+    simulate,
+    static_poses,
+)
 
 Array = npt.NDArray[np.float64]
 Columns = dict[str, Array]
@@ -142,14 +150,14 @@ def planar_run(hidden: tuple[HiddenEffect, ...] = ()) -> Columns:
 @cache
 def planar_poses() -> Columns:
     """24 poses of the arm at rest, as joint angles."""
-    frame = rest_poses(ARM, 24, noise=Silence(), seed=3)
+    frame = static_poses(ARM, 24, noise=Silence(), seed=3)
     return {name: frame[name].to_numpy(dtype=float) for name in ("q1", "q2", "q3", *ARM.channels)}
 
 
 @cache
 def spatial_poses() -> Columns:
     """24 poses of the tool at rest, as quaternions."""
-    frame = rest_poses(TOOL, 24, noise=Silence(), seed=3)
+    frame = static_poses(TOOL, 24, noise=Silence(), seed=3)
     return {name: frame[name].to_numpy(dtype=float) for name in ("qx", "qy", "qz", "qw", *TOOL.channels)}
 
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from estimation.noisy_motion.input_noise import InputNoise
-from estimation.noisy_motion.noisy_load import NoisyLoad
-from estimation.recording import Recording
-from modeling.model import WrenchModel
-from modeling.prediction import compiled
+from estimation.errors_in_variables.error_propagation import ErrorPropagation
+from estimation.errors_in_variables.input_noise import InputNoise
+from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +26,11 @@ AT_REST = 1e-4
 
 def orthogonal(model: WrenchModel, recording: Recording, inputs: InputNoise, floor: Array, start: Array) -> Array:
     """Parameters (k,) of a single run whose readings have white noise of std `floor` (p,)."""
-    slopes, parts, n = NoisyLoad.of(model, recording, inputs).emitted, compiled(model), recording.samples
+    slopes, parts, n = (
+        ErrorPropagation.of(model, recording, inputs).emitted,
+        compiled_prediction(model),
+        recording.samples,
+    )
     theta, shift = start, np.zeros((n, len(inputs.names)))
     for _ in range(MOST_STEPS):
         known = dict(recording.signals)

@@ -10,11 +10,11 @@ import numpy as np
 from benchmarks.rivals.reference import ARM, RIG
 from benchmarks.rivals.trace import Trace
 from design.information.experiment import Experiment
-from design.motion.series import Motion
-from design.planning import Step, design
-from modeling.model import planar
+from design.trajectories.trajectory import Trajectory
+from design.trajectory_design import DesignStage, design
+from modeling.chain.model import planar
 
-OnImprovement = Callable[[float, float, Motion], None]
+OnImprovement = Callable[[float, float, Trajectory], None]
 """Told of the seconds since the start, ln det, and a motion that keeps the limits at every instant."""
 
 
@@ -26,7 +26,7 @@ def ours(seed: int, on_improvement: OnImprovement, starts: int | None = None) ->
     Experiment.of(planar(RIG), ARM).sample()
     began = perf_counter()
 
-    def progress(step: Step) -> None:
+    def progress(step: DesignStage) -> None:
         if step.best is not None:
             on_improvement(perf_counter() - began, step.best.value, step.best.motion)
 
@@ -35,10 +35,10 @@ def ours(seed: int, on_improvement: OnImprovement, starts: int | None = None) ->
 
 def traced(seed: int, starts: int | None = None) -> Trace:
     """The run of `ours` as a trace."""
-    notes: list[tuple[float, float, Motion]] = []
+    notes: list[tuple[float, float, Trajectory]] = []
     began = perf_counter()
 
-    def note(seconds: float, logdet: float, motion: Motion) -> None:
+    def note(seconds: float, logdet: float, motion: Trajectory) -> None:
         if not notes or logdet > notes[-1][1]:
             notes.append((seconds, logdet, motion))
 

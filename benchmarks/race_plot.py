@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.rivals.trace import Trace
-from truewrench.plots.style import INK, LEGEND, MUTED, SMALL, Sheet, heading
+from truewrench.plots.style import INK, LEGEND, MUTED, SMALL, PanelGrid, panel_title
 
 COLOURS = ("#0072B2", "#D55E00", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#8A8F98")
 """Okabe and Ito's, which colour-blind people can tell apart; ours first."""
@@ -18,10 +18,10 @@ WORST = 47.0
 
 def race_figure(raced: Sequence[Mapping[str, Trace]]) -> Figure:
     """A line for each seed and entrant: ln det against seconds, which are logarithmic, to the end of its run."""
-    sheet = Sheet(rows=1, columns=1, panel_height=330, width=760, bottom=44)
+    sheet = PanelGrid(rows=1, columns=1, panel_height=330, width=760, bottom=44)
     figure, panels = sheet.panels()
     axes = panels[0, 0]
-    heading(axes, "Reference problem: the best feasible motion found by then")
+    panel_title(axes, "Reference problem: the best feasible motion found by then")
     latest = max(trace.total_seconds for race in raced for trace in race.values())
     for colour, name in zip(COLOURS, raced[0], strict=False):
         for number, race in enumerate(raced):

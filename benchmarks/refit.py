@@ -29,14 +29,14 @@ from scipy.optimize import least_squares
 
 from benchmarks.measure import rounds
 from benchmarks.row import Row, table
-from estimation.fit import Fit, Problem, fit
-from estimation.reading import read
-from estimation.response import signals_of
+from estimation.fit import Fit, WhitenedProblem, fit
+from estimation.model_response import model_signals
+from estimation.recordings.reading import read
 from modeling import effects
-from modeling.model import planar
-from modeling.prediction import compiled
-from modeling.rig import Rig
-from truewrench.simulated_rig import CableSpring, PlanarRig, placed, simulate, write_recording
+from modeling.chain.model import planar
+from modeling.chain.prediction import compiled_prediction
+from modeling.rig.rig import Rig
+from truewrench.simulated_rig import CableSpring, PlanarRig, resolve_effects, simulate, write_recording
 
 Array = npt.NDArray[np.float64]
 Evaluation = Callable[[Array], Array]
@@ -63,7 +63,7 @@ class Counted:
 
 
 @dataclass(frozen=True, eq=False)
-class CountedProblem(Problem):
+class CountedProblem(WhitenedProblem):
     """A problem whose evaluations are counted."""
 
     calls: list[Array] = field(default_factory=list)
@@ -87,9 +87,9 @@ class Task:
         return low, high
 
     @cached_property
-    def problem(self) -> Problem:
+    def problem(self) -> WhitenedProblem:
         """With derivatives."""
-        return Problem(self.fitted.layout, self.fitted.recordings, self.fitted.noise)
+        return WhitenedProblem(self.fitted.layout, self.fitted.recordings, self.fitted.noise)
 
     def starts(self) -> list[Array]:
         """Parameters (k,) near the minimum in the effect's, zero in the tool's and the biases."""
@@ -101,14 +101,18 @@ class Task:
     def residual(self, theta: Array) -> Array:
         """Whitened residual of the motion's lines, without derivatives (a tether and a zero have no memory)."""
         (recording,), (noise,) = self.fitted.recordings, self.fitted.noise
-        once, signals, model = recording.samples_per_repeat, signals_of(recording), compiled(self.fitted.model)
+        once, signals, model = (
+            recording.samples_per_repeat,
+            model_signals(recording),
+            compiled_prediction(self.fitted.model),
+        )
         value = model.load.value(signals, theta, once) + model.zero.value(signals, theta, once)
-        steady = noise.whitener.steady_rows
+        steady = noise.whitener.periodic_rows
         return np.asarray(self.problem.measured[0][:steady] - noise.whitener.steady(value))
 
     def jacobian(self, theta: Array) -> Array:
         """Exact derivative of `residual`."""
-        steady = self.fitted.noise[0].whitener.steady_rows
+        steady = self.fitted.noise[0].whitener.periodic_rows
         return np.asarray(-self.problem.evaluate(theta)[1][:steady])
 
     def chi_square(self, theta: Array) -> float:
@@ -156,7 +160,7 @@ def tethered() -> Task:
     """The recording of a tied arm and its fit."""
     arm, model = PlanarRig(), planar() + effects.cable_spring()
     motion = arm.random_motion(seed=1)
-    hidden = placed(arm, motion, [CableSpring()])
+    hidden = resolve_effects(arm, motion, [CableSpring()])
     frame = simulate(arm, motion, hidden=hidden, repeats=8, samples_per_period=500, seed=1)
     with TemporaryDirectory() as folder:
         recording = read(write_recording(frame, f"{folder}/tied.csv"), rig=Rig(link_lengths=arm.link_lengths))

@@ -2,8 +2,8 @@
 
 Compared are ways to the same array from the same signals, and every way is first checked to give it:
 
-numpy emission      `modeling.emission.numpy_function`: subexpressions shared, all samples at once
-casadi map          `modeling.prediction.Emitted`: a CasADi graph mapped over samples, as fits and searches use it
+numpy emission      `modeling.expressions.compilation.numpy_function`: subexpressions shared, all samples at once
+casadi map          `modeling.chain.prediction.Emitted`: a CasADi graph mapped over samples, as fits and searches use it
 lambdify, loop      `sympy.lambdify` of the same matrix as its documentation has it (no cse), called for each sample
 lambdify, arrays    the same without cse, called once with arrays, for users who vectorise by hand
 pinocchio, loop     `pinocchio.bodyRegressor`, compiled C++, called for each sample; six axes, and only when installed
@@ -28,11 +28,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.measure import peak_bytes, rounds
 from benchmarks.row import Row, table
-from modeling.emission import numpy_function
-from modeling.model import WrenchModel, planar, spatial
-from modeling.prediction import Emitted
-from modeling.regressor import regressor
-from modeling.rig import Convention
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.prediction import VectorFunction
+from modeling.chain.regressor import regressor
+from modeling.expressions.compilation import numpy_function
+from modeling.rig.rig import Convention
 
 Array = npt.NDArray[np.float64]
 Evaluation = Callable[[], Array]
@@ -103,7 +103,7 @@ class Task:
         return run
 
     def _casadi_map(self) -> Evaluation:
-        emitted = Emitted.of(sp.Matrix(list(self.phi)), tuple(s.name for s in self.inputs), ())
+        emitted = VectorFunction.of(sp.Matrix(list(self.phi)), tuple(s.name for s in self.inputs), ())
         return lambda: emitted.value(self.signals, np.zeros(0), SAMPLES).reshape(SAMPLES, *self.phi.shape)
 
     def _lambdify_loop(self) -> Evaluation:

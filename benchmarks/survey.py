@@ -30,7 +30,7 @@ from benchmarks.dask_processes import DaskProcesses, dask_processes
 if TYPE_CHECKING:
     from truewrench.simulated_rig import HiddenEffect
     from truewrench.surveying import Survey
-    from truewrench.surveying.row import Row
+    from truewrench.surveying.survey_row import SurveyRow
 
 RECORDINGS = 40
 WORKERS, PROCESSES = 2, 2
@@ -94,7 +94,7 @@ def alone(paths: Sequence[Path], folder: Path, only: Sequence[str] | None) -> Su
         return survey(paths, rig=folder / "rig.toml", executor=executor, only=only)
 
 
-def without_seconds(row: Row) -> Row:
+def without_seconds(row: SurveyRow) -> SurveyRow:
     """The row less the only part that may differ."""
     return replace(row, outcome=replace(row.outcome, seconds=None))
 

@@ -21,22 +21,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.design_variance import shown
-from design.discrimination import Direction, Distinction, Hypothesis, in_place_of
+from design.discrimination import DirectedPair, DiscriminationDesign, Hypothesis, with_effect_replaced
 from design.information import WhiteNoise
-from design.motion.random_motion import random_motion
-from design.motion.series import Motion
-from design.random_feasible import random_feasible
+from design.limits.random_feasible import random_feasible_trajectory
+from design.trajectories.random_periodic import random_periodic_trajectory
+from design.trajectories.trajectory import Trajectory
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.next_experiment import next_experiment, view_of
+from diagnosis.next_experiment import next_experiment, recorded_experiment
 from estimation.fit import fit
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.response import predicted
-from estimation.stream.noise_model import NoiseModel
+from estimation.model_response import predicted_readings
+from estimation.noise.autoregression import NoiseModel
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel, planar
 from modeling.effects import named
 from modeling.errors import InputError
-from modeling.model import WrenchModel, planar
-from modeling.rig import Limits, Rig
+from modeling.rig.rig import Limits, Rig
 from truewrench import simulated_rig as simulated
 
 ROBOT = simulated.PlanarRig()
@@ -102,10 +102,10 @@ class Trial:
     """
 
     before: Told
-    plan: Distinction
+    plan: DiscriminationDesign
     designed: Told
     random: Told
-    truth: Direction
+    truth: DirectedPair
 
     @property
     def promised(self) -> float:
@@ -116,11 +116,11 @@ class Trial:
 
     def expected(self, told: Told) -> float:
         """lambda along the motion of a recording at the true size."""
-        view = view_of(told.recording, self.plan.setting.noise)
-        return told.recording.repeats * self.truth.imitation([view], self.plan.setting.reach).separation
+        view = recorded_experiment(told.recording, self.plan.setting.noise)
+        return told.recording.repeats * self.truth.rival_fit([view], self.plan.setting.reach).separation
 
 
-def recorded(motion: Motion, effect: simulated.HiddenEffect, seed: int) -> Recording:
+def recorded(motion: Trajectory, effect: simulated.HiddenEffect, seed: int) -> Recording:
     """The motion's repeats, with white noise."""
     frame = simulated.simulate(ROBOT, motion, hidden=[effect], repeats=REPEATS, samples_per_period=SAMPLES, seed=seed)
     return from_columns({str(n): frame[n].to_numpy(dtype=float) for n in frame}, name=f"seed {seed}", rig=RIG)
@@ -133,7 +133,7 @@ def trial(case: str, seed: int) -> Told | Trial:
     """
     effect, rival = CASES[case]
     limits = {name: tuple(SLOW * value for value in values) for name, values in LIMITS.items()}
-    ordinary = random_motion(joints=3, **limits, period=PERIOD, seed=(seed, 0))  # type: ignore[arg-type]
+    ordinary = random_periodic_trajectory(joints=3, **limits, period=PERIOD, seed=(seed, 0))  # type: ignore[arg-type]
     before = _told(ordinary, effect, rival, 10 * seed)
     others = [name for name in before.diagnosis.added if name != effect.id]
     if others:
@@ -143,29 +143,29 @@ def trial(case: str, seed: int) -> Told | Trial:
     except InputError:  # nothing found, or nothing confusable
         return before
     assert plan.motion is not None
-    control = random_feasible(plan.setting.series, plan.setting.limits, seed=(seed, 1))
+    control = random_feasible_trajectory(plan.setting.series, plan.setting.limits, seed=(seed, 1))
     designed, random = (
         _told(motion, effect, before.rival, 10 * seed + i) for i, motion in enumerate((plan.motion, control), start=1)
     )
     return Trial(before, plan, designed, random, _truth(effect, before.rival))
 
 
-def _truth(effect: simulated.HiddenEffect, rival: str) -> Direction:
+def _truth(effect: simulated.HiddenEffect, rival: str) -> DirectedPair:
     tool = dict(zip(("bias_fx", "bias_fy", "bias_tau"), ROBOT.bias, strict=True))
     tool |= {"m": ROBOT.mass, "mlg": ROBOT.mlg, "I": ROBOT.inertia}
     tool |= {f"{effect.id}.{name}": value for name, value in vars(effect).items()}
     model = planar(RIG) + named(effect.id)
-    return Direction(Hypothesis.of(model, tool), in_place_of(model, effect.id, named(rival)))
+    return DirectedPair(Hypothesis.of(model, tool), with_effect_replaced(model, effect.id, named(rival)))
 
 
-def _told(motion: Motion, effect: simulated.HiddenEffect, rival: str, seed: int) -> Told:
+def _told(motion: Trajectory, effect: simulated.HiddenEffect, rival: str, seed: int) -> Told:
     recording = recorded(motion, effect, seed)
     return Told(recording, diagnose(planar(RIG), recording), effect.id, rival)
 
 
 def _chi_square(model: WrenchModel, recording: Recording, start: Mapping[str, float]) -> float:
     theta = fit(model, recording, noise=NoiseModel.white(ROBOT.noise), start=start).theta
-    left = (recording.wrench - predicted(model, recording, theta)) / np.array(ROBOT.noise)
+    left = (recording.wrench - predicted_readings(model, recording, theta)) / np.array(ROBOT.noise)
     return float((left**2).sum())
 
 

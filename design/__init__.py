@@ -1,1 +1,1 @@
-"""Exciting motions within the limits: criteria, their optimum and its bound."""
+"""Optimal design of exciting trajectories within limits: criteria, optimiser and upper bound by duality."""

@@ -1,1 +1,1 @@
-"""Where a model fails, which effect explains it, and which experiment would tell."""
+"""Model diagnosis: fit, screen, select, validate, verdict; and the discriminating experiment to run next."""

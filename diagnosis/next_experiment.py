@@ -1,4 +1,4 @@
-"""The next experiment: the motion that tells what a diagnosis found from what it could not be told apart from."""
+"""Discriminating trajectory (T-optimal) between a supported effect and its aliases."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from design.discrimination import Distinction, View, in_place_of, tell_apart
-from design.discrimination.search import Progress
+from design.discrimination import DiscriminationDesign, WhitenedPrediction, tell_apart, with_effect_replaced
+from design.discrimination.exchange_algorithm import ExchangeProgress
 from design.information import ColouredNoise, SensorNoise, WhiteNoise
 from design.information.sampling import Sampling
-from design.motion.fourier import FreeSeries
-from design.motion.series import Series
+from design.trajectories.fourier import FreeSeries
+from design.trajectories.trajectory import TrajectorySeries
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.finding import Finding
-from diagnosis.verdict import EffectVerdict
-from estimation.recording import Recording
-from estimation.response import signals_of
-from modeling.effect import Effect
+from diagnosis.verdict.finding import Finding
+from diagnosis.verdict.verdict import EffectVerdict
+from estimation.model_response import model_signals
+from estimation.recordings.recording import Recording
+from modeling.chain.effect import Effect
 from modeling.errors import InputError
-from modeling.rig import Rig
+from modeling.rig.rig import Rig
 
 HARMONICS = (1, 2, 3, 4, 5, 6)
-"""Of the motion when no series is given: large and slow ones suffice where forces are to differ in kind."""
+"""Harmonics of the trajectory when no series is given: low ones suffice to discriminate between kinds of force."""
 WHERE = "next experiment"
 
 
@@ -32,39 +32,40 @@ def next_experiment(
     rig: Rig | None = None,
     *,
     rivals: Sequence[Effect] | None = None,
-    series: Series | None = None,
+    series: TrajectorySeries | None = None,
     samples: int | None = None,
     noise: SensorNoise | None = None,
     runs: int | None = None,
     starts: int = 4,
     seed: int = 0,
     executor: Executor | None = None,
-    progress: Progress | None = None,
-) -> Distinction:
-    """The motion that separates the first supported effect of a diagnosis from those in its `confusable_with`.
+    progress: ExchangeProgress | None = None,
+) -> DiscriminationDesign:
+    """Trajectory that best discriminates the first supported effect of a diagnosis from its `confusable_with`.
 
-    The truth is the fitted model, what no motion can be designed for left out; lambda before is along the first
-    recording's own motion. Series (free, of the same period), samples, noise and runs are those of that recording
-    unless given; `rig` is its rig unless given, and `rivals` are other effects to be told apart from.
-    Raises InputError when nothing was found that is confusable, or the rig lacks arm or limits.
+    The true model is the fitted one, without effects that no trajectory can be designed for; the reference
+    noncentrality (lambda) is that of the first recording's motion. Series (free, of the same period), samples, noise
+    and runs are those of that recording unless given; `rig` is its rig unless given, and `rivals` are the alternative
+    effects instead of `confusable_with`.
+    Raises InputError when no supported effect has an alias, or the rig lacks arm or limits.
     """
-    finding, others = _confused(found, rivals)
+    finding, others = _aliased_finding(found, rivals)
     recording = found.fit.recordings[0]
     own = rig or recording.rig
     if own is None or own.arm is None or recording.dt is None:
-        what = "the motion of an arm is designed, and the recording is not of one that moves"
+        what = "a trajectory is designed for an arm in motion, and the recording is not of one"
         raise InputError(what=what, where=WHERE, remedy="give the rig, with robot.link_lengths or robot.urdf")
-    model, seen = found.fit.model.designable, noise or noise_of(found)
+    model, assumed_noise = found.fit.model.designable, noise or sensor_noise_of(found)
     duration = recording.samples_per_repeat * recording.dt
     return tell_apart(
         own,
         model,
         found.fit.values,
-        [in_place_of(model, finding.effect.id, other) for other in others],
+        [with_effect_replaced(model, finding.effect.id, other) for other in others],
         series=series or FreeSeries(joints=own.arm.joints, harmonics=HARMONICS, period=duration),
         samples=samples or recording.samples_per_repeat,
-        noise=seen,
-        reference=view_of(recording, seen),
+        noise=assumed_noise,
+        reference=recorded_experiment(recording, assumed_noise),
         runs=runs or recording.repeats,
         starts=starts,
         seed=seed,
@@ -73,27 +74,27 @@ def next_experiment(
     )
 
 
-def view_of(recording: Recording, noise: SensorNoise) -> View:
-    """One run of a recording's motion, as it was measured."""
+def recorded_experiment(recording: Recording, noise: SensorNoise) -> WhitenedPrediction:
+    """One repeat of a recording's motion as an experiment, from the measured signals."""
     once, step = recording.samples_per_repeat, recording.dt or 1.0
     periodic = recording.repeats > 1
     sampling = Sampling(duration=step * (once if periodic else once - 1), samples=once, periodic=periodic)
-    signals = {name: values[:once] for name, values in signals_of(recording).items()}
-    return View(signals=signals, sampling=sampling, noise=noise)
+    signals = {name: values[:once] for name, values in model_signals(recording).items()}
+    return WhitenedPrediction(signals=signals, sampling=sampling, noise=noise)
 
 
-def noise_of(found: Diagnosis) -> SensorNoise:
-    """The noise of the first recording: with its spectrum where repeats show it, else white, of its floor."""
+def sensor_noise_of(found: Diagnosis) -> SensorNoise:
+    """Noise of the first recording: coloured where repeats gave its spectrum, else white with the noise floor's std."""
     recording, noise = found.fit.recordings[0], found.fit.noise[0]
     if not noise.spectra or recording.dt is None:
         return WhiteNoise.of_std(noise.floor)
     frequency = np.fft.rfftfreq(recording.samples_per_repeat, recording.dt).astype(float)
-    seen = np.concatenate([frequency[1:2], frequency[1:]])  # no spectrum is known at zero: as at the lowest line
-    return ColouredNoise.of_spectra(frequency, np.stack([spectrum(seen) for spectrum in noise.spectra], axis=1))
+    at = np.concatenate([frequency[1:2], frequency[1:]])  # the spectrum at zero is unknown: that of the lowest line
+    return ColouredNoise.of_spectra(frequency, np.stack([spectrum(at) for spectrum in noise.spectra], axis=1))
 
 
-def _confused(found: Diagnosis, rivals: Sequence[Effect] | None) -> tuple[Finding, list[Effect]]:
-    """The first supported effect with rivals, and those."""
+def _aliased_finding(found: Diagnosis, rivals: Sequence[Effect] | None) -> tuple[Finding, list[Effect]]:
+    """The first supported effect with aliases, and its aliases."""
     supported = [f for f in found.findings if f.verdict is EffectVerdict.SUPPORTED and f.effect.designable]
     if rivals is not None and supported:
         return supported[0], list(rivals)
@@ -102,5 +103,7 @@ def _confused(found: Diagnosis, rivals: Sequence[Effect] | None) -> tuple[Findin
         others = [known[i] for i in finding.confusable_with]
         if others := [effect for effect in others if effect.designable]:
             return finding, others
-    what = "no effect was found that a motion can be designed for" if not supported else "nothing is confusable"
-    raise InputError(what=what, where=WHERE, remedy="name the effects to be told apart: `truewrench design --tell A B`")
+    what = "no supported effect to design a trajectory for" if not supported else "no supported effect has an alias"
+    raise InputError(
+        what=what, where=WHERE, remedy="name the effects to be discriminated: `truewrench design --tell A B`"
+    )

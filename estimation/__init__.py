@@ -1,1 +1,1 @@
-"""From recordings to parameters: noise, fits, physical consistency and contact."""
+"""Estimation: recordings, noise, least-squares fits under constraints, repeatability and contact."""

@@ -1,4 +1,4 @@
-"""Distributions: tails and quantiles of the tests, by `scipy.special` alone, which loads ten times as fast as `stats`.
+"""Tail probabilities and quantiles of test distributions, by `scipy.special`: it loads ten times as fast as `stats`.
 
 `sf` is the survival function P(X > x), `isf` its inverse, as `scipy.stats` calls them; arrays broadcast.
 """
@@ -40,7 +40,7 @@ def noncentrality(statistic: Numbers, freedom: Numbers, probability: Numbers) ->
 
 
 def f_sf(ratio: Numbers, above: Numbers, below: Numbers) -> Numbers:
-    """P(X > ratio) of Fisher's F with degrees of freedom above and below the bar."""
+    """P(X > ratio) of Fisher's F with `above` (numerator) and `below` (denominator) degrees of freedom."""
     return fdtrc(above, below, ratio)
 
 

@@ -1,4 +1,4 @@
-"""Text table: columns under a header, for a terminal."""
+"""Text table: aligned columns under a header, for a terminal."""
 
 from __future__ import annotations
 

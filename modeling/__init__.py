@@ -1,1 +1,1 @@
-"""The physics, symbolic: kinematics, the tip body, effects, regressors and the code they become."""
+"""Symbolic wrench models of a wrist force sensor: kinematics, rigid tool, effects, dynamics, code generation."""

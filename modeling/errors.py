@@ -1,21 +1,31 @@
-"""What goes wrong, said in one line that a person can act on."""
+"""Exceptions with one-line messages: location, fault, remedy."""
 
 from __future__ import annotations
 
 from functools import partial
 
+LONGEST_QUOTATION = 40
+"""Characters of user input repeated in a message, so that it stays one line."""
+
+
+def quoted(text: object) -> str:
+    """The text in quotes, truncated, with non-printable and control characters escaped."""
+    full = str(text)
+    cut = full[:LONGEST_QUOTATION] + "..." * (len(full) > LONGEST_QUOTATION)
+    return f"'{cut}'" if cut.isprintable() else ascii(cut)
+
 
 class TruewrenchError(Exception):
-    """Base of every error that this project raises on purpose."""
+    """Base class of all errors that this project raises deliberately."""
 
 
 class InputError(TruewrenchError):
-    """Something that a user gave cannot be used: what is wrong with it, where it stands, how to mend it."""
+    """Invalid user input: what is wrong with it, where it is, and the remedy."""
 
     def __init__(self, *, what: str, where: str, remedy: str) -> None:
         self.what, self.where, self.remedy = (" ".join(part.split()) for part in (what, where, remedy))
         super().__init__(f"{self.where}: {self.what}; {self.remedy}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Keyword-only arguments do not survive the default pickling, and workers of a pool send errors back.
+        # The default pickling fails with keyword-only arguments, and pool workers send exceptions back.
         return partial(InputError, what=self.what, where=self.where, remedy=self.remedy), ()

@@ -11,12 +11,12 @@ from modeling import symbolic as sp
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One unknown of a model.
+    """One parameter of a model.
 
-    `nominal` is the value at which an effect's parameter leaves the model unchanged; a fit starts there, or at `start`
-    where no fit can (a stiffness without end, a push of no duration);
-    `bounds` are the physical ones (inclusive), in the same `unit`. A `nuisance`
-    parameter means nothing while the effect's amplitudes vanish (an anchor, a time): it is searched, not tested.
+    `nominal` is the value at which an effect's parameter leaves the model unchanged. It is the initial value of a fit,
+    unless `start` gives another because a fit cannot start there (an infinite stiffness, a push of zero duration).
+    `bounds` are the physical ones (inclusive), in the same `unit`. A nuisance parameter (`nuisance`: an anchor, a time)
+    is not identifiable while the effect's amplitudes vanish: it is found by grid search, not by a score test.
     """
 
     name: str
@@ -28,5 +28,5 @@ class Parameter:
 
     @cached_property
     def symbol(self) -> sp.Symbol:
-        """The SymPy symbol that stands for this parameter in every derivation."""
+        """The SymPy symbol of this parameter in all derivations."""
         return sp.Symbol(self.name, real=True)

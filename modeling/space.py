@@ -1,4 +1,4 @@
-"""The plane and three-dimensional space as one: what a model measures, in which axes, with which signals."""
+"""Planar and spatial models in one description: measured channels, axes and motion signals."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ def signals(*names: str) -> tuple[sp.Symbol, ...]:
 
 
 def vector(*components: sp.Expr) -> sp.Matrix:
-    """A column of three expressions."""
+    """Column vector of three expressions."""
     return sp.Matrix(3, 1, list(components))
 
 
 @dataclass(frozen=True)
-class Motion:
-    """The motion of the sensor as 3-vectors and a rotation, symbolic.
+class SensorMotion:
+    """Symbolic motion of the sensor: rotation matrix and 3-vectors.
 
-    `rotation` takes sensor axes to world axes; `omega`, `alpha` (rad/s, rad/s²) in the sensor frame; `position`,
+    `rotation` maps sensor axes to world axes; `omega`, `alpha` (rad/s, rad/s²) in the sensor frame; `position`,
     `velocity`, `acceleration` (m, m/s, m/s², kinematic) of the sensor origin in the world.
     """
 
@@ -38,11 +38,13 @@ class Motion:
 
 
 class Space(Enum):
-    """The space that the sensor moves in.
+    """Planar or three-dimensional motion of the sensor.
 
     In the plane the sensor axes are e1 = x', e2 = -y', e3 = e1 x e2 (away from the viewer, so that positive
     rotation is clockwise): the right-handed axes in which 22.8 is the wrench on the tool. Its three channels are
-    the first two forces and the third torque of the same Newton-Euler wrench that six axes measure whole.
+    the first two forces and the third torque of the Newton-Euler wrench that a six-axis sensor measures.
+    Equation numbers are those of chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot
+    Manipulators" (Bassi et al.).
     """
 
     PLANE = 2
@@ -61,17 +63,17 @@ class Space(Enum):
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Which components of the six (force, torque) are measured."""
+        """Indices of the measured components among the six (force, torque)."""
         return (0, 1, 5) if self is Space.PLANE else (0, 1, 2, 3, 4, 5)
 
     @property
     def turns(self) -> tuple[int, ...]:
-        """The sensor axes about which the sensor can turn."""
+        """Indices of the sensor axes about which the sensor can rotate."""
         return (2,) if self is Space.PLANE else (0, 1, 2)
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the world's axes."""
+        """Names of the world axes."""
         return ("x", "y") if self is Space.PLANE else ("x", "y", "z")
 
     @cached_property
@@ -81,20 +83,20 @@ class Space(Enum):
 
     @cached_property
     def up(self) -> sp.Matrix:
-        """Unit vector against gravity in the world: y in the plane, z in six axes."""
+        """Unit vector opposite to gravity in the world: y in the plane, z in six axes."""
         return vector(0, 1, 0) if self is Space.PLANE else vector(0, 0, 1)
 
     @cached_property
-    def motion(self) -> Motion:
+    def motion(self) -> SensorMotion:
         """The sensor's motion in terms of this space's signals."""
         return _planar_motion() if self is Space.PLANE else _spatial_motion()
 
 
-def _planar_motion() -> Motion:
+def _planar_motion() -> SensorMotion:
     phi, dphi, ddphi, px, py, vx, vy, ax, ay = signals("phi", "dphi", "ddphi", "px", "py", "vx", "vy", "ax", "ay")
     x_axis = vector(sp.cos(phi), -sp.sin(phi), 0)
     y_axis = vector(-sp.sin(phi), -sp.cos(phi), 0)
-    return Motion(
+    return SensorMotion(
         rotation=sp.Matrix.hstack(x_axis, y_axis, vector(0, 0, -1)),
         omega=vector(0, 0, dphi),
         alpha=vector(0, 0, ddphi),
@@ -104,7 +106,7 @@ def _planar_motion() -> Motion:
     )
 
 
-def _spatial_motion() -> Motion:
+def _spatial_motion() -> SensorMotion:
     x, y, z, w = signals("qx", "qy", "qz", "qw")
     rotation = sp.Matrix(
         [
@@ -113,7 +115,7 @@ def _spatial_motion() -> Motion:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x**2 + y**2)],
         ]
     )
-    return Motion(
+    return SensorMotion(
         rotation=rotation,
         omega=vector(*signals("wx", "wy", "wz")),
         alpha=vector(*signals("alx", "aly", "alz")),
@@ -123,7 +125,7 @@ def _spatial_motion() -> Motion:
     )
 
 
-def turned(space: Space, angles: tuple[sp.Expr, ...]) -> sp.Matrix:
+def rotation_matrix(space: Space, angles: tuple[sp.Expr, ...]) -> sp.Matrix:
     """Rotation by the space's angles (rad): one about e3 in the plane, roll, pitch and yaw about x, y, z in six axes.
 
     In six axes R = Rz(yaw) Ry(pitch) Rx(roll).

@@ -1,7 +1,7 @@
-"""SymPy under another name, loaded when a name of it is first used: `from modeling import symbolic as sp`.
+"""Lazy import of SymPy, loaded when one of its names is first used: `from modeling import symbolic as sp`.
 
-What describes a model (the catalogue, parameters with units, stages) stands in the same modules as what derives it;
-only the second needs SymPy, which takes most of a second to load.
+The description of a model (catalogue, parameters with units, stages) is in the same modules as its derivation; only
+the derivation needs SymPy, which takes most of a second to load.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def __getattr__(name: str) -> Any:
-    if name.startswith("__"):  # asked of every module by the machinery of imports, and SymPy's is none of its business
+    if name.startswith("__"):  # module attributes that the import system asks for: not SymPy's
         raise AttributeError(name)
     import sympy
 

@@ -15,9 +15,9 @@ import numpy as np
 
 import truewrench as tw
 from estimation.contact.point_force import printed_direction
-from truewrench.plots.contact_plot import ContactSide, contact_figure
-from truewrench.plots.style import FAILING, HOLDING
-from truewrench.simulated_rig import HIDDEN_EFFECTS, ContactEvent, PlanarRig, placed, simulate, write_recording
+from truewrench.plots.contact_plot import LabelledContact, contact_figure
+from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
+from truewrench.simulated_rig import HIDDEN_EFFECTS, ContactEvent, PlanarRig, resolve_effects, simulate, write_recording
 
 # %% [markdown]
 # ## A push that is known
@@ -43,7 +43,7 @@ rig = tw.Rig.read(folder / "rig.toml")
 
 arm = PlanarRig()
 swing, other = arm.random_motion(seed=1), arm.random_motion(seed=3)
-tether = placed(arm, swing, [HIDDEN_EFFECTS["cable_spring"]])[0]
+tether = resolve_effects(arm, swing, [HIDDEN_EFFECTS["cable_spring"]])[0]
 pushes = [
     ContactEvent(force=(PUSH[0], -PUSH[1], 0.0), torque=(0.0, 0.0, TIP * PUSH[0]), start=t + 1.5, end=t + 2.5)
     for t in np.arange(4) * other.period
@@ -68,13 +68,20 @@ found = tw.compensate(tw.fit(model + tw.effects.cable_spring(), train), pushed)
 
 on_tool = np.sum([push.wrench(pushed.time) for push in pushes], axis=0)
 true = on_tool[:, [0, 1, 5]] * [1, -1, 1]  # the tool's axes are x', -y'
-sides = [ContactSide("rigid tool", FAILING, rigid), ContactSide("with the tether", HOLDING, found)]
+sides = [
+    LabelledContact("rigid tool", MISFIT_COLOUR, rigid),
+    LabelledContact("with the tether", ADEQUATE_COLOUR, found),
+]
 contact_figure(sides, true)
 
 # %%
 print("the error that repeats:")
 for name, before, after, hides in zip(
-    found.names, rigid.repeating_error(true), found.repeating_error(true), found.repeating_limit, strict=True
+    found.names,
+    rigid.systematic_contact_error(true),
+    found.systematic_contact_error(true),
+    found.systematic_contact_error_limit,
+    strict=True,
 ):
     print(f"  {name}: {before:.3g} with the rigid tool, {after:.2g} with the tether (noise hides {hides:.2g})")
 print(found)

@@ -15,16 +15,16 @@ from pathlib import Path
 import numpy as np
 
 import truewrench as tw
-from design.criterion import DOptimal
+from design.criteria import DOptimal
 from design.information import Experiment
-from design.limit_use import LimitUse
-from design.motion.fourier import CHAPTER_OPTIMUM_DEGREES
-from design.motion.series import Motion
-from estimation.fit import Fit, Problem
-from estimation.reading import from_columns
-from truewrench.plots.design_plot import design_figure
+from design.limits.limit_use import LimitUse
+from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES
+from design.trajectories.trajectory import Trajectory
+from estimation.fit import Fit, WhitenedProblem
+from estimation.recordings.reading import from_columns
+from truewrench.plots.trajectory.trajectory_plot import trajectory_figure
 from truewrench.simulated_rig import PlanarRig, QuadraticDrag, simulate, write_recording
-from truewrench.simulated_rig.noise import WhiteNoise as White
+from truewrench.simulated_rig.noise_models import WhiteNoise as White
 
 folder = Path("demo_report", "design")
 folder.mkdir(parents=True, exist_ok=True)
@@ -52,7 +52,7 @@ assert rig.limits is not None
 # %%
 PERIOD, SAMPLES = 5.0, 200
 paper = tw.PaperSeries(joints=3, period=PERIOD)
-chapter = Motion(paper, np.radians(CHAPTER_OPTIMUM_DEGREES))
+chapter = Trajectory(paper, np.radians(CHAPTER_OPTIMUM_DEGREES))
 chapter = chapter.scaled(1 / LimitUse.of(chapter, rig.limits).worst.use)
 experiment = Experiment.of(tw.planar(rig), rig.arm)
 logdet = {"x_opt of 22.17, scaled": DOptimal().value(experiment.information(chapter, SAMPLES))}
@@ -81,7 +81,7 @@ for name, value in logdet.items():
     print(f"{name:38} {value:.2f}   efficiency {plan.bound.efficiency(value):.2f}")
 
 # %%
-design_figure(plan.motion, rig.limits, arm=rig.arm, tip_length=rig.tip_length, information=plan.sample_information)
+trajectory_figure(plan.motion, rig.limits, arm=rig.arm, tip_length=rig.tip_length, information=plan.sample_information)
 
 # %% [markdown]
 # ## Do the estimates get better?
@@ -117,7 +117,7 @@ model, slow = tw.planar(rig), arm.random_motion(seed=3, harmonics=2).scaled(0.35
 DRAG = [QuadraticDrag(c=0.02)]
 
 
-def recorded(motion: Motion, name: str) -> tw.Recording:
+def recorded(motion: Trajectory, name: str) -> tw.Recording:
     """Four repeats with the hidden drag."""
     frame = simulate(arm, motion, hidden=DRAG, repeats=4, samples_per_period=SAMPLES, noise=White(), seed=5)
     return tw.read(write_recording(frame, folder / name), rig=rig)
@@ -125,7 +125,7 @@ def recorded(motion: Motion, name: str) -> tw.Recording:
 
 def chi_square(fit: Fit) -> float:
     """Sum of the squares of what a fit leaves, over the noise."""
-    return float((Problem(fit.layout, fit.recordings, fit.noise).evaluate(fit.theta)[0] ** 2).sum())
+    return float((WhitenedProblem(fit.layout, fit.recordings, fit.noise).evaluate(fit.theta)[0] ** 2).sum())
 
 
 rivals = {"quadratic": model + tw.effects.quadratic_drag(), "viscous": model + tw.effects.viscous_drag()}

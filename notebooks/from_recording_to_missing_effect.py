@@ -13,9 +13,9 @@
 from pathlib import Path
 
 import truewrench as tw
-from diagnosis.maps import residual_maps
-from truewrench.plots.map_plot import map_figure
-from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, placed, simulate, write_recording
+from diagnosis.comparison.residual_map import residual_maps
+from truewrench.plots.residuals.residual_map_plot import residual_map_figure
+from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, resolve_effects, simulate, write_recording
 
 # %% [markdown]
 # ## A rig that hides something
@@ -37,7 +37,7 @@ rig = tw.Rig.read(folder / "rig.toml")
 
 arm = PlanarRig()
 motions = {"train": arm.random_motion(seed=1), "validate": arm.random_motion(seed=2)}
-(tether,) = placed(arm, motions["train"], [HIDDEN_EFFECTS["cable_spring"]])
+(tether,) = resolve_effects(arm, motions["train"], [HIDDEN_EFFECTS["cable_spring"]])
 
 
 def record(name, motion, hidden):
@@ -80,7 +80,7 @@ def maps_of(comparison, channel):
 
 before = maps_of(misfit, "fy")
 telling = list(before)[:4]
-map_figure([("rigid tool", [before[name] for name in telling])])
+residual_map_figure([("rigid tool", [before[name] for name in telling])])
 
 # %% [markdown]
 # ## Diagnose
@@ -124,7 +124,9 @@ for name, true in hidden.items():
 
 # %%
 after = maps_of(tw.compare(tethered, train), "fy")
-map_figure([(label, [maps[name] for name in telling]) for label, maps in (("rigid tool", before), ("tether", after))])
+residual_map_figure(
+    [(label, [maps[name] for name in telling]) for label, maps in (("rigid tool", before), ("tether", after))]
+)
 
 # %% [markdown]
 # ## When nobody knows
@@ -132,7 +134,7 @@ map_figure([(label, [maps[name] for name in telling]) for label, maps in (("rigi
 # Now a magnet stands beside the path, and the catalogue has no magnets.
 
 # %%
-(magnet,) = placed(arm, motions["train"], [HIDDEN_EFFECTS["magnet"]])
+(magnet,) = resolve_effects(arm, motions["train"], [HIDDEN_EFFECTS["magnet"]])
 pulled, pulled_again = (record(f"magnet_{motion}", motion, magnet) for motion in motions)
 unknown = tw.diagnose(model, pulled, validate=pulled_again)
 print(unknown)
@@ -148,7 +150,7 @@ print(unknown)
 # %%
 left = maps_of(unknown.steps[-1].training[0], "tau")
 print("the magnet hangs at x = {:.2f} m, y = {:.2f} m".format(*magnet.place[::2]))
-map_figure([("rigid tool", list(left.values())[:4])])
+residual_map_figure([("rigid tool", list(left.values())[:4])])
 
 # %% [markdown]
 # With recordings of your own, all of this is one command, and a report:

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 
 import truewrench as tw
-from diagnosis.maps import residual_maps
-from modeling.chain import Stage
+from diagnosis.comparison.residual_map import residual_maps
+from modeling.chain.chain import Stage
 from modeling.effects import catalogue
-from truewrench.plots.map_plot import map_figure
-from truewrench.plots.style import FAILING, HOLDING, INK, LEGEND, MEASURED, Sheet
-from truewrench.simulated_rig import Magnet, PlanarRig, placed, simulate, write_recording
+from truewrench.plots.residuals.residual_map_plot import residual_map_figure
+from truewrench.plots.style import ADEQUATE_COLOUR, INK, LEGEND, MEASURED, MISFIT_COLOUR, PanelGrid
+from truewrench.simulated_rig import Magnet, PlanarRig, resolve_effects, simulate, write_recording
 
 # %% [markdown]
 # ## A rig that nobody has written a catalogue for
@@ -42,7 +42,7 @@ rig = tw.Rig.read(folder / "rig.toml")
 
 arm = PlanarRig()
 motions = {"train": arm.random_motion(seed=1), "validate": arm.random_motion(seed=2)}
-(magnet,) = placed(arm, motions["train"], [Magnet()])
+(magnet,) = resolve_effects(arm, motions["train"], [Magnet()])
 
 
 def record(name, seed):
@@ -85,12 +85,12 @@ def unknown_force(comparison):
 
 def force_figure(path, force, marks):
     """The strong forces as arrows along the path, 15 N as long as 1 m, and points by name."""
-    figure, panels = Sheet(rows=1, columns=1, panel_height=300, width=640).panels()
+    figure, panels = PanelGrid(rows=1, columns=1, panel_height=300, width=640).panels()
     axes = panels[0, 0]
     axes.plot(*path, color=MEASURED, lw=0.8)
     strong = np.hypot(*force) > 1.0
     axes.quiver(
-        *path[:, strong], *force[:, strong], color=FAILING, angles="xy", scale_units="xy", scale=15, width=0.003
+        *path[:, strong], *force[:, strong], color=MISFIT_COLOUR, angles="xy", scale_units="xy", scale=15, width=0.003
     )
     for name, (x, y), marker, colour in marks:
         axes.plot(x, y, marker, ms=9, mec=colour, mfc="none", mew=1.6, ls="none", label=name)
@@ -162,7 +162,7 @@ for name, true in hidden.items():
 # %%
 marks = [
     ("hidden", (x, y), "s", INK),
-    ("found", [estimates[axis].value for axis in "xy"], "x", HOLDING),
+    ("found", [estimates[axis].value for axis in "xy"], "x", ADEQUATE_COLOUR),
 ]
 force_figure(path, force, marks)
 
@@ -180,7 +180,9 @@ def maps_of(comparison):
 
 before, after = maps_of(unknown.steps[-1].training[0]), maps_of(found.steps[-1].training[0])
 telling = list(before)[:4]
-map_figure([(label, [maps[n] for n in telling]) for label, maps in (("rigid tool", before), ("magnet", after))])
+residual_map_figure(
+    [(label, [maps[n] for n in telling]) for label, maps in (("rigid tool", before), ("magnet", after))]
+)
 
 # %% [markdown]
 # With recordings of your own:

@@ -19,15 +19,30 @@ import numpy as np
 import sympy as sp
 
 from design.information import Experiment
-from design.limit_use import LimitUse
-from design.motion.fourier import CHAPTER_OPTIMUM_DEGREES, PaperSeries
-from design.motion.series import Motion
-from modeling import chapter
-from modeling.arm import PlanarArm
-from modeling.chapter import Equation, Equations, Errata, Erratum, Proof, Verdict, contact, path, wrench
-from modeling.model import planar
-from modeling.rig import Limits
-from truewrench.plots.style import FAILING, HOLDING, INK, LEGEND, MUTED, NOISE, NORMAL, SMALL, Sheet, heading, name_y
+from design.limits.limit_use import LimitUse
+from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, PaperSeries
+from design.trajectories.trajectory import Trajectory
+from modeling import reference as chapter
+from modeling.chain.model import planar
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.reference import Equation, Equations, EquationVerdict, Errata, Erratum, ErratumProof
+from modeling.reference import body_wrench as wrench
+from modeling.reference import contact_statics as contact
+from modeling.reference import path_kinematics as path
+from modeling.rig.rig import Limits
+from truewrench.plots.style import (
+    ADEQUATE_COLOUR,
+    INK,
+    LEGEND,
+    MISFIT_COLOUR,
+    MUTED,
+    NOISE,
+    NORMAL,
+    SMALL,
+    PanelGrid,
+    label_y_axis,
+    panel_title,
+)
 
 errata = []
 
@@ -69,7 +84,7 @@ show(*wrench_equations)
 # %%
 m, l_g, i_g, g = wrench.MASS, path.L_G, wrench.I_G, wrench.G
 phi, ax, ay = path.PHI, path.AX, path.AY
-two_routes = wrench.derived_load().subs(wrench.IN_PARTS)
+two_routes = wrench.derived_load().subs(wrench.BODY_ABOUT_CENTRE)
 lift = ax * sp.cos(phi) - (ay + g) * sp.sin(phi)
 stated = sp.Matrix(
     [
@@ -85,15 +100,15 @@ errata.append(
         1,
         "22.8 and 22.9 are right, and 22.5 is not: gravity against acceleration in row 1, sin phi in row 3",
         (
-            Proof.same("both routes give one wrench", two_routes, wrench.about_the_centre()),
-            Proof.same("it is (F_x', -F_y', tau) of the notes", two_routes, stated),
-            Proof.same("22.8 with 22.9 is that wrench", wrench_equations["22.7"].differences[0], sp.zeros(3, 1)),
-            Proof.other("row 1 of 22.5 is not", row_1.readings[0], row_1.derived),
-            Proof.other("nor is row 1 with the other sign", row_1.readings[1], row_1.derived),
-            Proof.same("row 1 is off by twice m a_Gx'", row_1.differences[0][0], -2 * m * wrench.A_GX),
-            Proof.same("or by twice the weight", row_1.differences[1][0], 2 * m * g * sp.sin(phi)),
-            Proof.same("row 2 of 22.5 is row 2 of 22.8", row_2.readings[0], sp.Matrix([two_routes[1]])),
-            Proof.other("row 3 lacks, for any constants, at phi = 0 in ax", sp.S.Zero, left_at_zero[ax]),
+            ErratumProof.same("both routes give one wrench", two_routes, wrench.wrench_about_centre()),
+            ErratumProof.same("it is (F_x', -F_y', tau) of the notes", two_routes, stated),
+            ErratumProof.same("22.8 with 22.9 is that wrench", wrench_equations["22.7"].differences[0], sp.zeros(3, 1)),
+            ErratumProof.other("row 1 of 22.5 is not", row_1.readings[0], row_1.derived),
+            ErratumProof.other("nor is row 1 with the other sign", row_1.readings[1], row_1.derived),
+            ErratumProof.same("row 1 is off by twice m a_Gx'", row_1.differences[0][0], -2 * m * wrench.A_GX),
+            ErratumProof.same("or by twice the weight", row_1.differences[1][0], 2 * m * g * sp.sin(phi)),
+            ErratumProof.same("row 2 of 22.5 is row 2 of 22.8", row_2.readings[0], sp.Matrix([two_routes[1]])),
+            ErratumProof.other("row 3 lacks, for any constants, at phi = 0 in ax", sp.S.Zero, left_at_zero[ax]),
         ),
     )
 )
@@ -112,10 +127,10 @@ errata.append(
         2,
         "I of 22.6 and 22.8 is about Ps: I = I_G + m l_g²",
         (
-            Proof.same("the factor of ddphi", about_ps, i_g + m * l_g**2),
-            Proof.other("about the centre of mass it would be another", i_g, about_ps),
-            Proof.same("det [[m, mlg], [mlg, I]] = m I_G", plane.det().subs(inertia, about_ps), m * i_g),
-            Proof.same(
+            ErratumProof.same("the factor of ddphi", about_ps, i_g + m * l_g**2),
+            ErratumProof.other("about the centre of mass it would be another", i_g, about_ps),
+            ErratumProof.same("det [[m, mlg], [mlg, I]] = m I_G", plane.det().subs(inertia, about_ps), m * i_g),
+            ErratumProof.same(
                 "with the centre l_x beside the axis, det of the 3 x 3 = m² I_G",
                 whole.det().subs(inertia, i_g + m * (l_g**2 + l_x**2)),
                 m**2 * i_g,
@@ -159,7 +174,7 @@ optimum = np.array(CHAPTER_OPTIMUM_DEGREES)
 
 def peaks(coefficients):
     """The largest angle of each joint, in the unit of the coefficients."""
-    return np.abs(Motion(series, coefficients).enclosure(0)).max(axis=0)
+    return np.abs(Trajectory(series, coefficients).enclosure(0)).max(axis=0)
 
 
 in_degrees, in_radians = peaks(optimum), np.degrees(peaks(optimum))
@@ -175,17 +190,17 @@ print("read in radians:", *(f"{peak:6.0f}°" for peak in in_radians))
 # %%
 LIMITS = np.array([60.0, 70.0, 80.0])
 when = np.linspace(0, PERIOD, 600)
-swing = Motion(series, optimum).evaluate(when)[0]
+swing = Trajectory(series, optimum).evaluate(when)[0]
 
 
 def unit_figure():
     """x_opt joint by joint, read in degrees (first row) and in radians (second)."""
-    sheet = Sheet(rows=2, columns=3, panel_height=150, between_rows=44, top=34)
+    sheet = PanelGrid(rows=2, columns=3, panel_height=150, between_rows=44, top=34)
     figure, panels = sheet.panels(sharex=True, sharey="row")
     turns = swing / (2 * np.pi)
     readings = (
-        ("degrees", swing, "angle, °", HOLDING, 1, in_degrees),
-        ("radians", turns, "angle, turns", FAILING, 360, in_radians),
+        ("degrees", swing, "angle, °", ADEQUATE_COLOUR, 1, in_degrees),
+        ("radians", turns, "angle, turns", MISFIT_COLOUR, 360, in_radians),
     )
     for row, (name, angles, label, colour, degrees, peak) in zip(panels, readings, strict=True):
         for j, axes in enumerate(row):
@@ -195,8 +210,8 @@ def unit_figure():
             at, words = (when[top] / PERIOD, angles[top, j]), f"{peak[j]:.0f}°"
             axes.plot(*at, "o", color=colour, ms=4)
             axes.annotate(words, at, (8, 0), textcoords="offset points", va="center", color=INK, fontweight="bold")
-            heading(axes, f"q{j + 1}, x_opt read in {name}", colour)
-        name_y(row[0], label)
+            panel_title(axes, f"q{j + 1}, x_opt read in {name}", colour)
+        label_y_axis(row[0], label)
         row[0].set_ylim((-90, 90) if degrees == 1 else (-8.5, 8.5))
     panels[0, 0].text(0.0, -LIMITS[0] + 3, "limits assumed, ±60°", color=MUTED, fontsize=SMALL)
     panels[1, 0].annotate(
@@ -226,7 +241,7 @@ experiment = Experiment.of(planar(), PlanarArm((1.0, 0.97, 0.4)))
 
 def decades(coefficients, samples):
     """log10 det(Phi' Phi) over one period of equally spaced samples, coefficients in rad."""
-    information = experiment.information(Motion(series, coefficients), samples)
+    information = experiment.information(Trajectory(series, coefficients), samples)
     return np.linalg.slogdet(information)[1] / np.log(10)
 
 
@@ -245,7 +260,9 @@ assumed = Limits(
     velocity=np.outer([2.0, 2.2, 3.5], [-1, 1]),
     acceleration=np.outer([10.0, 10.0, 15.0], [-1, 1]),
 )
-print("\nin degrees, against the limits assumed:", LimitUse.of(Motion(series, np.radians(optimum)), assumed), sep="\n")
+print(
+    "\nin degrees, against the limits assumed:", LimitUse.of(Trajectory(series, np.radians(optimum)), assumed), sep="\n"
+)
 
 
 def rounded(values, digits):
@@ -258,15 +275,19 @@ errata.append(
         5,
         "x_opt has no unit: degrees, by inference; det(M) > 1e41 is not reached that way and stays open",
         (
-            Proof.same("peaks in degrees, rounded, are 42, 44, 35", rounded(in_degrees, 0), sp.Matrix([42, 44, 35])),
-            Proof.other("with x1 .. x6 in turns they are others", rounded(in_turns, 0), sp.Matrix([42, 44, 35])),
-            Proof.same(
+            ErratumProof.same(
+                "peaks in degrees, rounded, are 42, 44, 35", rounded(in_degrees, 0), sp.Matrix([42, 44, 35])
+            ),
+            ErratumProof.other("with x1 .. x6 in turns they are others", rounded(in_turns, 0), sp.Matrix([42, 44, 35])),
+            ErratumProof.same(
                 "log10 det in degrees is 25.5 and 31.5 for 1000 and 10 000 samples",
                 rounded([determinant["degrees", 1000], determinant["degrees", 10_000]], 1),
                 rounded([25.5, 31.5], 1),
             ),
-            Proof.same("in radians 42 for 1000", rounded(determinant["radians", 1000], 0), sp.Matrix([42])),
-            Proof.other("decades short of 41, in degrees, 10 000", rounded(determinant["degrees", 10_000], 1)[0], 41),
+            ErratumProof.same("in radians 42 for 1000", rounded(determinant["radians", 1000], 0), sp.Matrix([42])),
+            ErratumProof.other(
+                "decades short of 41, in degrees, 10 000", rounded(determinant["degrees", 10_000], 1)[0], 41
+            ),
         ),
     )
 )
@@ -286,9 +307,9 @@ errata.append(
         8,
         "D-optimality minimises the volume of the ellipsoid, not each variance; bias_tau is in N m",
         (
-            Proof.other("det gained by the ends", best.det(), other.det()),
-            Proof.other("variance of a gained, where it should fall", best.inv()[0, 0], other.inv()[0, 0]),
-            Proof.other("unit of bias_tau less N", unit_of["bias_tau"], sp.Symbol("N")),
+            ErratumProof.other("det gained by the ends", best.det(), other.det()),
+            ErratumProof.other("variance of a gained, where it should fall", best.inv()[0, 0], other.inv()[0, 0]),
+            ErratumProof.other("unit of bias_tau less N", unit_of["bias_tau"], sp.Symbol("N")),
         ),
     )
 )
@@ -312,8 +333,8 @@ to_world = sp.Matrix.hstack(path.ALONG_X, -path.ALONG_Y)
 print("determinant of what takes the force channels to the world:", sp.simplify(to_world.det()))
 
 # %%
-size, b, d = contact.SIZE, contact.ANGLE, contact.D
-fc, tau = contact.CONTACT, contact.TAUC
+size, b, d = contact.FORCE_SIZE, contact.ANGLE, contact.D
+fc, tau = contact.CONTACT_WRENCH, contact.TAUC
 printed_fc, derived_fc = contact.PRINTED_22_14, contact.derived_channels()
 other_torque = sp.Matrix([[-1, 0], [0, -1], [d, 0]])  # tau = +R d sin b
 
@@ -323,18 +344,18 @@ def on(expression, channels):
     return expression.subs(dict(zip(fc, channels, strict=True)), simultaneous=True)
 
 
-tangent, tan_b = contact.tangent(contact.ARM_22_14), sp.sin(b) / sp.cos(b)
+tangent, tan_b = contact.tangent(contact.MATRIX_22_14), sp.sin(b) / sp.cos(b)
 errata.append(
     Erratum(
         3,
         "22.16 solves tau = +R d sin b, the opposite sign of 22.14",
         (
-            Proof.same(
+            ErratumProof.same(
                 "least squares with that torque gives 22.16", contact.PRINTED_22_16, contact.tangent(other_torque)
             ),
-            Proof.other("with 22.14's own torque it does not", contact.PRINTED_22_16, tangent),
-            Proof.same("tan b = (fcx + tau d) / (fcy (1 + d²)) inverts 22.14", on(tangent, printed_fc), tan_b),
-            Proof.other("22.16 does not", on(contact.PRINTED_22_16, printed_fc), tan_b),
+            ErratumProof.other("with 22.14's own torque it does not", contact.PRINTED_22_16, tangent),
+            ErratumProof.same("tan b = (fcx + tau d) / (fcy (1 + d²)) inverts 22.14", on(tangent, printed_fc), tan_b),
+            ErratumProof.other("22.16 does not", on(contact.PRINTED_22_16, printed_fc), tan_b),
         ),
     )
 )
@@ -347,8 +368,8 @@ errata.append(
 noises = sp.symbols("sigma_x sigma_y sigma_tau", positive=True)
 unit = sp.Symbol("u", positive=True)  # how many of the unit of length in a metre
 weights = sp.diag(*(1 / s**2 for s in noises))
-weighted = contact.least_squares(contact.ARM_22_14, weights)
-plain = contact.least_squares(contact.ARM_22_14)
+weighted = contact.least_squares(contact.MATRIX_22_14, weights)
+plain = contact.least_squares(contact.MATRIX_22_14)
 millimetres = {d: unit * d, tau: unit * tau}
 in_noise = {noises[2]: unit * noises[2]}
 errata.append(
@@ -356,19 +377,19 @@ errata.append(
         4,
         "arctan loses the quadrant, and 1 + d² weighs 1 N like 1 N m; 22.14 holds in the tip frame",
         (
-            Proof.same("tan of a contact and of its opposite are one", tangent, on(tangent, -fc)),
-            Proof.other("their (R sin b, R cos b) are not", plain, on(plain, -fc)),
-            Proof.other(
+            ErratumProof.same("tan of a contact and of its opposite are one", tangent, on(tangent, -fc)),
+            ErratumProof.other("their (R sin b, R cos b) are not", plain, on(plain, -fc)),
+            ErratumProof.other(
                 "another unit of length (1000 in a metre), another tan",
                 tangent.subs(millimetres, simultaneous=True).subs(unit, 1000),
                 tangent,
             ),
-            Proof.same(
+            ErratumProof.same(
                 "weighted with the noise: the same in any unit",
                 weighted.subs({**millimetres, **in_noise}, simultaneous=True),
                 weighted,
             ),
-            Proof.same("in the tip frame no angle of the tip enters", derived_fc.diff(phi), sp.zeros(3, 1)),
+            ErratumProof.same("in the tip frame no angle of the tip enters", derived_fc.diff(phi), sp.zeros(3, 1)),
         ),
     )
 )
@@ -384,10 +405,12 @@ errata.append(
         7,
         "22.14 does not fit 22.8: on its channels it returns pi - b (0.30 becomes 2.84)",
         (
-            Proof.other("22.14 less what a contact changes in 22.8's channels", printed_fc, derived_fc),
-            Proof.same("22.14 solved for those channels gives pi - b", on(plain, derived_fc), mirrored),
-            Proof.same("0.30 becomes 2.84", rounded(returned, 2), rounded(2.84, 2)),
-            Proof.same("atan2(-(fcx + tau d) / (1 + d²), fcy) gives b", on(corrected, derived_fc), contact.DIRECTION),
+            ErratumProof.other("22.14 less what a contact changes in 22.8's channels", printed_fc, derived_fc),
+            ErratumProof.same("22.14 solved for those channels gives pi - b", on(plain, derived_fc), mirrored),
+            ErratumProof.same("0.30 becomes 2.84", rounded(returned, 2), rounded(2.84, 2)),
+            ErratumProof.same(
+                "atan2(-(fcx + tau d) / (1 + d²), fcy) gives b", on(corrected, derived_fc), contact.FORCE_COMPONENTS
+            ),
         ),
     )
 )
@@ -478,12 +501,12 @@ errata.append(
         6,
         "Table 22.1 holds a remainder of 0.123 and 0.149 N that averaging does not remove",
         (
-            Proof.same("noise, rounded", rounded(noise, 3), rounded([0.655, 2.632], 3)),
-            Proof.same("remainder, rounded", rounded(remainder, 3), rounded([0.123, 0.149], 3)),
-            Proof.same(
+            ErratumProof.same("noise, rounded", rounded(noise, 3), rounded([0.655, 2.632], 3)),
+            ErratumProof.same("remainder, rounded", rounded(remainder, 3), rounded([0.123, 0.149], 3)),
+            ErratumProof.same(
                 "its error, with one N for both channels, rounded", rounded(error, 3), rounded([0.005, 0.018], 3)
             ),
-            Proof.other("remainder² is not zero", rounded(squared, 4), sp.zeros(2, 1)),
+            ErratumProof.other("remainder² is not zero", rounded(squared, 4), sp.zeros(2, 1)),
         ),
     )
 )
@@ -498,23 +521,25 @@ show(errata[-1])
 # %%
 def floor_figure():
     """Variance of the residual against the number of runs averaged, with the two figures of Table 22.1."""
-    sheet = Sheet(rows=1, columns=2, panel_height=260, top=30, between_columns=40)
+    sheet = PanelGrid(rows=1, columns=2, panel_height=260, top=30, between_columns=40)
     figure, (panels,) = sheet.panels(sharex=True, sharey=True)
     count = np.geomspace(1, 1000, 200)
     for i, (axes, name) in enumerate(zip(panels, ("fx", "fy"), strict=True)):
         axes.axhspan(1e-4, squared[i], color=NOISE, lw=0)
         axes.loglog(count, noise[i] / count, color=MUTED, lw=1.0, ls=(0, (4, 3)), label="noise alone, as 1/n")
-        axes.loglog(count, noise[i] / count + squared[i], color=HOLDING, lw=1.6, label="noise, and what comes back")
-        axes.plot([1, RUNS], [single[i], averaged[i]], "o", color=FAILING, ms=6, zorder=3, label="Table 22.1")
+        axes.loglog(
+            count, noise[i] / count + squared[i], color=ADEQUATE_COLOUR, lw=1.6, label="noise, and what comes back"
+        )
+        axes.plot([1, RUNS], [single[i], averaged[i]], "o", color=MISFIT_COLOUR, ms=6, zorder=3, label="Table 22.1")
         for runs, value, words in ((1, single[i], "single runs"), (RUNS, averaged[i], f"mean of {RUNS} runs")):
             text = f"{words}\n{value:.4g} N²"
-            axes.annotate(text, (runs, value), (8, 4), textcoords="offset points", color=FAILING, fontsize=SMALL)
+            axes.annotate(text, (runs, value), (8, 4), textcoords="offset points", color=MISFIT_COLOUR, fontsize=SMALL)
         floor = f"averaging does not remove {squared[i]:.3f} N²\n= ({remainder[i]:.3f} ± {error[i]:.3f} N)²"
         axes.text(1.1, 1.6e-3, floor, color=INK, fontsize=NORMAL, fontweight="bold")
         axes.set(ylim=(1e-3, 6), xlim=(0.85, 1000), xlabel="runs averaged, n")
         axes.legend(**LEGEND, loc="upper right")
-        heading(axes, name)
-    name_y(panels[0], "variance of the residual, N²")
+        panel_title(axes, name)
+    label_y_axis(panels[0], "variance of the residual, N²")
     return figure
 
 
@@ -530,5 +555,5 @@ show(equations)
 # %%
 all_errata = Errata(tuple(sorted(errata, key=lambda erratum: erratum.number)))
 show(all_errata)
-wrong = [e.number for e in equations if e.verdict in (Verdict.ERRATUM, Verdict.NOT_DERIVABLE)]
+wrong = [e.number for e in equations if e.verdict in (EquationVerdict.ERRATUM, EquationVerdict.NOT_DERIVABLE)]
 print(f"\n{len(all_errata.members)} errata, all shown: {all_errata.proven}; equations at fault:", *dict.fromkeys(wrong))

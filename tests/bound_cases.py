@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from design.bound import Bound, Degrees, Effort, ViableStates, upper_bound
-from design.bound.conditions import Conditions
-from design.bound.dual_function import Dual, DualFunction
+from design.bound import DualityBound, Effort, PolynomialDegrees, ViableStates, upper_bound
+from design.bound.dual_function import DualFunction, DualVariables
+from design.bound.periodicity_conditions import PeriodicityConditions
 from design.information import Experiment
-from design.motion.fourier import FreeSeries
-from design.motion.series import Motion
-from design.random_feasible import random_feasible
-from modeling.arm import PlanarArm
-from modeling.model import planar
-from modeling.rig import Limits
+from design.limits.random_feasible import random_feasible_trajectory
+from design.trajectories.fourier import FreeSeries
+from design.trajectories.trajectory import Trajectory
+from modeling.chain.model import planar
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.rig.rig import Limits
 
 Array = NDArray[np.float64]
 ARM = PlanarArm((0.6, 0.4))
@@ -34,7 +34,7 @@ SKEW_SINGLE = limits([[-0.7, 1.2]], [[-2, 4]], [[-6, 11]])
 CASES = {"symmetric": (ARM, SYMMETRIC), "skew": (ARM, SKEW), "single": (ONE, SINGLE), "skew single": (ONE, SKEW_SINGLE)}
 
 
-def bound_of(case: str, degrees: Degrees, effort: Effort = QUICK) -> Bound:
+def bound_of(case: str, degrees: PolynomialDegrees, effort: Effort = QUICK) -> DualityBound:
     arm, within = CASES[case]
     return upper_bound(planar(), arm, within, samples=200, degrees=degrees, effort=effort)
 
@@ -46,19 +46,19 @@ def viable_states(viable: ViableStates, count: int, rng: np.random.Generator) ->
     return np.hstack([q, dq, rng.uniform(low, high, q.shape)])
 
 
-def random_motion(case: str, seed: int) -> Motion:
+def random_motion(case: str, seed: int) -> Trajectory:
     arm, within = CASES[case]
     series = FreeSeries(joints=arm.joints, harmonics=(1, 2, 3, 5, 8), period=2.0 + seed % 4)
-    return random_feasible(series, within, seed=seed)
+    return random_feasible_trajectory(series, within, seed=seed)
 
 
-def random_dual(function: DualFunction, seed: int) -> Dual:
+def random_dual(function: DualFunction, seed: int) -> DualVariables:
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((function.size, function.size))
-    return Dual(root @ root.T, rng.standard_normal(len(function.conditions)))
+    return DualVariables(root @ root.T, rng.standard_normal(len(function.conditions)))
 
 
-def plain_function(case: str, degrees: Degrees) -> DualFunction:
+def plain_function(case: str, degrees: PolynomialDegrees) -> DualFunction:
     arm, within = CASES[case]
-    conditions = Conditions(viable=ViableStates(within), degrees=degrees)
+    conditions = PeriodicityConditions(viable=ViableStates(within), degrees=degrees)
     return DualFunction(Experiment.of(planar(), arm), conditions)

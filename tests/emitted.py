@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.emit.fitted import FittedModel
+from modeling.codegen.fitted_model import FittedModel
 
 Array = NDArray[np.float64]
 

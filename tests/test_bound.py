@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design.bound import AlongMotion, Bound, Degrees, Effort, ViableStates, upper_bound
-from design.bound.master import Coordinates, Master
-from design.bound.symmetry import Change
+from design.bound import DualityBound, Effort, PolynomialDegrees, ViableStates, WeakDuality, upper_bound
+from design.bound.restricted_master import DualCoordinates, RestrictedMaster
+from design.bound.symmetry import SignChange
 from design.bound.upper_bound import dual_function
 from design.information import Experiment, WhiteNoise
-from design.limit_use import LimitUse
-from design.motion.fourier import FreeSeries
-from design.motion.series import Motion
-from design.random_feasible import random_feasible
-from modeling.arm import PlanarArm
-from modeling.effects.body import GravityTilt
-from modeling.effects.late import SensorLag
+from design.limits.limit_use import LimitUse
+from design.limits.random_feasible import random_feasible_trajectory
+from design.trajectories.fourier import FreeSeries
+from design.trajectories.trajectory import Trajectory
+from modeling.chain.model import planar
+from modeling.effects.gravity_load import GravityTilt
+from modeling.effects.linear_dynamics import SensorLag
 from modeling.errors import InputError
-from modeling.model import planar
+from modeling.kinematics.planar_arm import PlanarArm
 from tests.bound_cases import (
     ARM,
     CASES,
@@ -46,8 +46,8 @@ def case(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def bounds() -> dict[str, Bound]:
-    return {case: bound_of(case, Degrees(each=4, pair=2, more=0)) for case in CASES}
+def bounds() -> dict[str, DualityBound]:
+    return {case: bound_of(case, PolynomialDegrees(each=4, pair=2, more=0)) for case in CASES}
 
 
 # ------------------------------------------------------------------------------------------- F and the conditions
@@ -55,13 +55,13 @@ def bounds() -> dict[str, Bound]:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_conditions_vanish_along_every_motion_whatever_their_degree(case: str, seed: int) -> None:
-    function = plain_function(case, Degrees(each=6, pair=4, more=0))
-    along = AlongMotion.of(function, random_dual(function, seed), random_motion(case, seed), 200)
+    function = plain_function(case, PolynomialDegrees(each=6, pair=4, more=0))
+    along = WeakDuality.of(function, random_dual(function, seed), random_motion(case, seed), 200)
     assert along.conditions < 1e-10  # share of the rms: rounding of a mean
 
 
 def test_slopes_are_those_of_finite_differences(case: str) -> None:
-    function = plain_function(case, Degrees(each=4, pair=4, more=0))
+    function = plain_function(case, PolynomialDegrees(each=4, pair=4, more=0))
     dual, rng = random_dual(function, 1), np.random.default_rng(2)
     points = rng.uniform(-0.9, 0.9, (5, 2 * function.joints))
     ddq = function.viable.vertices[rng.integers(len(function.viable.vertices), size=5)]
@@ -73,7 +73,7 @@ def test_slopes_are_those_of_finite_differences(case: str) -> None:
 
 
 def test_the_value_is_what_the_moments_say_and_largest_at_a_vertex_of_the_accelerations(case: str) -> None:
-    function = plain_function(case, Degrees(each=4, pair=2, more=0))
+    function = plain_function(case, PolynomialDegrees(each=4, pair=2, more=0))
     dual, rng = random_dual(function, 3), np.random.default_rng(4)
     points = rng.uniform(-1, 1, (300, 2 * function.joints))
     values = function.values(points, dual)
@@ -90,10 +90,10 @@ def test_the_value_is_what_the_moments_say_and_largest_at_a_vertex_of_the_accele
 
 
 def test_symmetries_are_found_where_they_are_and_leave_fewer_conditions() -> None:
-    degrees = Degrees(each=4, pair=4, more=0)
+    degrees = PolynomialDegrees(each=4, pair=4, more=0)
     both = dual_function(Experiment.of(planar(), ARM), ViableStates(SYMMETRIC), degrees, 0)
     none = dual_function(Experiment.of(planar(), ARM), ViableStates(SKEW), degrees, 0)
-    assert [s.change for s in both[1]] == [Change.REVERSAL, Change.MIRROR]
+    assert [s.change for s in both[1]] == [SignChange.REVERSAL, SignChange.MIRROR]
     assert none[1] == ()
     assert len(both[0].conditions) < len(none[0].conditions) / 2
     assert "T1(q2) T1(dq2)" in both[0].conditions.names
@@ -103,25 +103,25 @@ def test_symmetries_are_found_where_they_are_and_leave_fewer_conditions() -> Non
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_no_random_motion_is_above_the_bound(bounds: dict[str, Bound], case: str, seed: int) -> None:
-    along = bounds[case].along(random_motion(case, seed))
+def test_no_random_motion_is_above_the_bound(bounds: dict[str, DualityBound], case: str, seed: int) -> None:
+    along = bounds[case].weak_duality(random_motion(case, seed))
     assert along.excess <= 1e-12
     assert along.dual <= 6
     assert along.logdet <= along.weak + 1e-9 <= bounds[case].logdet + 2e-9  # rounding of ln det
     assert abs(along.quadrature) < 1e-6, "of 200 samples of at most the 16th harmonic's products"
 
 
-def climbed(case: str, bound: Bound, value: str) -> AlongMotion:
+def climbed(case: str, bound: DualityBound, value: str) -> WeakDuality:
     """A motion that hill climbing makes large in what the bound says along it, never beyond the limits."""
     rng, within = np.random.default_rng(5), CASES[case][1]
     motion = random_motion(case, 0)
-    best, rest = bound.along(motion), motion.series.rest(within.position.mean(axis=1))
+    best, rest = bound.weak_duality(motion), motion.series.rest(within.position.mean(axis=1))
     for attempt in range(40):
         step = 0.2 * 0.9**attempt * rng.standard_normal(motion.series.size)
         moving = motion.coefficients + step - rest
-        tries = (Motion(motion.series, rest + 0.8**i * moving) for i in range(40))
+        tries = (Trajectory(motion.series, rest + 0.8**i * moving) for i in range(40))
         tried = next(t for t in tries if LimitUse.of(t, within).worst.use <= 1)
-        along = bound.along(tried)
+        along = bound.weak_duality(tried)
         if getattr(along, value) > getattr(best, value):
             motion, best = tried, along
     return best
@@ -129,15 +129,15 @@ def climbed(case: str, bound: Bound, value: str) -> AlongMotion:
 
 @pytest.mark.parametrize("value", ["logdet", "dual"])
 @pytest.mark.parametrize("name", ["symmetric", "skew single"])
-def test_no_optimised_motion_is_above_the_bound(bounds: dict[str, Bound], name: str, value: str) -> None:
+def test_no_optimised_motion_is_above_the_bound(bounds: dict[str, DualityBound], name: str, value: str) -> None:
     best = climbed(name, bounds[name], value)
-    first = bounds[name].along(random_motion(name, 0))
+    first = bounds[name].weak_duality(random_motion(name, 0))
     assert getattr(best, value) > getattr(first, value), "the climb has gone up"
     assert best.dual <= 6
     assert best.logdet <= best.weak + 1e-9 <= bounds[name].logdet + 2e-9
 
 
-def test_no_viable_state_of_a_dense_scan_has_a_larger_value(bounds: dict[str, Bound], case: str) -> None:
+def test_no_viable_state_of_a_dense_scan_has_a_larger_value(bounds: dict[str, DualityBound], case: str) -> None:
     bound = bounds[case]
     rng = np.random.default_rng(77)
     points = rng.uniform(-1, 1, (5000, 2 * bound.function.joints))
@@ -146,7 +146,9 @@ def test_no_viable_state_of_a_dense_scan_has_a_larger_value(bounds: dict[str, Bo
     assert (np.einsum("ij,nij->n", bound.dual.D, gram) + rates @ bound.dual.c).max() <= 6 * (1 + 1e-6)
 
 
-def test_the_measure_meets_the_conditions_and_its_information_is_what_can_be_reached(bounds: dict[str, Bound]) -> None:
+def test_the_measure_meets_the_conditions_and_its_information_is_what_can_be_reached(
+    bounds: dict[str, DualityBound],
+) -> None:
     for bound in bounds.values():
         gram, rates = bound.function.moments(bound.states)
         mean, scale = bound.weights @ rates, np.sqrt(bound.weights @ rates**2)
@@ -154,12 +156,12 @@ def test_the_measure_meets_the_conditions_and_its_information_is_what_can_be_rea
         # One per cent of the weights, those of the barrier, are left out.
         assert np.abs(mean / scale).max() < 0.1
         logdet = np.linalg.slogdet(200 * np.tensordot(bound.weights, gram, axes=1))[1]
-        assert logdet == pytest.approx(bound.reachable, abs=0.1)
-        assert bound.reachable <= bound.logdet <= bound.reachable + QUICK.tolerance
+        assert logdet == pytest.approx(bound.primal_value, abs=0.1)
+        assert bound.primal_value <= bound.logdet <= bound.primal_value + QUICK.tolerance
 
 
 def test_more_conditions_never_raise_the_bound() -> None:
-    logdets = [bound_of("skew single", Degrees(each=each, pair=0, more=0)).logdet for each in (0, 2, 6)]
+    logdets = [bound_of("skew single", PolynomialDegrees(each=each, pair=0, more=0)).logdet for each in (0, 2, 6)]
     # Each is within the tolerance of its own optimum, and the optimum cannot rise.
     assert (np.diff(logdets) <= QUICK.tolerance).all()
     assert logdets[-1] < logdets[0] - 2 * QUICK.tolerance
@@ -178,19 +180,19 @@ def test_the_reference_problem_beats_the_figures_without_viability() -> None:
     arm = PlanarArm((1.0, 0.97, 0.4))
     effort = Effort(tolerance=0.05, starts=2000)
     for degree, figure in ((2, 54.11),):
-        degrees = Degrees(each=degree, pair=degree, more=degree)
+        degrees = PolynomialDegrees(each=degree, pair=degree, more=degree)
         bound = upper_bound(planar(), arm, within, samples=200, degrees=degrees, effort=effort)
-        assert bound.reachable < figure - 0.05
-        assert bound.logdet <= bound.reachable + effort.tolerance
+        assert bound.primal_value < figure - 0.05
+        assert bound.logdet <= bound.primal_value + effort.tolerance
         # The best motion seen by the time of writing: a bound below it would be false.
         assert bound.logdet > 52.95
-        motion = random_feasible(FreeSeries(joints=3, harmonics=(1, 2, 3, 4), period=5.0), within, seed=1)
-        assert bound.along(motion).dual <= 6
-        assert "mean of F" in str(bound.along(motion))
+        motion = random_feasible_trajectory(FreeSeries(joints=3, harmonics=(1, 2, 3, 4), period=5.0), within, seed=1)
+        assert bound.weak_duality(motion).dual <= 6
+        assert "mean of F" in str(bound.weak_duality(motion))
 
 
 @pytest.mark.parametrize("name", ["single", "skew single"])
-def test_one_joint_agrees_with_a_conic_solver_on_a_fine_grid(bounds: dict[str, Bound], name: str) -> None:
+def test_one_joint_agrees_with_a_conic_solver_on_a_fine_grid(bounds: dict[str, DualityBound], name: str) -> None:
     cp: Any = pytest.importorskip("cvxpy")
 
     bound = bounds[name]
@@ -207,15 +209,15 @@ def test_one_joint_agrees_with_a_conic_solver_on_a_fine_grid(bounds: dict[str, B
     logdet = float(problem.value) + 2 * np.log(scale).sum() + 6 * np.log(200)
     # A grid of 1/16 of the half widths misses peaks by at most half a step: O((1/32)²) of F's curvature.
     assert logdet <= bound.logdet + 1e-6
-    assert logdet == pytest.approx(bound.reachable, abs=0.06)
+    assert logdet == pytest.approx(bound.primal_value, abs=0.06)
 
 
 def test_the_master_meets_its_optimality_conditions() -> None:
-    function = plain_function("skew", Degrees(each=2, pair=2, more=0))
+    function = plain_function("skew", PolynomialDegrees(each=2, pair=2, more=0))
     states = viable_states(function.viable, 400, np.random.default_rng(6))
     gram, rates = function.moments(states)
-    coordinates = Coordinates.of(gram, rates, ())
-    start = Master(coordinates, np.zeros((0, len(coordinates.start()))), coordinates.start())
+    coordinates = DualCoordinates.of(gram, rates, ())
+    start = RestrictedMaster(coordinates, np.zeros((0, len(coordinates.start()))), coordinates.start())
     mu = 1e-4
     master = start.joined(coordinates.rows(gram, rates), np.zeros(0, dtype=np.intp)).centred(mu)
     weights, dual = master.weights(mu), coordinates.dual(master.z)
@@ -227,22 +229,22 @@ def test_the_master_meets_its_optimality_conditions() -> None:
     assert master.slack.min() > 0
 
 
-def test_weights_of_the_readings_move_the_bound_as_they_move_every_information(bounds: dict[str, Bound]) -> None:
+def test_weights_of_the_readings_move_the_bound_as_they_move_every_information(bounds: dict[str, DualityBound]) -> None:
     noise = WhiteNoise.of_std((0.5, 0.5, 0.5))
     quiet = upper_bound(
-        planar(), ONE, SINGLE, samples=200, noise=noise, degrees=Degrees(each=4, pair=2, more=0), effort=QUICK
+        planar(), ONE, SINGLE, samples=200, noise=noise, degrees=PolynomialDegrees(each=4, pair=2, more=0), effort=QUICK
     )
     assert quiet.logdet == pytest.approx(bounds["single"].logdet + 12 * np.log(2), abs=QUICK.tolerance)
 
 
-def test_threads_and_processes_may_share_the_search(bounds: dict[str, Bound]) -> None:
+def test_threads_and_processes_may_share_the_search(bounds: dict[str, DualityBound]) -> None:
     with ThreadPoolExecutor(2) as executor:
         same = upper_bound(
             planar(),
             ONE,
             SINGLE,
             samples=200,
-            degrees=Degrees(each=4, pair=2, more=0),
+            degrees=PolynomialDegrees(each=4, pair=2, more=0),
             effort=QUICK,
             executor=executor,
         )
@@ -255,7 +257,7 @@ def test_threads_and_processes_may_share_the_search(bounds: dict[str, Bound]) ->
 # ------------------------------------------------------------------------------------------- what it says
 
 
-def test_the_table_says_what_is_checked_and_what_is_proven(bounds: dict[str, Bound]) -> None:
+def test_the_table_says_what_is_checked_and_what_is_proven(bounds: dict[str, DualityBound]) -> None:
     text = str(bounds["symmetric"])
     assert f"{bounds['symmetric'].logdet:.3f} (checked)" in text
     assert "largest F is not" in text
@@ -265,9 +267,9 @@ def test_the_table_says_what_is_checked_and_what_is_proven(bounds: dict[str, Bou
 def test_a_model_with_an_effect_has_a_bound() -> None:
     model, values = planar() + GravityTilt(), {"m": 0.5, "mlg": 0.05, "I": 0.01}
     bound = upper_bound(
-        model, ONE, SINGLE, samples=200, values=values, degrees=Degrees(each=2, pair=0, more=0), effort=QUICK
+        model, ONE, SINGLE, samples=200, values=values, degrees=PolynomialDegrees(each=2, pair=0, more=0), effort=QUICK
     )
-    along = bound.along(random_motion("single", 3))
+    along = bound.weak_duality(random_motion("single", 3))
     assert along.dual <= len(bound.parameters) > 6
     assert along.logdet <= bound.logdet
 

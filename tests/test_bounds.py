@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.constrained import Bounds, Constraints, Prior
-from estimation.constrained.contradiction import minimal
-from estimation.constrained.region import Region, Side
-from estimation.layout import Layout
+from estimation.least_squares.constrained import Bounds, Constraints, Prior
+from estimation.least_squares.constraints.feasible_region import BoundSide, FeasibleRegion
+from estimation.least_squares.constraints.infeasible_subset import irreducible_infeasible_subset
+from estimation.parameter_layout import ParameterLayout
 from modeling import effects
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.pseudo_inertia import pseudo_inertia
 from modeling.errors import InputError
-from modeling.model import WrenchModel, planar, spatial
-from modeling.pseudo_inertia import pseudo_inertia
 
 DRAGGED = planar() + effects.viscous_drag()
 
 
-def unknowns(model: WrenchModel) -> Layout:
-    return Layout(model.parameters, (model,), (np.arange(len(model.parameters)),))
+def unknowns(model: WrenchModel) -> ParameterLayout:
+    return ParameterLayout(model.parameters, (model,), (np.arange(len(model.parameters)),))
 
 
-def region(model: WrenchModel, bounds: dict[str, object], *, physical: bool = False) -> Region:
+def region(model: WrenchModel, bounds: dict[str, object], *, physical: bool = False) -> FeasibleRegion:
     return Constraints(bounds=Bounds.from_data(bounds), physical=physical).region(unknowns(model))
 
 
@@ -62,13 +62,13 @@ def test_an_effects_own_range_stays(tmp_path: Path) -> None:
         ("m = 1.0", "m: two numbers were expected, and 1.0 came"),
         ("m = [1.0]", "m: two numbers were expected"),
         ("m = [0, 1, 2]", "m: two numbers were expected"),
-        ("m = [2, 1]", r"m: \[2, 1\] holds no number"),
-        ("m = [inf, inf]", "m: .* holds no number"),
+        ("m = [2, 1]", r"m: \[2, 1\] contains no finite value"),
+        ("m = [inf, inf]", "m: .* contains no finite value"),
         ("m = [nan, 1]", "m: two numbers were expected"),
         ("m = [true, 2]", "m: two numbers were expected"),
         ('m = ["0", "1"]', "m: two numbers were expected"),
         ("m = [0, 1", "not a TOML file"),
-        ("a.b = [0, 1]\n'a.b' = [0, 2]", "'a.b' is there twice"),
+        ("a.b = [0, 1]\n'a.b' = [0, 2]", "'a.b' appears twice"),
     ],
 )
 def test_what_is_no_bound_is_said_in_one_line(tmp_path: Path, text: str, said: str) -> None:
@@ -121,7 +121,7 @@ def test_a_file_of_a_prior(tmp_path: Path) -> None:
         ({"m": "heavy"}, "m: a number was expected, and 'heavy' came"),
         ({"I": None}, "I is missing"),
         ({"bias_fx": 1.0}, "no parameter is called 'bias_fx'"),
-        ({"I": 0.0044}, "no tool has these moments: not m I >= mlg², strictly"),
+        ({"I": 0.0044}, "no tool has these moments: m I >= mlg² does not hold strictly"),
         ({"m": -0.9, "I": -0.0129}, "no tool has these moments"),
     ],
 )
@@ -138,7 +138,9 @@ def test_what_is_no_prior_is_said_in_one_line(changes: dict[str, object], said: 
 def test_the_contradiction_is_named() -> None:
     """0.5 · 0.1 < 1²; the bounds of the bias and the other ends have nothing to do with it."""
     bounds: dict[str, object] = {"bias_fx": [0, 1], "m": [0, 0.5], "mlg": [1, 2], "I": [0, 0.1]}
-    said = r"m <= 0.5 kg, mlg >= 1 kg m and I <= 0.1 kg m² contradict physical consistency, m I >= mlg²"
+    said = (
+        r"m <= 0.5 kg, mlg >= 1 kg m and I <= 0.1 kg m² are infeasible together with physical consistency, m I >= mlg²"
+    )
     with pytest.raises(InputError, match=said):
         region(planar(), bounds, physical=True)
     region(planar(), bounds)
@@ -147,22 +149,22 @@ def test_the_contradiction_is_named() -> None:
 
 def test_one_bound_can_contradict_alone() -> None:
     """Nothing has a mass of zero and a position; with a prior as without."""
-    with pytest.raises(InputError, match=r"bounds: m <= -1 kg contradicts physical consistency"):
+    with pytest.raises(InputError, match=r"bounds: m <= -1 kg is infeasible with physical consistency"):
         region(planar(), {"m": [-2, -1]}, physical=True)
     constraints = Constraints(bounds=Bounds.from_data({"m": [-2, 0]}), prior=Prior.from_data(CAD))
-    with pytest.raises(InputError, match="m <= 0 kg contradicts"):
+    with pytest.raises(InputError, match="m <= 0 kg is infeasible"):
         constraints.region(unknowns(planar()))
 
 
 def test_six_axes_know_the_triangle() -> None:
     """Ixx <= Iyy + Izz, and of a bound on an unrelated moment nothing is said."""
     bounds: dict[str, object] = {"Ixx": [0.31, 1], "Iyy": [0, 0.1], "Izz": [0, 0.2], "Ixy": [-1, 1], "m": [1, 2]}
-    with pytest.raises(InputError, match=r"Ixx >= 0.31 kg m², Iyy <= 0.1 kg m² and Izz <= 0.2 kg m² contradict"):
+    with pytest.raises(InputError, match=r"Ixx >= 0.31 kg m², Iyy <= 0.1 kg m² and Izz <= 0.2 kg m² are infeasible"):
         region(spatial(), bounds, physical=True)
     region(spatial(), bounds | {"Ixx": [0.29, 1]}, physical=True)
 
 
-def possible(sides: list[Side], names: list[str]) -> bool:
+def possible(sides: list[BoundSide], names: list[str]) -> bool:
     """Whether m I > mlg², m > 0 has a solution between the ends: an oracle without any solver.
 
     m and I as large as they may be, mlg as near to 0 as it may be.
@@ -191,14 +193,14 @@ def test_random_contradictions_are_minimal() -> None:
             region(planar(), dict(bounds), physical=True)
             continue
         refused += 1
-        with pytest.raises(InputError, match="contradict"):
+        with pytest.raises(InputError, match="infeasible"):
             region(planar(), dict(bounds), physical=True)
-        named = minimal(inertia, sides)
+        named = irreducible_infeasible_subset(inertia, sides)
         assert not possible(named, names)
         assert all(possible([s for s in named if s is not left], names) for left in named)
     assert 3 < refused < 9
 
 
-def _eased(side: Side, share: float) -> Side:
+def _eased(side: BoundSide, share: float) -> BoundSide:
     moved = side.value + (-1 if side.lower else 1) * share * abs(side.value)
-    return Side(side.index, side.lower, moved, side.text)
+    return BoundSide(side.index, side.lower, moved, side.text)

@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from estimation.fit import Fit, fit
-from estimation.noise import Noise, NoiseSource
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.stream.chunk import Chunk, chunks
-from estimation.stream.noise_model import NoiseModel
-from estimation.stream.regressor_map import linear
-from estimation.stream.statistics import Part
-from estimation.stream.streaming import IN_FLIGHT, StreamedFit, streamed
-from estimation.whitening import RegressionWhitener
+from estimation.noise.autoregression import NoiseModel
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.whitening import AutoregressiveWhitener
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from estimation.streaming.chunk import Chunk, chunks
+from estimation.streaming.chunk_information import RecordingOrChunk
+from estimation.streaming.regressor_map import linear_regressor_map
+from estimation.streaming.streamed_fit import MAX_PENDING_PARTS, StreamedFit, estimate_streamed
 from modeling import effects
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
-from modeling.model import WrenchModel
-from modeling.prediction import compiled
-from modeling.rig import Convention
+from modeling.rig.rig import Convention
 from modeling.space import Space
 from tests.test_fit import base, columns, recorded
 from truewrench import simulated_rig as simulated
@@ -59,10 +59,10 @@ def runs(space: Space) -> tuple[Recording, ...]:
     )
 
 
-def known(model: NoiseModel, several: Sequence[Recording]) -> list[Noise]:
+def known(model: NoiseModel, several: Sequence[Recording]) -> list[RecordingNoise]:
     """The same noise as a fit of all rows at once takes it, by a whitener of whole records."""
-    whiteners = [RegressionWhitener(r.samples, model.block, model.coefficients, model.root) for r in several]
-    return [Noise(model.floor, whitener, NoiseSource.RIG, np.zeros(1)) for whitener in whiteners]
+    whiteners = [AutoregressiveWhitener(r.samples, model.block, model.coefficients, model.root) for r in several]
+    return [RecordingNoise(model.floor, whitener, NoiseSource.RIG, np.zeros(1)) for whitener in whiteners]
 
 
 @cache
@@ -107,7 +107,7 @@ def test_chunks_in_any_order(data: st.DataObject) -> None:
 
 def test_recordings_and_chunks_mixed() -> None:
     model, (first, second, third) = noise_model(Space.PLANE, 3), runs(Space.PLANE)
-    parts: list[Part] = [first, *chunks(second, 50, model.memory), third]
+    parts: list[RecordingOrChunk] = [first, *chunks(second, 50, model.memory), third]
     assert_same(fit(base(Space.PLANE), parts, noise=model), at_once(Space.PLANE, 3))
 
 
@@ -188,9 +188,9 @@ class Lazy(Executor):
 def test_few_parts_are_held_at_once() -> None:
     executor, model = Lazy(), noise_model(Space.PLANE, 0)
     cut = [c for r in runs(Space.PLANE) for c in chunks(r, 10)]
-    assert len(cut) > 2 * IN_FLIGHT
+    assert len(cut) > 2 * MAX_PENDING_PARTS
     assert_same(fit(base(Space.PLANE), iter(cut), noise=model, executor=executor), at_once(Space.PLANE, 0))
-    assert executor.most == IN_FLIGHT
+    assert executor.most == MAX_PENDING_PARTS
     assert executor.waiting == 0
 
 
@@ -221,8 +221,8 @@ def test_effects_one_by_one(effect: effects.Effect, hidden: simulated.HiddenEffe
     std = np.sqrt(np.diag(whole.covariance))[:k]
     np.testing.assert_allclose(found.theta / std, whole.theta[:k] / std, rtol=0, atol=1e-2)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), std, rtol=1e-3)
-    assert linear(tool) is None or effect.id == "com_offset"
-    if linear(tool) is None:
+    assert linear_regressor_map(tool) is None or effect.id == "com_offset"
+    if linear_regressor_map(tool) is None:
         with pytest.raises(InputError, match="several passes"):
             fit(tool, iter(several), noise=model, start=start)
 
@@ -237,11 +237,11 @@ def test_an_effect_of_one_run_stays_in_the_first() -> None:
 def test_regressor_map_is_the_compiled_prediction(space: Space) -> None:
     """Two emissions of one derivation, NumPy and CasADi, at parameters that are not zero."""
     model = base(space) + effects.com_offset() if space is Space.PLANE else base(space)
-    emitted, rng = linear(model), np.random.default_rng(3)
+    emitted, rng = linear_regressor_map(model), np.random.default_rng(3)
     assert emitted is not None
     signals, theta = {n: rng.standard_normal(50) for n in model.inputs}, rng.standard_normal(len(model.parameters))
     rows = emitted(signals, 50)
-    prediction = compiled(model)
+    prediction = compiled_prediction(model)
     value = prediction.load.value(signals, theta, 50) + prediction.zero.value(signals, theta, 50)
     np.testing.assert_allclose(np.tensordot(theta, rows[:-1], 1) + rows[-1], value.T, atol=1e-12)  # rounding
 
@@ -254,7 +254,7 @@ BILLIONTH = 1e-9
 
 def by_lstsq(model: WrenchModel, chunk: Chunk, noise: NoiseModel) -> tuple[Array, Array]:
     """Parameters and std by `lstsq` of every whitened row, with Phi from CasADi: nothing in common but the physics."""
-    prediction, samples = compiled(model), len(chunk.wrench)
+    prediction, samples = compiled_prediction(model), len(chunk.wrench)
     parts = [
         e.tangent(chunk.signals, np.zeros(len(model.parameters)), samples) for e in (prediction.load, prediction.zero)
     ]
@@ -278,7 +278,7 @@ def moving(space: Space, samples: int, turn: float, model: WrenchModel) -> Chunk
     else:
         signals |= {"qx": turn * signals["qx"], "qy": turn * signals["qy"], "qz": turn * signals["qz"]}
         signals["qw"] = np.sqrt(1 - signals["qx"] ** 2 - signals["qy"] ** 2 - signals["qz"] ** 2)
-    map_ = linear(model)
+    map_ = linear_regressor_map(model)
     assert map_ is not None
     rows = map_(signals, samples)
     theta = 1 + rng.random(len(rows) - 1)
@@ -313,7 +313,7 @@ def test_wrench_may_lie_in_memory_as_it_likes() -> None:
     single = replace(chunk, signals={name: values.astype(np.float32) for name, values in whole.items()})
     pairs = [(columns, chunk), (single, replace(chunk, signals=whole))]
     for one, other in pairs:
-        first, second = (streamed(model, [part], noise).theta for part in (one, other))
+        first, second = (estimate_streamed(model, [part], noise).theta for part in (one, other))
         np.testing.assert_array_equal(first, second)
 
 
@@ -341,7 +341,7 @@ def test_readings_without_noise_leave_nothing() -> None:
     """The chi-square of exact readings is rounding, eps² of their own."""
     model = base(Space.SPACE)
     chunk = moving(Space.SPACE, 20_000, 0.3, model)
-    map_ = linear(model)
+    map_ = linear_regressor_map(model)
     assert map_ is not None
     exact = np.tensordot(np.arange(1.0, 17), map_(chunk.signals, 20_000)[:-1], 1).T
     found = fit(model, replace(chunk, wrench=exact), noise=NoiseModel.white([1.0] * 6))
@@ -359,7 +359,7 @@ def test_whitening_in_stretches_is_whitening_at_once(seed: int, order: int, bloc
     model = replace(noise_model(Space.PLANE, order), block=block)
     size = max(size, order) * block
     series = np.random.default_rng(seed).standard_normal((347, 3))
-    whole = RegressionWhitener(347, block, model.coefficients, model.root).series(series).reshape(-1, 3)
+    whole = AutoregressiveWhitener(347, block, model.coefficients, model.root).series(series).reshape(-1, 3)
     parts = []
     for start in range(0, 347, size):
         before = max(start - model.memory, 0)
@@ -413,7 +413,7 @@ def test_one_line_for_what_cannot_be_used() -> None:
     model, tool = noise_model(Space.PLANE, 3), base(Space.PLANE)
     recording = runs(Space.PLANE)[0]
     cut = list(chunks(recording, 60, 3))
-    cases: list[tuple[WrenchModel, Sequence[Part], NoiseModel, str]] = [
+    cases: list[tuple[WrenchModel, Sequence[RecordingOrChunk], NoiseModel, str]] = [
         (tool, [], model, "no recording was given"),
         (replace(tool, convention=Convention.AUTO), cut, model, "cannot decide the sign"),
         (tool, [spoiled(cut[1])], model, "run0: a signal or a reading is not finite"),
@@ -422,7 +422,7 @@ def test_one_line_for_what_cannot_be_used() -> None:
         (tool, [replace(cut[1], signals={})], noise_model(Space.PLANE, 0), "run0: the model needs the signal 'ax'"),
         (tool, cut, noise_model(Space.SPACE, 0), "the noise has 6 channels"),
         (base(Space.SPACE), cut, noise_model(Space.SPACE, 0), "it has 3 channels"),
-        (tool + effects.sensor_lag(), cut, model, "remembers what came before"),
+        (tool + effects.sensor_lag(), cut, model, "the model has dynamics"),
         (replace(tool, convention=Convention.ON_SENSOR), cut, model, "mass comes out as"),
     ]
     for own, parts, noise, message in cases:

@@ -19,18 +19,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from design.motion.series import Motion
+from design.trajectories.trajectory import Trajectory
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.verdict import EffectVerdict, RecordVerdict
+from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from modeling.effects import CATALOGUE
-from modeling.rig import Convention
+from modeling.rig.rig import Convention
 from truewrench.command_line import main
 from truewrench.commands import demo, effects
 from truewrench.commands import diagnose as diagnose_command
-from truewrench.model_file import ModelFile
-from truewrench.output import CLEARED, replacing
-from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, SpatialRig, rest_poses, simulate, write_recording
-from truewrench.summary import sentence, staircase, summary
+from truewrench.files.model_file import ModelFile
+from truewrench.files.output import ERASE_LINE, atomic_write
+from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, SpatialRig, simulate, static_poses, write_recording
+from truewrench.text.diagnosis_text import diagnosis_text, error_reduction_text, verdict_sentence
 
 pytest.importorskip("mujoco")
 
@@ -46,7 +46,7 @@ HEAVY = ("numpy", "scipy", "pandas", "sympy", "casadi", "cvxpy", "matplotlib", "
 IDS = tuple(effect.id for effect in CATALOGUE)
 
 
-def motion(seed: int) -> Motion:
+def motion(seed: int) -> Trajectory:
     """A short random motion of the planar arm."""
     return PlanarRig().random_motion(seed=seed, harmonics=3)
 
@@ -188,13 +188,13 @@ def test_the_model_file_is_the_last_fit(diagnosed: Diagnosed) -> None:
 
 
 def test_the_text_starts_with_the_verdict_and_says_what_to_check(diagnosed: Diagnosed) -> None:
-    text = summary(diagnosed.found)
+    text = diagnosis_text(diagnosed.found)
     assert text.startswith("Explained: ")
     assert "[explained]" in text.splitlines()[0]
     assert "c = 0.1" in text
     assert " ± " in text
     assert "On the rig: " in text
-    assert "validate.csv (validation)" in staircase(diagnosed.found)
+    assert "validate.csv (validation)" in error_reduction_text(diagnosed.found)
 
 
 def test_the_command_prints_the_summary(
@@ -202,12 +202,12 @@ def test_the_command_prints_the_summary(
 ) -> None:
     monkeypatch.setattr(diagnose_command, "diagnosed", lambda _case, _own, _workers: diagnosed.found)
     outcome = run("diagnose", bench.training, "--rig", bench.rig)
-    assert outcome == Outcome(0, summary(diagnosed.found) + "\n", "")
+    assert outcome == Outcome(0, diagnosis_text(diagnosed.found) + "\n", "")
 
 
 @pytest.mark.parametrize("verdict", RecordVerdict)
 def test_every_verdict_has_words(diagnosed: Diagnosed, verdict: RecordVerdict) -> None:
-    text = sentence(replace(diagnosed.found, verdict=verdict))
+    text = verdict_sentence(replace(diagnosed.found, verdict=verdict))
     assert text.endswith(f"[{verdict.value}]")
     assert "{" not in text
 
@@ -249,7 +249,7 @@ def test_recordings_of_one_file_name_do_not_clash(bench: Bench, run: Runner, tmp
 @pytest.mark.parametrize("convention", [Convention.ON_TOOL, Convention.ON_SENSOR])
 def test_the_sign_of_six_axes_is_decided_and_reported(convention: Convention, run: Runner, tmp_path: Path) -> None:
     rig = SpatialRig(convention=convention.value)
-    path = write_recording(rest_poses(rig, 24, seed=1), tmp_path / "poses.csv")
+    path = write_recording(static_poses(rig, 24, seed=1), tmp_path / "poses.csv")
     outcome = run("fit", path, "--json")
     data = json.loads(outcome.out)
     assert data["convention"] == data["sign"]["convention"] == convention.value
@@ -259,8 +259,8 @@ def test_the_sign_of_six_axes_is_decided_and_reported(convention: Convention, ru
     assert data["parameters"]["Ixx"]["std"] is None
     text = run("fit", path).out
     assert convention.value in text
-    assert "mounted turned by" in text
-    assert "not determined" in text
+    assert "mounting rotation" in text
+    assert "not identifiable" in text
 
 
 def test_effects_lists_the_catalogue_and_describes_each(run: Runner) -> None:
@@ -284,7 +284,7 @@ def test_demo_tells_what_was_hidden_and_what_was_named(
     monkeypatch.setattr(demo, "TRAINING", replace(demo.TRAINING, repeats=4))
     outcome = run("demo", "--effect", "viscous_drag", "--out", tmp_path / "demo")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "Hidden: viscous_drag. Named: viscous_drag. That is right." in outcome.out
+    assert "Hidden: viscous_drag. Identified: viscous_drag. Correct." in outcome.out
     assert str(tmp_path / "demo" / "report.html") in outcome.out
     names = {"rig.toml", "train.csv", "validate.csv", "report.html", "result.json", "model.json"}
     assert {p.name for p in (tmp_path / "demo").iterdir()} == names | {"contact.csv", "contact.png"}
@@ -418,7 +418,7 @@ BAD_USAGE: dict[str, tuple[str, str]] = {
     "dropped, not added": ("fit {train} --rig {rig} --drop com_offset", "not in the model"),
     "unknown effect": ("effects ghost", "'ghost'"),
     "unknown effect to hide": ("demo --effect ghost --out {folder}/demo", "'ghost'"),
-    "a file as folder": ("diagnose {train} --rig {rig} --out {train}", "is no folder"),
+    "a file as folder": ("diagnose {train} --rig {rig} --out {train}", "is not a folder"),
     "a folder as file": ("fit {train} --rig {rig} --out {folder}", "Is a directory"),
     "a folder within a file": ("fit {train} --rig {rig} --out {train}/model.json", "{train}"),
 }
@@ -434,14 +434,14 @@ def test_bad_usage_is_refused(name: str, bench: Bench, run: Runner) -> None:
 
 
 def test_recordings_of_two_sensors_are_refused(bench: Bench, run: Runner, tmp_path: Path) -> None:
-    path = write_recording(rest_poses(SpatialRig(), 24), tmp_path / "poses.csv")
+    path = write_recording(static_poses(SpatialRig(), 24), tmp_path / "poses.csv")
     refused(run("fit", bench.training, path, "--rig", bench.rig), "poses.csv: its channels are fx, fy, fz")
 
 
 def test_gravity_in_one_direction_does_not_decide_the_sign(run: Runner, tmp_path: Path) -> None:
     poses = np.zeros((12, 6))
     poses[:, 0] = np.linspace(0, 0.3, 12)
-    path = write_recording(rest_poses(SpatialRig(), poses), tmp_path / "poses.csv")
+    path = write_recording(static_poses(SpatialRig(), poses), tmp_path / "poses.csv")
     refused(run("diagnose", path, "--out", tmp_path / "out"), "cannot be decided", "convention =")
     assert not (tmp_path / "out").exists()
 
@@ -486,7 +486,8 @@ def test_what_only_describes_imports_nothing_heavy(calls: list[list[str]], says:
 def test_a_diagnosis_of_plain_files_imports_only_what_it_uses() -> None:
     unused = (*HEAVY[2:], "pyarrow", "scipy.interpolate", "scipy.optimize", "scipy.stats")
     code = (
-        "import sys\nimport truewrench.case, truewrench.output, diagnosis.diagnosis, diagnosis.workers\n"
+        "import sys\nimport truewrench.files.data_set, truewrench.files.output\n"
+        "import diagnosis.diagnosis, diagnosis.parallel.workers\n"
         f"print('loaded:', [name for name in {unused} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
@@ -544,12 +545,12 @@ def test_an_ascii_terminal_gets_text() -> None:
 
 
 def test_an_interrupt_is_quiet(run: Runner, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    from truewrench.case import Case
+    from truewrench.files.data_set import DataSet
 
-    def interrupted(*_args: Any, **_options: Any) -> Case:
+    def interrupted(*_args: Any, **_options: Any) -> DataSet:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Case, "read", interrupted)
+    monkeypatch.setattr(DataSet, "read", interrupted)
     assert run("fit", bench.training) == Outcome(130, "", "")
 
 
@@ -567,7 +568,7 @@ def test_a_terminal_sees_progress_and_a_clean_line_after_it(bench: Bench, monkey
     assert main(["fit", bench.training, "--rig", bench.rig]) == 0
     assert "fit ..." in terminal.getvalue()
     assert "\n" not in terminal.getvalue()
-    assert terminal.getvalue().endswith(CLEARED)
+    assert terminal.getvalue().endswith(ERASE_LINE)
 
 
 # --------------------------------------------------------------------------------------------- output
@@ -578,14 +579,14 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     path.write_text("old")
 
     def broken() -> None:
-        with replacing(path) as beside:
+        with atomic_write(path) as beside:
             beside.write_text("half of the ne")
             raise RuntimeError
 
     with pytest.raises(RuntimeError):
         broken()
     assert path.read_text() == "old"
-    with replacing(path) as beside:
+    with atomic_write(path) as beside:
         beside.write_text("new")
         assert path.read_text() == "old"
         assert beside.name.startswith(".file.txt.")
@@ -596,10 +597,10 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_a_link_stays_a_link_and_a_device_a_device(tmp_path: Path) -> None:
     target, link = tmp_path / "target.txt", tmp_path / "link.txt"
     link.symlink_to(target)
-    with replacing(link) as beside:
+    with atomic_write(link) as beside:
         beside.write_text("new")
     assert link.is_symlink()
     assert target.read_text() == "new"
-    with replacing(Path(os.devnull)) as beside:
+    with atomic_write(Path(os.devnull)) as beside:
         assert beside == Path(os.devnull)
     assert Path(os.devnull).exists()

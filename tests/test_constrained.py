@@ -14,15 +14,21 @@ from numpy.typing import NDArray
 from scipy.optimize import NonlinearConstraint, least_squares, lsq_linear, minimize
 from scipy.stats import chi2
 
-from estimation.constrained import Bounds, ConstrainedMinimum, Constraints, Pressure, Prior
-from estimation.constrained import minimise as constrained
-from estimation.layout import Layout
-from estimation.linear.descent import Minimum
-from estimation.linear.descent import minimise as free_minimum
-from estimation.linear.square_root import SquareRoot
+from estimation.least_squares.constrained import (
+    Bounds,
+    ConstrainedMinimum,
+    ConstraintInterpretation,
+    Constraints,
+    Prior,
+)
+from estimation.least_squares.constrained import minimise_constrained as constrained
+from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
+from estimation.least_squares.levenberg_marquardt import levenberg_marquardt as free_minimum
+from estimation.least_squares.square_root_information import SquareRootInformation
+from estimation.parameter_layout import ParameterLayout
 from modeling import effects
-from modeling.model import WrenchModel, planar, spatial
-from modeling.pseudo_inertia import pseudo_inertia
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.pseudo_inertia import pseudo_inertia
 from modeling.space import Space
 
 Array = NDArray[np.float64]
@@ -40,13 +46,13 @@ class Straight:
     b: Array
 
     @property
-    def layout(self) -> Layout:
-        return Layout(self.model.parameters, (self.model,), (np.arange(len(self.model.parameters)),))
+    def layout(self) -> ParameterLayout:
+        return ParameterLayout(self.model.parameters, (self.model,), (np.arange(len(self.model.parameters)),))
 
-    def information(self, theta: Array) -> SquareRoot:
-        return SquareRoot.of(self.A, self.b - self.A @ theta)
+    def information(self, theta: Array) -> SquareRootInformation:
+        return SquareRootInformation.of(self.A, self.b - self.A @ theta)
 
-    def minimise(self, start: Array) -> Minimum:
+    def minimise(self, start: Array) -> LeastSquaresMinimum:
         open_ends = np.full(len(start), np.inf)
         return free_minimum(self.information, start, (-open_ends, open_ends))
 
@@ -166,7 +172,7 @@ def test_optimality_where_all_is_negative() -> None:
         assert found.converged
         conditions(posed, found)
         worst = found.active[0]
-        assert worst.pressure is Pressure.NEGATIVE_MASS, name
+        assert worst.pressure is ConstraintInterpretation.NEGATIVE_MASS, name
         assert worst.wanted == pytest.approx(posed.minimise(np.zeros(posed.A.shape[1])).theta[posed.names.index("m")])
 
 
@@ -275,7 +281,7 @@ def test_a_free_minimum_that_keeps_the_constraints_is_left_alone() -> None:
             found = shifted.solved(Constraints(physical=True, bounds=wide))
             np.testing.assert_array_equal(found.theta, shifted.minimise(np.zeros(len(posed.names))).theta)
             assert not found.active
-            assert "free minimum" in str(found)
+            assert "unconstrained minimum" in str(found)
 
 
 # --------------------------------------------------------------------------------------- the prior
@@ -362,10 +368,10 @@ def test_the_estimate_follows_the_readings_along_the_edge(name: str, kind: str) 
         step = 1e-3 * direction / np.linalg.norm(direction)
         ends = [replace(posed, b=posed.b + sign * step).solved(constraints).theta for sign in (1, -1)]
         difference = (ends[0] - ends[1]) / 2e-3
-        expected = found.along_edge @ posed.A.T @ direction / np.linalg.norm(direction)
+        expected = found.tangent_covariance @ posed.A.T @ direction / np.linalg.norm(direction)
         assert np.max(np.abs(difference - expected) / std) < 1e-5
     if bounds is not None:
-        assert found.along_edge[0, 0] < 1e-20 * std[0] ** 2
+        assert found.tangent_covariance[0, 0] < 1e-20 * std[0] ** 2
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -384,7 +390,7 @@ def test_constraints_that_are_true_never_do_harm(name: str) -> None:
         errors = [np.linalg.norm(blunt.A @ (x - theta)) for x in (found.theta, found.free.theta)]
         assert errors[0] <= errors[1] * (1 + 1e-9)
         np.testing.assert_allclose(found.covariance, found.free.covariance, rtol=1e-6, atol=1e-15)
-        std = np.sqrt(np.diag(found.along_edge))
+        std = np.sqrt(np.diag(found.tangent_covariance))
         worst = max(worst, float(np.max(np.abs(found.theta - theta) / np.maximum(std, 1e-300))))
     assert worst > 6
 
@@ -418,10 +424,10 @@ def test_one_end_by_the_book() -> None:
     assert active.distance == pytest.approx(2.0, rel=1e-9)
     assert active.chi_square == pytest.approx(found.cost - free.cost, rel=1e-6)
     assert active.p_value == pytest.approx(chi2.sf(4.0, 1) / 2, rel=1e-9)
-    assert active.pressure is Pressure.WITHIN_NOISE
+    assert active.pressure is ConstraintInterpretation.WITHIN_NOISE
     fixed = posed.solved(Constraints(bounds=Bounds({"mlg": (value - 4 * std, value - 4 * std)})))
     assert fixed.active[0].p_value == pytest.approx(chi2.sf(16.0, 1), rel=1e-6)
-    assert fixed.active[0].pressure is Pressure.CONTRADICTED
+    assert fixed.active[0].pressure is ConstraintInterpretation.CONTRADICTED
     assert fixed.theta[place] == value - 4 * std
     assert fixed.covariance[place, place] == 0
     assert np.all(np.diag(fixed.covariance) <= np.diag(free.covariance) * (1 + 1e-9))
@@ -440,7 +446,7 @@ def test_what_the_data_do_not_show_stays_not_shown() -> None:
     std = np.sqrt(np.diag(free.covariance)[seen])
     assert np.max(np.abs(found.theta - free.theta)[seen] / std) < 1e-6
     assert found.theta[posed.names.index("I")] > 0
-    assert [active.pressure for active in found.active] in ([], [Pressure.IDLE])
+    assert [active.pressure for active in found.active] in ([], [ConstraintInterpretation.IDLE])
     assert found.rise < 1e-6
 
 
@@ -451,6 +457,6 @@ def test_an_end_that_the_cone_implies_is_not_blamed_twice() -> None:
     assert found.converged
     assert found.theta[posed.names.index("m")] == 0
     pressures = [active.pressure for active in found.active]
-    assert pressures == [Pressure.NEGATIVE_MASS, Pressure.IDLE]
+    assert pressures == [ConstraintInterpretation.NEGATIVE_MASS, ConstraintInterpretation.IDLE]
     assert found.active[0].chi_square == pytest.approx(found.rise, rel=1e-9)
     assert "mass" in str(found)

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation.constrained import Bounds, ConstrainedMinimum, Constraints, Pressure
-from estimation.constrained import minimise as constrained
-from estimation.fit import Problem, first_noise, start_of
-from estimation.layout import layout
-from estimation.reading import from_columns
-from estimation.recording import Recording
+from estimation.fit import WhitenedProblem, initial_noise, initial_values
+from estimation.least_squares.constrained import Bounds, ConstrainedMinimum, ConstraintInterpretation, Constraints
+from estimation.least_squares.constrained import minimise_constrained as constrained
+from estimation.parameter_layout import parameter_layout
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
 from modeling import effects
-from modeling.effect import Effect
-from modeling.model import planar
-from modeling.rig import Convention, Rig, SensorDescription
+from modeling.chain.effect import Effect
+from modeling.chain.model import planar
+from modeling.rig.rig import Convention, Rig, SensorDescription
 from truewrench import simulated_rig as simulated
 
 Array = NDArray[np.float64]
@@ -50,14 +50,14 @@ def recorded(*hidden: simulated.HiddenEffect, seed: int, limit: float = 1.2, sig
     return from_columns(found, rig=Rig(link_lengths=rig.link_lengths, sensor=sensor))
 
 
-def posed_of(recording: Recording, *added: Effect) -> Problem:
+def posed_of(recording: Recording, *added: Effect) -> WhitenedProblem:
     model = planar() + added
-    unknowns = layout(model, (recording,))
-    return Problem(unknowns, (recording,), first_noise(model, (recording,)))
+    unknowns = parameter_layout(model, (recording,))
+    return WhitenedProblem(unknowns, (recording,), initial_noise(model, (recording,)))
 
 
-def solved_of(posed: Problem, constraints: Constraints) -> ConstrainedMinimum:
-    return constrained(posed, start_of(posed.layout, {}), constraints)
+def solved_of(posed: WhitenedProblem, constraints: Constraints) -> ConstrainedMinimum:
+    return constrained(posed, initial_values(posed.layout, {}), constraints)
 
 
 def test_consistency_repairs_what_little_motion_leaves_open() -> None:
@@ -75,7 +75,7 @@ def test_consistency_repairs_what_little_motion_leaves_open() -> None:
         assert abs(inertia - truth[2]) < 3.5 * np.sqrt(found.covariance[5, 5])  # 1 in 2000 each
         if found.free.theta[3] * found.free.theta[5] < found.free.theta[4] ** 2:
             assert found.active[0].quantity == "inertia about the centre of mass"
-            assert found.active[0].pressure is Pressure.WITHIN_NOISE
+            assert found.active[0].pressure is ConstraintInterpretation.WITHIN_NOISE
             errors.append([abs(found.free.theta[5] - truth[2]), abs(inertia - truth[2])])
     assert 1 <= len(errors) <= 10
     free, repaired = np.sqrt(np.mean(np.square(errors), axis=0))
@@ -95,7 +95,7 @@ def test_a_recording_with_the_other_sign_is_found_out() -> None:
         assert abs(worst.wanted + rig.mass) < 5 * worst.std
         assert worst.distance > 100
         assert worst.p_value < 1e-100
-        assert "the readings have the other sign than was stated, or physics is missing" in worst.sentence
+        assert "the readings have the sign convention opposite to the stated one" in worst.sentence
 
 
 def test_optimality_of_a_model_that_is_not_straight() -> None:
@@ -124,6 +124,6 @@ def test_an_effects_own_range_is_kept_and_reported() -> None:
     (active,) = (a for a in found.active if a.quantity == "viscous_drag.c")
     assert found.theta[[p.name for p in posed.layout.parameters].index("viscous_drag.c")] == 0
     assert active.constraint == "viscous_drag.c >= 0 N s/m (its effect's range)"
-    assert active.pressure is Pressure.CONTRADICTED
+    assert active.pressure is ConstraintInterpretation.CONTRADICTED
     assert active.wanted is not None
     assert active.wanted < 0

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation.contact.calibration import Calibration
-from estimation.contact.contact import Contact, compensate
+from estimation.contact.calibrated_model import CalibratedModel
+from estimation.contact.contact_wrench import ContactWrench, compensate
 from estimation.fit import Fit, fit
-from estimation.reading import from_columns
-from estimation.recording import Recording
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
 from modeling import effects
-from modeling.effect import Effect
-from modeling.model import WrenchModel, planar, spatial
-from modeling.rig import Convention, Rig, SensorDescription
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.rig.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
@@ -77,7 +77,7 @@ def model_of(space: Space, convention: str, *added: Effect) -> WrenchModel:
 def hidden_in(space: Space, *hidden: simulated.HiddenEffect) -> tuple[simulated.HiddenEffect, ...]:
     """The effects in their places on the training motion, where they stay."""
     rig = RIGS[space]
-    return simulated.placed(rig, rig.random_motion(seed=1), hidden, repeats=REPEATS)
+    return simulated.resolve_effects(rig, rig.random_motion(seed=1), hidden, repeats=REPEATS)
 
 
 @cache
@@ -101,11 +101,11 @@ def test_a_push_comes_back(space: Space, convention: str) -> None:
             assert abs(edge - (number + part) * SAMPLES) <= 4
 
 
-def assert_exact(contact: Contact, true: Array) -> None:
+def assert_exact(contact: ContactWrench, true: Array) -> None:
     """The repeating power may exceed that of a tenth of the noise by four of its standard errors: 1 in 5000 for six."""
     per_power = np.sqrt(2 / (SAMPLES * REPEATS * (REPEATS - 1)))
     allowed = contact.floor * np.sqrt(0.1**2 + 4 * per_power)
-    assert (contact.repeating_error(true) < allowed).all()
+    assert (contact.systematic_contact_error(true) < allowed).all()
 
 
 @pytest.mark.parametrize("hidden", [LEAK, TURNED], ids=["crosstalk", "turned"])
@@ -118,7 +118,7 @@ def test_a_push_is_seen_through_the_same_sensor_as_the_tool(hidden: simulated.Hi
     with_it = compensate(calibrated(Space.PLANE, place, "on_tool", added), recording)
     without = compensate(calibrated(Space.PLANE, place, "on_tool"), recording)
     assert_exact(with_it, true)
-    assert (without.repeating_error(true) > without.floor / 2).any()
+    assert (without.systematic_contact_error(true) > without.floor / 2).any()
 
 
 def test_a_hidden_effect_is_taken_for_contact_until_it_is_in_the_model() -> None:
@@ -128,7 +128,7 @@ def test_a_hidden_effect_is_taken_for_contact_until_it_is_in_the_model() -> None
     true = true_push(Space.PLANE, recording)
     rigid = compensate(calibrated(Space.PLANE, place, "on_tool"), recording)
     found = compensate(calibrated(Space.PLANE, place, "on_tool", effects.cable_spring()), recording)
-    assert (rigid.repeating_error(true) > 5 * rigid.floor).all()
+    assert (rigid.systematic_contact_error(true) > 5 * rigid.floor).all()
     assert_exact(found, true)
     assert len(found.intervals) == REPEATS
 
@@ -141,7 +141,7 @@ def test_parameters_doubt_is_the_derivative(space: Space) -> None:
     """Of a covariance u u' it is (D u)(D u)', D u by a central difference along u; a step of a std, where the contact
     is linear to 1e-6 of its own std."""
     added = effects.sensor_rotation() if space is Space.PLANE else effects.gravity_tilt()
-    known = Calibration.of(calibrated(space, (), "on_tool", added))
+    known = CalibratedModel.of(calibrated(space, (), "on_tool", added))
     recording = recorded(space, push=True, seed=3)
     along = np.random.default_rng(1).standard_normal(len(known.theta)) * np.sqrt(np.diag(known.covariance))
     kept = compensate(replace(known, covariance=np.outer(along, along)), recording, keep_zero=True)
@@ -183,7 +183,7 @@ def test_std_is_that_of_the_error() -> None:
 def test_what_the_poses_did_not_show_is_named() -> None:
     """Poses at rest know no inertia; a motion asks for it."""
     rig = RIGS[Space.SPACE]
-    frame = simulated.rest_poses(rig, 30, seed=1)
+    frame = simulated.static_poses(rig, 30, seed=1)
     stated = Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))
     columns = {str(c): frame[c].to_numpy(dtype=float) for c in frame if c != "temperature"}
     known = fit(spatial(stated), from_columns(columns, name="poses", rig=stated))

@@ -11,8 +11,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from estimation.contact.detection import Blocks, Detection, RangeMaximum, Windows, _best_disjoint, detect
-from estimation.contact.mean_noise import MeanNoise
+from estimation.contact.contact_detection import (
+    BlockMeans,
+    CandidateWindows,
+    ContactDetection,
+    RangeMaximum,
+    _best_disjoint,
+    detect_contacts,
+)
+from estimation.contact.variance_of_means import VarianceOfMeans
 from truewrench.simulated_rig import NOISE_MODELS
 
 Array = NDArray[np.float64]
@@ -25,8 +32,8 @@ def noise(kind: str, samples: int, seed: int) -> Array:
     return NOISE_MODELS[kind].draw(np.random.default_rng([seed, samples]), samples, 3)
 
 
-def found_in(residual: Array, zero: Array | None = None) -> Detection:
-    return detect(residual, STEP, floor=np.ones(3), remainder=NOTHING, zero=zero)
+def found_in(residual: Array, zero: Array | None = None) -> ContactDetection:
+    return detect_contacts(residual, STEP, floor=np.ones(3), remainder=NOTHING, zero=zero)
 
 
 def pushed(kind: str, seed: int, *, size: float, first: int, last: int, half_sine: bool = False) -> Array:
@@ -93,14 +100,14 @@ def test_a_given_zero_is_kept() -> None:
 def test_what_the_model_is_known_to_miss_is_no_contact() -> None:
     residual = pushed("white", 6, size=2.0, first=800, last=1300)
     assert found_in(residual).intervals
-    assert not detect(residual, STEP, floor=np.ones(3), remainder=np.array([2.0, 0, 0])).intervals
+    assert not detect_contacts(residual, STEP, floor=np.ones(3), remainder=np.array([2.0, 0, 0])).intervals
 
 
 @pytest.mark.parametrize("coefficient", [0.0, 0.9, -0.5])
 def test_variance_of_means_of_an_autoregression(coefficient: float) -> None:
     """Against the sum over the whole covariance matrix, to the tail that the grid leaves out."""
     covariance = toeplitz(coefficient ** np.arange(300) / (1 - coefficient**2))
-    found = MeanNoise.of_autoregression(np.full((1, 2), coefficient), np.diag([1.0, 4.0]), 300, np.zeros(2))
+    found = VarianceOfMeans.of_autoregression(np.full((1, 2), coefficient), np.diag([1.0, 4.0]), 300, np.zeros(2))
     for length in (1, 2, 17, 300):
         exact = covariance[:length, :length].sum() / length**2
         assert found.variance[length - 1] == pytest.approx([exact, 4 * exact], rel=1e-9)
@@ -111,7 +118,7 @@ def test_variance_of_means_from_differences(robust: bool) -> None:
     """White noise of 50 000 samples: means over up to 100 are known to 15 % (quartile: 30 %), a 6 sigma bound."""
     series = np.random.default_rng(7).standard_normal((50_000, 1))
     quiet = None if robust else np.ones(len(series), dtype=bool)
-    found = MeanNoise.of_differences(series, np.zeros(1), quiet)
+    found = VarianceOfMeans.of_differences(series, np.zeros(1), quiet)
     for length in (1, 10, 100):
         assert found.variance[length - 1, 0] * length == pytest.approx(1.0, rel=0.3 if robust else 0.15)
 
@@ -129,7 +136,7 @@ def test_range_maximum(values: list[float], data: st.DataObject) -> None:
 @given(st.integers(4, 9), st.integers(0, 1000))
 def test_the_best_disjoint_windows_are_the_best(blocks: int, seed: int) -> None:
     """Against every subset of the windows."""
-    windows = Windows.over(blocks)
+    windows = CandidateWindows.over(blocks)
     gain = np.random.default_rng(seed).standard_normal(len(windows.first))
     chosen = _best_disjoint(windows, gain)
     spans = sorted((windows.first[i], windows.last[i]) for i in chosen)
@@ -146,7 +153,7 @@ def test_the_best_disjoint_windows_are_the_best(blocks: int, seed: int) -> None:
 
 def test_blocks_cover_every_sample() -> None:
     residual = np.random.default_rng(1).standard_normal((4364, 6))
-    blocks = Blocks.of(residual, 1 / 698)
+    blocks = BlockMeans.of(residual, 1 / 698)
     assert len(blocks.samples(np.ones(len(blocks.means), dtype=bool))) == 4364
 
 

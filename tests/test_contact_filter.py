@@ -17,19 +17,18 @@ from scipy.signal import cont2discrete, dlsim, savgol_coeffs, savgol_filter
 from scipy.spatial.transform import Rotation
 
 from benchmarks.coverage import RIGS, Setting, silent_recording
-from estimation.contact.calibration import Calibration
-from estimation.contact.contact import compensate
+from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_filter import ContactFilter
+from estimation.contact.contact_wrench import compensate
 from estimation.contact.local_polynomial import LocalPolynomial
-from estimation.recording import QUATERNION, Recording
-from estimation.robust.rereading import reread
+from estimation.recordings.recording import QUATERNION, Recording, with_readings
 from modeling import effects
-from modeling.arm import PlanarArm
-from modeling.contact_gain import contact_gain_at
+from modeling.chain.contact_gain import contact_gain_at
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
-from modeling.model import WrenchModel, planar, spatial
-from modeling.prediction import compiled
-from modeling.rig import Convention, Rig, SensorDescription
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.rig.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
@@ -44,13 +43,15 @@ def ticks(count: int, dt: float = DT) -> Array:
     return np.arange(count, dtype=np.float64) * dt
 
 
-def calibration(model: WrenchModel, values: Mapping[str, float], floor: Sequence[float] | None = None) -> Calibration:
+def calibration(
+    model: WrenchModel, values: Mapping[str, float], floor: Sequence[float] | None = None
+) -> CalibratedModel:
     theta = np.array([values.get(p.name, p.nominal) for p in model.parameters])
     scale = np.array(RIGS[model.space].noise if floor is None else floor)
-    return Calibration(model, theta, np.zeros((len(theta),) * 2), scale, np.zeros(len(scale)))
+    return CalibratedModel(model, theta, np.zeros((len(theta),) * 2), scale, np.zeros(len(scale)))
 
 
-def truth_of(setting: Setting) -> Calibration:
+def truth_of(setting: Setting) -> CalibratedModel:
     return calibration(setting.model, setting.truth)
 
 
@@ -64,7 +65,7 @@ def table_of(recording: Recording, columns: Sequence[str]) -> Array:
     return np.hstack([recording.stack(columns), recording.wrench])
 
 
-def filter_of(known: Calibration, recording: Recording, window: LocalPolynomial) -> ContactFilter:
+def filter_of(known: CalibratedModel, recording: Recording, window: LocalPolynomial) -> ContactFilter:
     return ContactFilter(known, columns=tuple(recording.columns), window=window, rig=recording.rig)
 
 
@@ -190,7 +191,7 @@ def test_a_turning_tool_by_the_polynomial_of_its_angle() -> None:
 
 def noisy(recording: Recording, seed: int) -> Recording:
     scale = np.array(RIGS[Space.PLANE if recording.dimension == 2 else Space.SPACE].noise)
-    return reread(
+    return with_readings(
         recording, recording.wrench + scale * np.random.default_rng(seed).standard_normal(recording.wrench.shape)
     )
 
@@ -326,7 +327,7 @@ def test_what_it_does_not_follow_of_a_fast_motion(frequency: float, given: str) 
 # --------------------------------------------------------------------------- row by row, and all at once
 
 
-def reference(known: Calibration, recording: Recording, window: LocalPolynomial) -> Array:
+def reference(known: CalibratedModel, recording: Recording, window: LocalPolynomial) -> Array:
     """The same over whole columns: SciPy's filter, the arm or quaternion algebra, SciPy's discretisation."""
     columns = {
         name: [
@@ -344,7 +345,7 @@ def reference(known: Calibration, recording: Recording, window: LocalPolynomial)
         signals |= {
             prefix + axis: columns["p" + axis][n] for n, prefix in enumerate(("p", "vp", "ap")) for axis in "xyz"
         }
-    prediction = compiled(known.model)
+    prediction = compiled_prediction(known.model)
     samples = recording.samples - 2 * window.half
     load, zero = (part.value(signals, known.theta, samples) for part in (prediction.load, prediction.zero))
     values = dict(zip((p.name for p in known.model.parameters), known.theta, strict=True))

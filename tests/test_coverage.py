@@ -15,10 +15,16 @@ from scipy.special import polygamma
 from scipy.stats import binomtest, norm, t
 
 from benchmarks.coverage import NOISES, Coverage, LeastSquares, Setting, covered, share_interval
+from estimation.confidence_intervals import (
+    MAX_DEGREES_OF_FREEDOM,
+    MIN_DEGREES_OF_FREEDOM,
+    Intervals,
+    degrees_of_freedom_of,
+    intervals,
+)
 from estimation.fit import fit
-from estimation.interval import LEAST, SURE, Intervals, freedom_of, intervals
-from estimation.recording import Recording
-from modeling.model import planar
+from estimation.recordings.recording import Recording
+from modeling.chain.model import planar
 from tests.test_robust import stated_run
 
 Array = NDArray[np.float64]
@@ -81,20 +87,20 @@ def test_they_are_not_merely_wide() -> None:
 
 @pytest.mark.parametrize("freedom", [2.5, 7.0, 100.0])
 def test_freedom_is_that_of_a_chi_square_with_that_doubt(freedom: float) -> None:
-    assert freedom_of(float(polygamma(1, freedom / 2))) == pytest.approx(freedom, rel=1e-9)  # brentq's
+    assert degrees_of_freedom_of(float(polygamma(1, freedom / 2))) == pytest.approx(freedom, rel=1e-9)  # brentq's
 
 
 def test_freedom_ends() -> None:
-    assert freedom_of(0.0) == SURE
-    assert freedom_of(1e-9) == SURE
-    assert freedom_of(50.0) == LEAST
-    assert t.ppf(0.975, SURE) == pytest.approx(norm.ppf(0.975), abs=3e-4)
+    assert degrees_of_freedom_of(0.0) == MAX_DEGREES_OF_FREEDOM
+    assert degrees_of_freedom_of(1e-9) == MAX_DEGREES_OF_FREEDOM
+    assert degrees_of_freedom_of(50.0) == MIN_DEGREES_OF_FREEDOM
+    assert t.ppf(0.975, MAX_DEGREES_OF_FREEDOM) == pytest.approx(norm.ppf(0.975), abs=3e-4)
 
 
 def test_stated_noise_takes_the_normal_quantile() -> None:
     found = intervals(fit(planar(), stated_run()))
     np.testing.assert_allclose(found.std, np.sqrt(np.diag(found.fit.covariance)), rtol=1e-8)  # condition 1e4
-    np.testing.assert_allclose(found.freedom, SURE)
+    np.testing.assert_allclose(found.freedom, MAX_DEGREES_OF_FREEDOM)
     np.testing.assert_allclose((found.high - found.low) / 2 / found.std, 1.96, atol=1e-3)
 
 
@@ -103,7 +109,7 @@ def test_repeats_keep_the_fits_own_std() -> None:
     few, many = (intervals(fit(planar(), Setting(repeats=r, samples=60).drawn(NOISES["white"], 1))) for r in (3, 12))
     np.testing.assert_allclose(few.std, np.sqrt(np.diag(few.fit.covariance)), rtol=1e-6)
     assert (few.freedom[3:] < many.freedom[3:]).all()
-    assert (few.freedom >= LEAST).all()
+    assert (few.freedom >= MIN_DEGREES_OF_FREEDOM).all()
 
 
 def test_poses_have_the_freedom_of_their_readings() -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from modeling.arm import PlanarArm
-from modeling.model import planar
-from modeling.prediction import compiled
+from modeling.chain.model import planar
+from modeling.chain.prediction import compiled_prediction
+from modeling.kinematics.planar_arm import PlanarArm
 from truewrench.command_line import main
 
 RIG_TEXT = """
@@ -77,7 +77,7 @@ def logdet_of(plan: pd.DataFrame) -> float:
     """ln det(Phi' Phi) from the file alone, through the derived regressor."""
     arm = PlanarArm((1.0, 0.97, 0.4))
     q, dq, ddq = (plan[[f"{p}{j}" for j in (1, 2, 3)]].to_numpy() for p in ("q", "dq", "ddq"))
-    prediction, count = compiled(planar()), len(plan)
+    prediction, count = compiled_prediction(planar()), len(plan)
     signals = arm.pose(q, dq, ddq)
     phi = sum(part.tangent(signals, np.zeros(6), count)[1] for part in (prediction.load, prediction.zero))
     rows = np.asarray(phi).reshape(-1, 6)

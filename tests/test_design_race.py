@@ -13,10 +13,10 @@ from benchmarks.rivals import evolution, finite_differences, nelder_mead, unopti
 from benchmarks.rivals.objective import Objective
 from benchmarks.rivals.reference import ARM, CHAPTER, FREE, LARGEST, LIMITS, PERIOD, SAMPLES
 from benchmarks.rivals.trace import TOLERANCE, Recorder, Trace
-from design.limit_use import LimitUse
-from design.motion.series import Motion, Series
-from modeling.model import planar
-from modeling.prediction import compiled
+from design.limits.limit_use import LimitUse
+from design.trajectories.trajectory import Trajectory, TrajectorySeries
+from modeling.chain.model import planar
+from modeling.chain.prediction import compiled_prediction
 
 SHORT: dict[str, Callable[[int], Trace]] = {
     "simplex": lambda seed: nelder_mead.penalised(seed, 600),
@@ -28,11 +28,11 @@ SHORT: dict[str, Callable[[int], Trace]] = {
 }
 
 
-def logdet(motion: Motion) -> float:
+def logdet(motion: Trajectory) -> float:
     """ln det(Phi'Phi) by another route: pose signals of the arm, then the compiled derivative of the prediction."""
     model = planar()
     signals = ARM.pose(*motion.evaluate(np.arange(SAMPLES) * PERIOD / SAMPLES))
-    prediction = compiled(model)
+    prediction = compiled_prediction(model)
     phi = sum(part.tangent(signals, np.zeros(6), SAMPLES)[1] for part in (prediction.load, prediction.zero))
     rows = np.asarray(phi).reshape(-1, 6)
     return 2 * float(np.log(np.abs(np.diag(np.linalg.qr(rows)[1]))).sum())
@@ -45,16 +45,16 @@ def random_candidates(objective: Objective, count: int) -> np.ndarray[tuple[int,
 
 
 @pytest.mark.parametrize("series", [CHAPTER, FREE], ids=["chapter", "free"])
-def test_objective_is_that_of_the_derived_regressor(series: Series) -> None:
+def test_objective_is_that_of_the_derived_regressor(series: TrajectorySeries) -> None:
     objective = Objective(series)
     x = random_candidates(objective, 8)
-    expected = [logdet(Motion(series, each * objective.unit)) for each in x]
+    expected = [logdet(Trajectory(series, each * objective.unit)) for each in x]
     # rounding of M, times its condition number of up to 1e6 at a tenth of the limits
     np.testing.assert_allclose(objective.score(x).logdet, expected, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("series", [CHAPTER, FREE], ids=["chapter", "free"])
-def test_candidates_do_not_know_of_one_another(series: Series) -> None:
+def test_candidates_do_not_know_of_one_another(series: TrajectorySeries) -> None:
     objective = Objective(series)
     x = random_candidates(objective, 5)
     together, alone = objective.score(x), [objective.score(each[None]) for each in x]
@@ -64,12 +64,12 @@ def test_candidates_do_not_know_of_one_another(series: Series) -> None:
 
 
 @pytest.mark.parametrize("series", [CHAPTER, FREE], ids=["chapter", "free"])
-def test_penalty_is_zero_just_when_the_samples_keep_the_limits(series: Series) -> None:
+def test_penalty_is_zero_just_when_the_samples_keep_the_limits(series: TrajectorySeries) -> None:
     objective = Objective(series)
     x = random_candidates(objective, 40)
     score = objective.score(x)
     for each, use, penalty in zip(x, score.use, score.penalty, strict=True):
-        states = Motion(series, each * objective.unit).evaluate(series.instants(SAMPLES))
+        states = Trajectory(series, each * objective.unit).evaluate(series.instants(SAMPLES))
         shares = np.abs(states) / LARGEST[:, None, :]
         assert use == pytest.approx(shares.max(), rel=1e-12)  # rounding
         assert (penalty == 0) == bool((shares <= 1).all())

@@ -16,9 +16,9 @@ from benchmarks.rivals import finite_differences
 from benchmarks.rivals.reference import LIMITS, SAMPLES
 from benchmarks.rivals.unoptimised import chapter_optimum
 from benchmarks.scatter import Scatter
-from design.limit_use import LimitUse
-from design.motion.series import Motion
-from estimation.recording import Recording
+from design.limits.limit_use import LimitUse
+from design.trajectories.trajectory import Trajectory
+from estimation.recordings.recording import Recording
 
 DRAWS = 60
 CERTAIN = 1e-4
@@ -26,7 +26,7 @@ CERTAIN = 1e-4
 
 
 @cache
-def good() -> Motion:
+def good() -> Trajectory:
     """A motion much better than x_opt: that of a short search, made to keep its limits."""
     found = finite_differences.penalised(0, 15_000).motion
     assert found is not None
@@ -92,10 +92,10 @@ def test_information_promised_is_that_of_the_motion_that_was_simulated() -> None
     """The recording's own signals, from angles that were read and differentiated, give the regressor's M."""
     recording: Recording = silent(good())
     assert recording.samples == SAMPLES
-    from estimation.response import respond
-    from modeling.model import planar
+    from estimation.model_response import model_response
+    from modeling.chain.model import planar
 
-    rows = respond(planar(), recording, np.zeros(6)).derivative.reshape(-1, 6) / 0.1
+    rows = model_response(planar(), recording, np.zeros(6)).derivative.reshape(-1, 6) / 0.1
     own = rows.T @ rows
     scale = np.sqrt(np.outer(np.diag(own), np.diag(own)))
     # resolver steps of 7.4e-6 rad, twice differentiated at harmonics up to 5 (6.3 rad/s), over 0.5 rad of motion

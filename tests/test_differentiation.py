@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from estimation.differentiation import best_description, leading_lines, noise_floor, periodic_series, smooth
+from estimation.recordings.differentiation import (
+    fourier_derivatives,
+    fourier_or_spline_derivatives,
+    highest_excited_line,
+    line_noise_floor,
+    spline_derivatives,
+)
 
 Array = NDArray[np.float64]
 SAMPLES, DT = 1000, 0.005
@@ -31,7 +37,7 @@ def harmonics(amplitudes: Array, phases: Array, shift: float = 0.0) -> tuple[Arr
 def test_periodic_motion_without_noise_is_exact(lines: int, seed: int, shift: float) -> None:
     rng = np.random.default_rng(seed)
     value, first, second = harmonics(rng.uniform(0.1, 1, lines), rng.uniform(0, 6, lines), shift)
-    fit = periodic_series(value, DT, antiperiodic=shift != 0)
+    fit = fourier_derivatives(value, DT, antiperiodic=shift != 0)
     # Rounding of 1e-15 times (2 pi h / T)² with a few hundred lines kept at most.
     np.testing.assert_allclose(fit.value, value, atol=1e-12)
     np.testing.assert_allclose(fit.first, first, atol=1e-10)
@@ -42,7 +48,7 @@ def test_periodic_motion_without_noise_is_exact(lines: int, seed: int, shift: fl
 def test_quantisation_beyond_the_motion_is_left_out(resolution: float) -> None:
     rng = np.random.default_rng(1)
     value, _, second = harmonics(rng.uniform(0.1, 0.3, 5), rng.uniform(0, 6, 5))
-    fit = periodic_series(np.round(value / resolution) * resolution, DT)
+    fit = fourier_derivatives(np.round(value / resolution) * resolution, DT)
     # White quantisation noise on five of 500 lines, each times at most w_5².
     noise = resolution / np.sqrt(12) * np.sqrt(2 * 6 / SAMPLES) * (2 * np.pi * 5 / (SAMPLES * DT)) ** 2
     assert np.std(fit.second - second) < 2 * noise
@@ -52,12 +58,12 @@ def test_a_gap_in_the_lines_does_not_end_the_motion() -> None:
     rng = np.random.default_rng(2)
     power = rng.exponential(size=501)
     power[[1, 2, 40]] = 1e6
-    assert leading_lines(power) == 40
+    assert highest_excited_line(power) == 40
 
 
 def test_pure_noise_has_no_lines() -> None:
     rng = np.random.default_rng(3)
-    kept = [leading_lines(rng.exponential(size=501)) > 0 for _ in range(300)]
+    kept = [highest_excited_line(rng.exponential(size=501)) > 0 for _ in range(300)]
     # One of a hundred by design; the floor is itself an estimate. 300 trials at 3 % exceed 6 % once in 400.
     assert np.mean(kept) < 0.06
 
@@ -66,7 +72,7 @@ def test_pure_noise_has_no_lines() -> None:
 def test_floor_follows_coloured_noise(slope: float) -> None:
     rng = np.random.default_rng(4)
     truth = np.maximum(np.arange(2001.0), 1) ** slope
-    ratio = noise_floor(rng.exponential(size=2001) * truth) / truth
+    ratio = line_noise_floor(rng.exponential(size=2001) * truth) / truth
     assert 0.7 < np.median(ratio) < 1.4
     assert 0.2 < ratio[5] < 5.0  # extrapolated two decades down
 
@@ -93,7 +99,7 @@ def test_single_run(motion: Callable[[Array], tuple[Array, ...]], samples: int, 
                     share: float) -> None:  # fmt: skip
     value, first, second = motion(times(samples, dt))
     noisy = value + noise * np.random.default_rng(5).standard_normal(samples)
-    fit = smooth(noisy[:, None], dt)
+    fit = spline_derivatives(noisy[:, None], dt)
     error = np.abs(fit.second[:, 0] - second)
     # Shares of the acceleration's RMS, about twice what a cutoff at the signal's own floor leaves.
     assert np.std(fit.value[:, 0] - value) < 0.5 * noise
@@ -106,7 +112,7 @@ def test_coloured_noise_is_not_taken_for_motion() -> None:
     value, _, second = dwelling_move(times(4000, 0.002))
     white = np.random.default_rng(6).standard_normal(4000)
     noise = 1e-4 * np.sqrt(1 - 0.95**2) * lfilter([1.0], [1.0, -0.95], white)
-    fit = smooth((value + noise)[:, None], 0.002)
+    fit = spline_derivatives((value + noise)[:, None], 0.002)
     error = np.abs(fit.second[:, 0] - second)
     # A cutoff by white noise's rules errs by 80 % in RMS, and by many times the largest at the ends.
     assert np.sqrt(np.mean(error**2)) < 0.25 * np.std(second)
@@ -114,7 +120,7 @@ def test_coloured_noise_is_not_taken_for_motion() -> None:
 
 
 def test_constant_is_constant() -> None:
-    for fit in (smooth(np.full((500, 2), 0.3), 0.01), periodic_series(np.full((500, 2), 0.3), 0.01)):
+    for fit in (spline_derivatives(np.full((500, 2), 0.3), 0.01), fourier_derivatives(np.full((500, 2), 0.3), 0.01)):
         np.testing.assert_allclose(fit.value, 0.3, atol=1e-12)
         np.testing.assert_allclose(fit.second, 0.0, atol=1e-8)
 
@@ -125,7 +131,7 @@ def test_separate_runs_need_not_close() -> None:
     closed = harmonics(np.array([0.3, 0.2, 0.1]), np.array([0.1, 1.0, 2.0]))
     opened = tuple(series[:, None] for series in dwelling_move(t))
     for value, _, second in (closed, opened):
-        fit = best_description(value + 1e-6 * rng.standard_normal(value.shape), DT)
+        fit = fourier_or_spline_derivatives(value + 1e-6 * rng.standard_normal(value.shape), DT)
         assert np.std(fit.second - second) < 0.01 * np.std(second)
-    periodic, spline = (describe(closed[0], DT).score for describe in (periodic_series, smooth))
+    periodic, spline = (describe(closed[0], DT).score for describe in (fourier_derivatives, spline_derivatives))
     assert periodic[0] < spline[0]

@@ -14,41 +14,41 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from design.criterion import Subset
+from design.criteria import Subset
 from design.discrimination import (
-    Direction,
-    Distinction,
+    DesignSetting,
+    DirectedPair,
+    DiscriminationDesign,
     Hypothesis,
-    Pair,
+    ModelPair,
+    Separability,
     Separation,
-    Setting,
-    Verdict,
-    View,
-    in_place_of,
-    opponents,
+    WhitenedPrediction,
+    rival_models,
     tell_apart,
+    with_effect_replaced,
 )
-from design.discrimination.direction import Block, side_by_side
-from design.discrimination.imitation import bounds, imitate, readings, starts
+from design.discrimination.directed_pair import LinearisedRival, maximin_experiment
+from design.discrimination.rival_fit import fit_rival, parameter_bounds, rival_starts, whitened_predictions
 from design.information import ColouredNoise, Experiment, SensorNoise, WhiteNoise, prediction_terms, sensitivity_terms
-from design.motion.fourier import FreeSeries
-from design.motion.random_motion import random_motion
-from design.motion.series import Motion
+from design.trajectories.fourier import FreeSeries
+from design.trajectories.random_periodic import random_periodic_trajectory
+from design.trajectories.trajectory import Trajectory
 from diagnosis.diagnosis import diagnose
-from diagnosis.next_experiment import next_experiment, noise_of
+from diagnosis.next_experiment import next_experiment, sensor_noise_of
 from estimation.fit import fit
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.response import predicted
-from estimation.stream.noise_model import NoiseModel
+from estimation.model_response import predicted_readings
+from estimation.noise.autoregression import NoiseModel
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
 from modeling import effects
-from modeling.chain import Chain
-from modeling.effect import Effect
+from modeling.chain.chain import Chain
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar
 from modeling.effects.joints import JointOffset
 from modeling.errors import InputError
-from modeling.model import WrenchModel, planar
 from modeling.parameter import Parameter
-from modeling.rig import Limits, Rig
+from modeling.rig.rig import Limits, Rig
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
@@ -68,7 +68,7 @@ RIG = Rig(
 NOISE = WhiteNoise.of_std(ROBOT.noise)
 PERIOD, SAMPLES = 5.0, 60
 SERIES = FreeSeries(joints=3, harmonics=(1, 2, 3), period=PERIOD)
-SETTING = Setting.of(RIG, series=SERIES, samples=SAMPLES, noise=NOISE)
+SETTING = DesignSetting.of(RIG, series=SERIES, samples=SAMPLES, noise=NOISE)
 TOOL = {"bias_fx": 15.0, "bias_fy": 0.25, "bias_tau": -1.33, "m": 0.9, "mlg": 0.063, "I": 0.0129}
 SIZES: dict[str, dict[str, float]] = {
     "com_offset": {"mlx": 0.004},
@@ -105,17 +105,17 @@ def values(*ids: str) -> dict[str, float]:
     return TOOL | {f"{i}.{name}": value for i in ids for name, value in SIZES[i].items()}
 
 
-def direction(true: Effect, rival: Effect) -> Direction:
+def direction(true: Effect, rival: Effect) -> DirectedPair:
     truth = planar(RIG) + true
-    return Direction(Hypothesis.of(truth, values(true.id)), in_place_of(truth, true.id, rival))
+    return DirectedPair(Hypothesis.of(truth, values(true.id)), with_effect_replaced(truth, true.id, rival))
 
 
-def view(seed: int, noise: SensorNoise = NOISE) -> View:
+def view(seed: int, noise: SensorNoise = NOISE) -> WhitenedPrediction:
     return replace(SETTING, noise=noise).view(SETTING.random((9, seed)))
 
 
 @lru_cache(maxsize=1)
-def probes() -> tuple[View, ...]:
+def probes() -> tuple[WhitenedPrediction, ...]:
     return tuple(view(seed) for seed in range(3))
 
 
@@ -149,12 +149,12 @@ def test_readings_are_the_columns_of_the_experiment(effect: Effect, noise: Senso
 def test_imitation_is_a_minimum_within_the_bounds(true: Effect, rival: Effect) -> None:
     """Kuhn and Tucker: no free parameter has a slope, and one at its bound would only go beyond it."""
     d = direction(true, rival)
-    found = d.imitation([view(0)], SETTING.reach)
-    target, _ = readings([view(0)], d.truth.model, d.truth.theta)
-    value, slopes = readings([view(0)], d.rival, found.theta)
+    found = d.rival_fit([view(0)], SETTING.reach)
+    target, _ = whitened_predictions([view(0)], d.truth.model, d.truth.theta)
+    value, slopes = whitened_predictions([view(0)], d.rival, found.theta)
     left = target - value
     assert float(left @ left) == pytest.approx(found.separation, rel=1e-9, abs=1e-9)
-    low, high = bounds(d.rival)
+    low, high = parameter_bounds(d.rival)
     length = np.linalg.norm(slopes, axis=0)
     pull = np.divide(slopes.T @ left, length, out=np.zeros_like(length), where=length > 0) / np.linalg.norm(left)
     room = np.minimum(found.theta - low, high - found.theta)
@@ -168,38 +168,38 @@ def test_imitation_is_a_minimum_within_the_bounds(true: Effect, rival: Effect) -
 
 def test_model_imitates_itself_and_what_it_contains() -> None:
     d = direction(VISCOUS, QUADRATIC)
-    own = Direction(d.truth, d.truth.model)
-    assert own.contained
-    assert own.imitation([view(0)], SETTING.reach).separation < 1e-15 * d.power([view(0)])  # rounding, squared
-    both = Direction(d.truth, d.truth.model + LAG)
-    assert both.imitation([view(0)], SETTING.reach).separation < 1e-15 * d.power([view(0)])
+    own = DirectedPair(d.truth, d.truth.model)
+    assert own.nested_in_rival
+    assert own.rival_fit([view(0)], SETTING.reach).separation < 1e-15 * d.power([view(0)])  # rounding, squared
+    both = DirectedPair(d.truth, d.truth.model + LAG)
+    assert both.rival_fit([view(0)], SETTING.reach).separation < 1e-15 * d.power([view(0)])
 
 
 def test_grid_finds_a_tether() -> None:
     """From the rigid tool alone: anchor, length and point of attack of a tether that is taut in part."""
     tether, seen = effects.cable_spring(), view(1)
     truth = Hypothesis.of(planar() + tether, values("cable_spring") | {"cable_spring.length": 1.6})
-    target, _ = readings([seen], truth.model, truth.theta)
-    rigid = Direction(truth, planar()).imitation([seen], SETTING.reach)
+    target, _ = whitened_predictions([seen], truth.model, truth.theta)
+    rigid = DirectedPair(truth, planar()).rival_fit([seen], SETTING.reach)
     assert rigid.separation > 100
     blind = np.concatenate([rigid.theta, np.zeros(len(truth.theta) - len(rigid.theta))])
-    begin = starts(target, truth.model, ("cable_spring",), blind, seen, SETTING.reach)
-    assert imitate(target, truth.model, [seen], begin).separation < 1e-3 * rigid.separation
+    begin = rival_starts(target, truth.model, ("cable_spring",), blind, seen, SETTING.reach)
+    assert fit_rival(target, truth.model, [seen], begin).separation < 1e-3 * rigid.separation
 
 
 def test_distance_over_two_runs_is_twice_that_of_one() -> None:
     d = direction(LAG, DELAY)
-    one = d.imitation([view(0)], SETTING.reach).separation
-    two = d.imitation([view(0), view(0)], SETTING.reach).separation
+    one = d.rival_fit([view(0)], SETTING.reach).separation
+    two = d.rival_fit([view(0), view(0)], SETTING.reach).separation
     assert two == pytest.approx(2 * one, rel=1e-9)  # rounding of the search
 
 
 def test_a_parameter_that_no_reading_shows_does_not_break_the_search() -> None:
     """A motion of the second joint alone shows neither inertia nor arm apart; the distance is still a least one."""
-    still = Motion(SERIES, np.zeros(SERIES.size))
+    still = Trajectory(SERIES, np.zeros(SERIES.size))
     poses = [SETTING.view(still)]
     d = direction(TILT, ROTATION)
-    assert d.imitation(poses, SETTING.reach).separation < 1e-18 * d.power(poses)  # three biases explain three numbers
+    assert d.rival_fit(poses, SETTING.reach).separation < 1e-18 * d.power(poses)  # three biases explain three numbers
 
 
 # ------------------------------------------------------------------------------------ the linear stand-in
@@ -210,9 +210,9 @@ def test_a_parameter_that_no_reading_shows_does_not_break_the_search() -> None:
 def test_block_is_the_exact_distance_at_the_best_imitation(true: Effect, rival: Effect, noise: SensorNoise) -> None:
     """There the residual is orthogonal to the columns, so that linear least squares cannot take more from it."""
     d, seen = direction(true, rival), view(0, noise)
-    found = d.imitation([seen], SETTING.reach)
-    block = Block.of(d, found.theta, probes())
-    experiment, criterion = side_by_side([block, block], SETTING.arm, noise)
+    found = d.rival_fit([seen], SETTING.reach)
+    block = LinearisedRival.of(d, found.theta, probes())
+    experiment, criterion = maximin_experiment([block, block], SETTING.arm, noise)
     information = experiment.information(SETTING.random((9, 0)), SAMPLES)
     single = Subset((block.size - 1,)).value(information[: block.size, : block.size])
     assert np.exp(single) == pytest.approx(
@@ -227,22 +227,22 @@ def test_columns_that_are_combinations_of_others_are_left_out() -> None:
     d = direction(LAG, VISCOUS)
     theta = Hypothesis.of(d.rival, TOOL | {"viscous_drag.c": 0.01, "viscous_drag.d": 0.1}).theta
     names = [p.name for p in d.rival.parameters]
-    assert len(Block.of(d, theta, probes()).columns) == len(names)
+    assert len(LinearisedRival.of(d, theta, probes()).columns) == len(names)
     theta[names.index("viscous_drag.c")] = 0.0
-    kept = {names[i] for i in Block.of(d, theta, probes()).columns}
+    kept = {names[i] for i in LinearisedRival.of(d, theta, probes()).columns}
     assert kept == set(names) - {"viscous_drag.c", "viscous_drag.d"}  # c stands at its bound
     mixed = direction(LAG, CROSSTALK)
     theta = Hypothesis.of(mixed.rival, TOOL).theta
-    _, slopes = readings(probes(), mixed.rival, theta)
+    _, slopes = whitened_predictions(probes(), mixed.rival, theta)
     scaled = slopes / np.linalg.norm(slopes, axis=0)
-    assert len(Block.of(mixed, theta, probes()).columns) == np.linalg.matrix_rank(scaled, tol=1e-6)
+    assert len(LinearisedRival.of(mixed, theta, probes()).columns) == np.linalg.matrix_rank(scaled, tol=1e-6)
 
 
 # -------------------------------------------------------------------------------------------- aliases
 
 
-def told(true: Effect, rival: Effect, given: Mapping[str, float] | None = None, **options: int) -> Distinction:
-    truth, other = opponents(planar() + true, true, rival)
+def told(true: Effect, rival: Effect, given: Mapping[str, float] | None = None, **options: int) -> DiscriminationDesign:
+    truth, other = rival_models(planar() + true, true, rival)
     known = values(true.id) if given is None else given
     return tell_apart(RIG, truth, known, [other], series=SERIES, samples=SAMPLES, noise=NOISE, **options)  # type: ignore[arg-type]
 
@@ -251,11 +251,11 @@ def told(true: Effect, rival: Effect, given: Mapping[str, float] | None = None, 
 def test_what_no_motion_separates_is_said(true: Effect, rival: Effect) -> None:
     """Turning gravity and turning the motion are one; a rotation is a crosstalk with other masses."""
     found = told(true, rival)
-    assert found.verdict is Verdict.NEVER
+    assert found.verdict is Separability.NEVER
     assert found.motion is None
     assert not found.rounds
     assert all(d.imitated for d in found.pairs[0].directions)
-    assert "no motion of this arm separates them" in str(found)
+    assert "no trajectory of this arm discriminates them" in str(found)
     data = json.loads(json.dumps(found.to_data(), allow_nan=False))
     assert data["pairs"][0]["runs_for_1_percent"] is None
     assert data["verdict"] == "never"
@@ -279,25 +279,25 @@ def test_a_model_against_one_effect_less_or_more() -> None:
     assert less.pairs[0].nested
     assert less.pairs[0].directions[0].noticed == pytest.approx(less.pairs[0].after, rel=1e-6)  # two searches of one
     more = tell_apart(RIG, tilted, values("gravity_tilt"), [tilted + LAG], **options)  # type: ignore[arg-type]
-    assert more.verdict is Verdict.NEVER
+    assert more.verdict is Separability.NEVER
 
 
 # ------------------------------------------------------------------------------------ chances and repeats
 
 
-def pair(one: float, other: float, runs: int = 2) -> Pair:
+def pair(one: float, other: float, runs: int = 2) -> ModelPair:
     shared = {"before": 1.0, "noticed": 40.0, "imitated": False}
     directions = (
         Separation(truth="a", rival="b", after=one, **shared),  # type: ignore[arg-type]
         Separation(truth="b", rival="a", after=other, **shared),  # type: ignore[arg-type]
     )
-    return Pair(directions=directions, runs=runs)
+    return ModelPair(directions=directions, runs=runs)
 
 
 def test_pair_is_judged_by_its_smaller_distance() -> None:
     assert pair(30.0, 25.0).after == 25.0
-    assert pair(30.0, 25.0).verdict is Verdict.SEPARATED
-    assert pair(30.0, 20.0).verdict is Verdict.REPEATS
+    assert pair(30.0, 25.0).verdict is Separability.SEPARATED
+    assert pair(30.0, 20.0).verdict is Separability.REPEATS
     unnoticed = replace(pair(30.0, 25.0).directions[1], after=1.0, noticed=2.0)
     assert replace(pair(30.0, 25.0), directions=(pair(30.0, 25.0).directions[0], unnoticed)).after == 30.0
     assert pair(30.0, 5.4).runs_for(10.8) == 4  # lambda doubles with twice the runs
@@ -311,16 +311,16 @@ def test_chance_of_a_mistake_is_how_often_the_rival_fits_better() -> None:
     """Both models refitted exactly to 100 noisy readings of a lag."""
     d = direction(LAG, DELAY)
     seen = view(3)
-    separation = d.imitation([seen], SETTING.reach).separation
+    separation = d.rival_fit([seen], SETTING.reach).separation
     scale = float(np.sqrt(4.0 / separation))  # noise at which lambda is 4
     louder = replace(seen, noise=WhiteNoise(NOISE.covariance / scale**2))
     clean = louder.reading(d.truth.model, d.truth.theta)
     rng, mistakes, draws = np.random.default_rng(4), 0, 100
-    near = d.imitation([louder], SETTING.reach).theta
+    near = d.rival_fit([louder], SETTING.reach).theta
     for _ in range(draws):
         noisy = clean + rng.standard_normal(len(clean))
-        own = imitate(noisy, d.truth.model, [louder], [d.truth.theta]).separation
-        mistakes += imitate(noisy, d.rival, [louder], [near]).separation < own
+        own = fit_rival(noisy, d.truth.model, [louder], [d.truth.theta]).separation
+        mistakes += fit_rival(noisy, d.rival, [louder], [near]).separation < own
     expected = norm.cdf(-1.0)
     # Binomial, four standard deviations: fails once in 16 000 times.
     assert mistakes / draws == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / draws))
@@ -330,7 +330,7 @@ def test_chance_of_a_mistake_is_how_often_the_rival_fits_better() -> None:
 
 
 @lru_cache(maxsize=1)
-def designed() -> Distinction:
+def designed() -> DiscriminationDesign:
     return told(TILT, ROTATION, starts=1)
 
 
@@ -343,8 +343,8 @@ def test_designed_motion_separates_more_than_random_ones_within_its_limits() -> 
     assert tilt.after > 2 * tilt.before
     views = [SETTING.view(SETTING.random((8, seed))) for seed in range(5)]
     true = direction(TILT, ROTATION)
-    assert tilt.after > max(true.imitation([v], SETTING.reach).separation for v in views)
-    exact = true.imitation([SETTING.view(found.motion)], SETTING.reach).separation
+    assert tilt.after > max(true.rival_fit([v], SETTING.reach).separation for v in views)
+    exact = true.rival_fit([SETTING.view(found.motion)], SETTING.reach).separation
     assert tilt.directions[0].after == pytest.approx(exact, rel=1e-6)  # another search, from other starts
     assert tilt.after == pytest.approx(max(r.smallest for r in found.rounds), rel=1e-6)  # of as many readings
 
@@ -354,21 +354,21 @@ def test_no_small_change_of_the_designed_motion_separates_more() -> None:
     found = designed()
     assert found.motion is not None
     directions = [direction(TILT, ROTATION)]
-    rival = Hypothesis(directions[0].rival, directions[0].imitation(_typical(), SETTING.reach).theta)
-    directions.append(Direction(rival, directions[0].truth.model))
+    rival = Hypothesis(directions[0].rival, directions[0].rival_fit(_typical(), SETTING.reach).theta)
+    directions.append(DirectedPair(rival, directions[0].truth.model))
     best, rng = found.pairs[0].after, np.random.default_rng(5)
     scale = np.abs(found.motion.coefficients).max()
     for _ in range(10):
         step = 0.02 * scale * rng.standard_normal(SERIES.size)
         for sign in (1.0, -1.0):
-            moved = Motion(SERIES, found.motion.coefficients + sign * step)
+            moved = Trajectory(SERIES, found.motion.coefficients + sign * step)
             inside = moved.scaled(min(1.0, 1.0 / SETTING.use(moved).worst.use))  # the limits are symmetric
             views = [SETTING.view(inside)]
             # The search stops when a round brings less than a hundredth.
-            assert min(d.imitation(views, SETTING.reach).separation for d in directions) < 1.01 * best
+            assert min(d.rival_fit(views, SETTING.reach).separation for d in directions) < 1.01 * best
 
 
-def _typical() -> list[View]:
+def _typical() -> list[WhitenedPrediction]:
     """The random motions that a size is taken from where no motion is given: those of seed 0."""
     return [SETTING.view(SETTING.random((0, 0, number))) for number in range(9)]
 
@@ -376,14 +376,14 @@ def _typical() -> list[View]:
 def test_distinction_prints_itself_and_is_plain_data() -> None:
     found, text = designed(), str(designed())
     assert "gravity_tilt" in text.splitlines()[1]
-    assert "median of 9 random motions" in text
+    assert "median of 9 random trajectories" in text
     data = json.loads(json.dumps(found.to_data(), allow_nan=False))
     assert data["pairs"][0]["separation_after"] == found.pairs[0].after
     assert len(data["coefficients"]) == SERIES.size
 
 
 def test_runs_multiply_and_the_given_motion_is_what_was_before() -> None:
-    slow = random_motion(joints=3, position=0.3, velocity=0.6, acceleration=2.0, period=PERIOD, seed=1)
+    slow = random_periodic_trajectory(joints=3, position=0.3, velocity=0.6, acceleration=2.0, period=PERIOD, seed=1)
     truth = direction(TILT, ROTATION)
     found = tell_apart(
         RIG,
@@ -397,16 +397,16 @@ def test_runs_multiply_and_the_given_motion_is_what_was_before() -> None:
         runs=5,
         starts=1,
     )
-    alone = truth.imitation([SETTING.view(slow)], SETTING.reach).separation
+    alone = truth.rival_fit([SETTING.view(slow)], SETTING.reach).separation
     assert found.pairs[0].directions[0].before == pytest.approx(5 * alone, rel=1e-6)
-    assert found.reference == "the motion given"
+    assert found.reference == "the given trajectory"
     assert found.pairs[0].after > found.pairs[0].before
 
 
 # -------------------------------------------------------------------------- on a rig that shares no equation
 
 
-def recorded(motion: Motion, seed: int, repeats: int = 4) -> Recording:
+def recorded(motion: Trajectory, seed: int, repeats: int = 4) -> Recording:
     frame = simulated.simulate(
         ROBOT, motion, hidden=[simulated.GravityTilt(tilt_y=0.02)], repeats=repeats,
         samples_per_period=SAMPLES, seed=seed,
@@ -419,17 +419,17 @@ def chi_square(recording: Recording, effect: Effect) -> float:
     """Of the exact fit by `estimation`, which derives the motion from the recorded angles, in the known noise."""
     model = planar() + effect
     theta = fit(model, recording, noise=NoiseModel.white(ROBOT.noise), start=values(effect.id)).theta
-    left = (recording.wrench - predicted(model, recording, theta)) / np.array(ROBOT.noise)
+    left = (recording.wrench - predicted_readings(model, recording, theta)) / np.array(ROBOT.noise)
     return float((left**2).sum())
 
 
 def test_designed_motion_tells_what_a_slow_one_could_not() -> None:
     """A tilted base in MuJoCo: a turned sensor fits a slow recording nearly as well, and not the designed one."""
-    slow = random_motion(joints=3, position=0.35, velocity=0.7, acceleration=3.0, period=PERIOD, seed=2)
+    slow = random_periodic_trajectory(joints=3, position=0.35, velocity=0.7, acceleration=3.0, period=PERIOD, seed=2)
     fast = designed().motion
     assert fast is not None
     promised = 4 * designed().pairs[0].directions[0].after
-    before = 4 * direction(TILT, ROTATION).imitation([SETTING.view(slow)], SETTING.reach).separation
+    before = 4 * direction(TILT, ROTATION).rival_fit([SETTING.view(slow)], SETTING.reach).separation
     assert before < 10.8  # confusable
     assert promised > 21.6  # separated
     gains = {}
@@ -443,7 +443,7 @@ def test_designed_motion_tells_what_a_slow_one_could_not() -> None:
 
 
 def test_diagnosis_asks_for_the_experiment_that_decides() -> None:
-    slow = random_motion(joints=3, position=0.35, velocity=0.7, acceleration=3.0, period=PERIOD, seed=2)
+    slow = random_periodic_trajectory(joints=3, position=0.35, velocity=0.7, acceleration=3.0, period=PERIOD, seed=2)
     recording = recorded(slow, 0, repeats=8)
     found = diagnose(planar(RIG), recording, effects=[TILT, ROTATION])
     assert len(found.added) == 1
@@ -453,8 +453,8 @@ def test_diagnosis_asks_for_the_experiment_that_decides() -> None:
     assert {*pair.names} == {"gravity_tilt", "sensor_rotation"}
     assert asked.runs == 8
     assert pair.before < 10.8 < 21.6 < pair.after
-    assert asked.verdict is Verdict.SEPARATED
-    seen = noise_of(found)
+    assert asked.verdict is Separability.SEPARATED
+    seen = sensor_noise_of(found)
     assert isinstance(seen, ColouredNoise)
     power = np.diagonal(seen.at(np.array([3.0, 5.0])), axis1=1, axis2=2).real
     # White; a smooth curve through 240 ordinates, each of std 1, is right to 10 % or so in its middle.
@@ -470,20 +470,20 @@ def test_hopeless_pair_does_not_spoil_the_design_for_another() -> None:
     """A lag of 0.3 ms is a delay of 0.3 ms for all that anybody will ever see; it still is no drag."""
     truth = planar() + LAG
     known = values("sensor_lag") | {"sensor_lag.time_constant": 3e-4}
-    rivals = [in_place_of(truth, "sensor_lag", e) for e in (DELAY, VISCOUS)]
+    rivals = [with_effect_replaced(truth, "sensor_lag", e) for e in (DELAY, VISCOUS)]
     few = replace(SERIES, harmonics=(1, 2))
     found = tell_apart(RIG, truth, known, rivals, series=few, samples=60, noise=NOISE, starts=1)
     alike, other = found.pairs
-    assert alike.verdict is Verdict.REPEATS
+    assert alike.verdict is Separability.REPEATS
     assert (alike.runs_for(21.6) or 0) > 1000
     assert other.after > 1.5 * other.before
-    assert all(len(r.imitations) == 2 for r in found.rounds)  # only the drag's two directions were designed for
+    assert all(len(r.rival_fits) == 2 for r in found.rounds)  # only the drag's two directions were designed for
 
 
 @pytest.mark.parametrize(
     ("true", "rival", "said"),
     [
-        (VISCOUS, effects.bias_drift(), "bias_drift belongs to one recording"),
+        (VISCOUS, effects.bias_drift(), "bias_drift is recording-specific"),
         (VISCOUS, effects.thermal_drift(), "'temperature'"),
     ],
     ids=["one recording", "no signal"],
@@ -495,22 +495,22 @@ def test_effects_that_no_motion_brings_are_refused(true: Effect, rival: Effect, 
 
 def test_sizes_have_to_be_known() -> None:
     with pytest.raises(InputError, match="has no quadratic_drag or viscous_drag"):
-        opponents(planar(), VISCOUS, QUADRATIC)
-    with pytest.raises(InputError, match="changes nothing"):
+        rival_models(planar(), VISCOUS, QUADRATIC)
+    with pytest.raises(InputError, match="changes no reading"):
         told(VISCOUS, QUADRATIC, TOOL)
     with pytest.raises(InputError, match="states none"):
-        Setting.of(replace(RIG, limits=None), series=SERIES, samples=SAMPLES, noise=NOISE)
+        DesignSetting.of(replace(RIG, limits=None), series=SERIES, samples=SAMPLES, noise=NOISE)
     with pytest.raises(InputError, match="has none"):
-        Setting.of(Rig(limits=RIG.limits), series=SERIES, samples=SAMPLES, noise=NOISE)
+        DesignSetting.of(Rig(limits=RIG.limits), series=SERIES, samples=SAMPLES, noise=NOISE)
 
 
 def test_opponents_take_the_effect_that_the_model_has() -> None:
     model = planar() + TILT + QUADRATIC
-    assert _ids(opponents(model, VISCOUS, QUADRATIC)) == [
+    assert _ids(rival_models(model, VISCOUS, QUADRATIC)) == [
         ("gravity_tilt", "quadratic_drag"),
         ("gravity_tilt", "viscous_drag"),
     ]
-    both = opponents(model + VISCOUS, VISCOUS, QUADRATIC)
+    both = rival_models(model + VISCOUS, VISCOUS, QUADRATIC)
     assert _ids(both) == [("gravity_tilt", "viscous_drag"), ("gravity_tilt", "quadratic_drag")]
 
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.special import polygamma
 from scipy.stats import false_discovery_control, ncx2
 
-from diagnosis.maps import adjusted
+from diagnosis.comparison.residual_map import false_discovery_rates
+from estimation.confidence_intervals import inverse_trigamma
 from estimation.distributions import chi2_isf, noncentrality
-from estimation.interval import inverse_trigamma
 
 
 @pytest.mark.parametrize("value", np.geomspace(1e-8, 1e8, 17))
@@ -29,4 +29,4 @@ def test_false_discovery_rates_are_scipys(seed: int) -> None:
     random = np.random.default_rng(seed)
     p_values = random.uniform(size=random.integers(1, 40)) ** 3
     p_values[: len(p_values) // 3] = p_values[-1]  # equal ones
-    np.testing.assert_allclose(adjusted(p_values), false_discovery_control(p_values), rtol=1e-14)
+    np.testing.assert_allclose(false_discovery_rates(p_values), false_discovery_control(p_values), rtol=1e-14)

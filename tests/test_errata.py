@@ -1,7 +1,7 @@
 """The errata of the chapter (PHYSICS.md), each against a derivation.
 
-22.5, 22.14 and 22.16 are not quoted in full there: `modeling.chapter` types them from its description alone, and every
-reading that the description leaves open is tried.
+22.5, 22.14 and 22.16 are not quoted in full there: `modeling.reference` types them from its description alone, and
+every reading that the description leaves open is tried.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from design.motion.fourier import CHAPTER_OPTIMUM_DEGREES, PaperSeries
-from design.motion.series import Motion
+from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, PaperSeries
+from design.trajectories.trajectory import Trajectory
 from modeling import effects
-from modeling.arm import PlanarArm
-from modeling.chapter import contact as printed_contact
-from modeling.chapter.path import AX, AY, DDPHI, DPHI, L_G, PHI
-from modeling.chapter.wrench import CONSTANTS, I_G, IN_PARTS, INERTIA, MASS, MLG, PRINTED_22_5
-from modeling.chapter.wrench import G as GRAVITY
-from modeling.model import planar
-from modeling.regressor import motions, regressor
+from modeling.chain.model import planar
+from modeling.chain.regressor import regressor, regressor_functions
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.reference import contact_statics as printed_contact
+from modeling.reference.body_wrench import BODY_ABOUT_CENTRE, FREE_CONSTANTS, I_G, INERTIA, MASS, MLG, PRINTED_22_5
+from modeling.reference.body_wrench import G as GRAVITY
+from modeling.reference.path_kinematics import AX, AY, DDPHI, DPHI, L_G, PHI
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def zero(expression: sp.Expr) -> bool:
 
 def test_derived_wrench_is_newtons_and_eulers_about_the_centre_of_mass() -> None:
     """F = m (a_G - g), in 22.8 as (F_x', -F_y'), and about Ps the torque I_G ddphi + l_g F_x'."""
-    fx, fy, tau = (row.subs(IN_PARTS) for row in MODEL.load)
+    fx, fy, tau = (row.subs(BODY_ABOUT_CENTRE) for row in MODEL.load)
     along_x, along_y = MASS * (A_GX - G * sp.sin(PHI)), MASS * (A_GY + G * sp.cos(PHI))
     assert zero(fx - along_x)
     assert zero(fy + along_y)
@@ -59,7 +59,7 @@ def test_derived_wrench_is_newtons_and_eulers_about_the_centre_of_mass() -> None
 
 @pytest.mark.parametrize(("reading", "left"), [(0, -2 * MASS * A_GX), (1, 2 * MASS * G * sp.sin(PHI))])
 def test_row_1_of_22_5_has_the_sign_of_acceleration_reversed_against_gravity(reading: int, left: sp.Expr) -> None:
-    printed, derived = ROW_1[reading], MODEL.load[0].subs(IN_PARTS)
+    printed, derived = ROW_1[reading], MODEL.load[0].subs(BODY_ABOUT_CENTRE)
     assert zero(printed - (1 - 2 * reading) * MASS * (-A_GX - G * sp.sin(PHI)))
     assert not zero(printed - derived)
     # What differs is twice the acceleration, or twice the weight, and nothing else.
@@ -70,14 +70,14 @@ def test_row_2_of_22_5_is_that_of_22_8() -> None:
     (printed,) = ROW_2
     row = (regressor(MODEL)[1, 3:] * sp.Matrix([MASS, MLG, INERTIA]))[0]
     assert zero(printed + MASS * (A_GY + G * sp.cos(PHI)))
-    assert zero(printed - row.subs(IN_PARTS))
+    assert zero(printed - row.subs(BODY_ABOUT_CENTRE))
 
 
 def test_row_3_of_22_5_cannot_be_derived() -> None:
     """No constants make I ddphi, m l_g a_Gx' sin phi and m l_g g sin phi into the torque: least squares leaves some."""
     rng = np.random.default_rng(0)
     (row,) = ROW_3
-    columns = sp.Matrix([[*(row.diff(c) for c in CONSTANTS), MODEL.load[2].subs(IN_PARTS)]])
+    columns = sp.Matrix([[*(row.diff(c) for c in FREE_CONSTANTS), MODEL.load[2].subs(BODY_ABOUT_CENTRE)]])
     assert columns[:, :3] == sp.Matrix([[DDPHI, A_GX * sp.sin(PHI), sp.sin(PHI)]])
     columns = columns.subs({MASS: 0.9, L_G: 0.07, I_G: 0.0085})
     values = sp.lambdify([PHI, DPHI, DDPHI, AX, AY], columns, "numpy")
@@ -116,9 +116,9 @@ def test_every_body_is_physically_consistent(particles: list[tuple[float, float,
 # ------------------------------------------------------------------------- 3, 4 and 7: the contact
 
 
-SIZE, ANGLE, D = printed_contact.SIZE, printed_contact.ANGLE, printed_contact.D
+SIZE, ANGLE, D = printed_contact.FORCE_SIZE, printed_contact.ANGLE, printed_contact.D
 CHANNELS = sp.lambdify([SIZE, ANGLE, D], list(printed_contact.PRINTED_22_14), "numpy")
-FRACTION = sp.lambdify([*printed_contact.CONTACT, D], sp.fraction(printed_contact.PRINTED_22_16), "numpy")
+FRACTION = sp.lambdify([*printed_contact.CONTACT_WRENCH, D], sp.fraction(printed_contact.PRINTED_22_16), "numpy")
 """Numerator and denominator of 22.16's tangent, so that a quarter turn is no special case."""
 
 
@@ -132,7 +132,7 @@ def channels_of_22_14(size: float, angle: float, d: float) -> Array:
 
 def solved_22_14(wrench: Array, d: float) -> tuple[float, float]:
     """R and the angle of 22.14 by linear least squares in (R sin, R cos)."""
-    matrix = np.array(printed_contact.ARM_22_14.subs(D, d), dtype=float)
+    matrix = np.array(printed_contact.MATRIX_22_14.subs(D, d), dtype=float)
     sine, cosine = np.linalg.lstsq(matrix, wrench, rcond=None)[0]
     return float(np.hypot(sine, cosine)), float(np.arctan2(sine, cosine))
 
@@ -231,7 +231,7 @@ def test_equal_weights_depend_on_the_unit_of_length_and_the_noises_do_not() -> N
 
 def test_peaks_of_x_opt_say_degrees() -> None:
     in_degrees, in_radians = (
-        np.degrees(np.abs(Motion(PaperSeries(period=5.0), x).enclosure(0)).max(axis=0))
+        np.degrees(np.abs(Trajectory(PaperSeries(period=5.0), x).enclosure(0)).max(axis=0))
         for x in (np.radians(CHAPTER_OPTIMUM_DEGREES), np.array(CHAPTER_OPTIMUM_DEGREES))
     )
     assert in_degrees.round().tolist() == [42, 44, 35]
@@ -243,10 +243,10 @@ def test_peaks_of_x_opt_say_degrees() -> None:
 )
 def test_determinant_of_x_opt_stays_open(radians_per_unit: float, samples: int, decades: float) -> None:
     """det(Phi' Phi) > 1e41 is not reached in degrees, with the lengths assumed and T = 5 s."""
-    motion = Motion(PaperSeries(period=5.0), np.array(CHAPTER_OPTIMUM_DEGREES) * radians_per_unit)
+    motion = Trajectory(PaperSeries(period=5.0), np.array(CHAPTER_OPTIMUM_DEGREES) * radians_per_unit)
     states = motion.evaluate(np.arange(samples) * 5.0 / samples)
     pose = PlanarArm((1.0, 0.97, 0.4)).pose(*states)
-    found = motions(MODEL)
+    found = regressor_functions(MODEL)
     values = sp.lambdify([PHI, DPHI, DDPHI, AX, AY], [found.M1, found.M2, found.M3, found.M4], "numpy")
     m1, m2, m3, m4 = values(*(pose[name] for name in ("phi", "dphi", "ddphi", "ax", "ay")))
     one, none = np.ones(samples), np.zeros(samples)

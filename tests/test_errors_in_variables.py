@@ -17,27 +17,27 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.noisy_motion import CASES, LOGGED, Case, planar_poses, planar_run, spatial_poses
+from estimation.errors_in_variables.corrected_score import CorrectedScoreProblem
+from estimation.errors_in_variables.effective_noise import effective_noise
+from estimation.errors_in_variables.error_propagation import ErrorPropagation
+from estimation.errors_in_variables.errors_in_variables_fit import ErrorsInVariables, errors_in_variables_fit
+from estimation.errors_in_variables.input_noise import ORIENTATION_ERRORS, InputNoise
 from estimation.fit import fit
-from estimation.noise import Noise, NoiseSource
-from estimation.noisy_motion.corrected_problem import CorrectedProblem
-from estimation.noisy_motion.effective_noise import effective
-from estimation.noisy_motion.errors_in_variables import ErrorsInVariables, errors_in_variables_fit
-from estimation.noisy_motion.input_noise import TURNS, InputNoise
-from estimation.noisy_motion.noisy_load import NoisyLoad
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.response import signals_of
-from estimation.whitening import LineWhitener
+from estimation.model_response import model_signals
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.whitening import FourierLineWhitener
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
 from modeling import effects
-from modeling.chain import Chain, Stage
-from modeling.effect import Effect
-from modeling.emission import numpy_function
+from modeling.chain.chain import Chain, Stage
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
+from modeling.chain.regressor import regressor
 from modeling.errors import InputError
-from modeling.model import WrenchModel
+from modeling.expressions.compilation import numpy_function
 from modeling.parameter import Parameter
-from modeling.prediction import compiled
-from modeling.regressor import regressor
-from modeling.rig import Rig
+from modeling.rig.rig import Rig
 from modeling.space import Space, signals
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def test_the_corrected_chi_square_has_the_mean_of_the_true_motion(away: float) -
     readings = clean.recording(0)
     fitted = fit(RUN.model, readings)
     theta, noise = theta_of(RUN) * (1 + away), InputNoise.stated(LOGGED)
-    one = CorrectedProblem.of(fitted, noise)
+    one = CorrectedScoreProblem.of(fitted, noise)
     several = [replace(one.problem, recordings=(_moved(readings, seed),)) for seed in range(DRAWS)]
     costs = np.array([replace(one, problem=problem).expand(theta).cost for problem in several])
     plain = np.array([np.sum(problem.evaluate(theta)[0] ** 2) for problem in several])
@@ -85,8 +85,8 @@ def _moved(recording: Recording, seed: int) -> Recording:
 
 
 def _prediction(model: WrenchModel, recording: Recording, theta: Array) -> Array:
-    parts = compiled(model)
-    known, n = signals_of(recording), recording.samples
+    parts = compiled_prediction(model)
+    known, n = model_signals(recording), recording.samples
     return parts.load.value(known, theta, n) + parts.zero.value(known, theta, n)
 
 
@@ -162,7 +162,7 @@ def test_as_exact_as_orthogonal_regression_can_be() -> None:
     """The bound of every estimator that takes S + f_u Sigma f_u' for the noise of a sample, at the true motion."""
     found = corrected(RUN, 0)
     recording = from_columns(dict(planar_run()), rig=Rig())
-    slopes = NoisyLoad.of(RUN.model, recording, InputNoise.stated(LOGGED)).emitted
+    slopes = ErrorPropagation.of(RUN.model, recording, InputNoise.stated(LOGGED)).emitted
     slope = slopes.value(planar_run(), theta_of(RUN), recording.samples).reshape(recording.samples, 3, -1)
     shock = slope * np.array(list(LOGGED.values()))
     variance = np.diag(np.square(RUN.rig.noise)) + np.einsum("npi,nqi->npq", shock, shock)
@@ -206,30 +206,30 @@ def test_poses_whose_angles_are_noisy(case: Case) -> None:
 
 def _load(model: WrenchModel, columns: Mapping[str, Array], theta: Array, rig: Rig | None = None) -> Array:
     recording = from_columns(dict(columns), rig=rig)
-    return compiled(model).load.value(recording.signals, theta, recording.samples)
+    return compiled_prediction(model).load.value(recording.signals, theta, recording.samples)
 
 
 @pytest.mark.parametrize("name", ["q1", "q3", "turn_x", "turn_y", "turn_z"])
 def test_errors_of_a_pose_reach_the_load_as_they_do_in_the_recording(name: str) -> None:
     """Slope and curvature against central differences with h = 1e-3: h² times a fourth derivative, loads of 10 N."""
-    case = SPACE_POSES if name in TURNS else ARM_POSES
-    clean = spatial_poses() if name in TURNS else planar_poses()
+    case = SPACE_POSES if name in ORIENTATION_ERRORS else ARM_POSES
+    clean = spatial_poses() if name in ORIENTATION_ERRORS else planar_poses()
     rig, theta, h = Rig(link_lengths=(1.0, 0.97, 0.4)), theta_of(case), 1e-3
-    model = case.model if name in TURNS else case.model + effects.com_offset()
-    theta = theta if name in TURNS else np.append(theta, 0.02)
-    rig_of = None if name in TURNS else rig
+    model = case.model if name in ORIENTATION_ERRORS else case.model + effects.com_offset()
+    theta = theta if name in ORIENTATION_ERRORS else np.append(theta, 0.02)
+    rig_of = None if name in ORIENTATION_ERRORS else rig
 
     def at(step: float) -> Array:
-        if name not in TURNS:
+        if name not in ORIENTATION_ERRORS:
             return _load(model, {**clean, name: clean[name] + step}, theta, rig_of)
         names = ("qx", "qy", "qz", "qw")
-        turn = Rotation.from_rotvec(step * np.eye(3)[TURNS.index(name)])
+        turn = Rotation.from_rotvec(step * np.eye(3)[ORIENTATION_ERRORS.index(name)])
         quaternions = (Rotation.from_quat(np.stack([clean[n] for n in names], axis=1)) * turn).as_quat()
         return _load(model, {**clean, **dict(zip(names, quaternions.T, strict=True))}, theta)
 
     recording = from_columns(dict(clean), rig=rig_of)
-    load = NoisyLoad.of(model, recording, InputNoise.stated({name: 0.5}))
-    values = dict(zip(compiled(model).symbols, theta.tolist(), strict=True))
+    load = ErrorPropagation.of(model, recording, InputNoise.stated({name: 0.5}))
+    values = dict(zip(compiled_prediction(model).symbols, theta.tolist(), strict=True))
     slope, bent = load.slopes.xreplace(values), load.curvature(sp.Matrix([[2.0]])).xreplace(values)
     for expression, expected in ((slope, (at(h) - at(-h)) / (2 * h)), (bent, (at(h) - 2 * at(0) + at(-h)) / h**2)):
         symbols = sorted(expression.free_symbols, key=str)
@@ -262,9 +262,9 @@ def test_a_load_that_does_not_repeat_is_corrected_alike() -> None:
     recording, noise = FOUR.recording(1), InputNoise.stated(LOGGED)
     first = fit(FOUR.model, recording)
     growing = fit(FOUR.model + GrowingMass(), recording, noise=first.noise)
-    whole = CorrectedProblem.of(growing, noise)
+    whole = CorrectedScoreProblem.of(growing, noise)
     assert "progress" in whole.slopes[0].inputs
-    one = CorrectedProblem.of(first, noise).expand(first.theta).excess
+    one = CorrectedScoreProblem.of(first, noise).expand(first.theta).excess
     all_of_it = whole.expand(np.append(first.theta, 0.0)).excess
     scale = np.sqrt(np.diag(all_of_it))
     assert scale[-1] > 0.01 * scale[3]
@@ -277,9 +277,9 @@ def test_effective_noise_is_the_sum_at_the_lines_of_the_motion() -> None:
     recording = FOUR.recording(4)
     own = fit(FOUR.model, recording).noise[0]
     added = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1e-4]])
-    wide = effective(own, recording, added).whitener
-    assert isinstance(wide, LineWhitener)
-    assert isinstance(own.whitener, LineWhitener)
+    wide = effective_noise(own, recording, added).whitener
+    assert isinstance(wide, FourierLineWhitener)
+    assert isinstance(own.whitener, FourierLineWhitener)
     motion = len(own.whitener.motion)
     for old, new in zip(own.whitener.root[:motion], wide.root[:motion], strict=True):
         expected = np.linalg.inv(old.conj().T @ old) + added
@@ -291,7 +291,7 @@ def test_noise_from_a_residual_has_the_inputs_in_it() -> None:
     recording = RUN.recording(0)
     stated = fit(RUN.model, replace(recording, rig=Rig())).noise[0]
     assert stated.source is NoiseSource.RESIDUAL
-    again: Noise = effective(stated, recording, np.eye(3))
+    again: RecordingNoise = effective_noise(stated, recording, np.eye(3))
     assert again is stated
 
 
@@ -303,7 +303,7 @@ def test_what_drowns_in_the_noise_is_not_shown() -> None:
     loud = replace(RUN, std={"ddphi": 60.0})
     found = errors_in_variables_fit(RUN.model, loud.recording(0), input_noise=loud.input_noise)
     assert np.isinf(found.corrected.parameters["I"].std)
-    assert "not shown" in str(found)
+    assert "not identifiable" in str(found)
     assert "I" not in found.bias
     assert found.reliability < 0.1
 
@@ -327,7 +327,7 @@ def test_table_says_value_std_and_bias() -> None:
 
 @pytest.mark.parametrize(
     ("std", "message"),
-    [({"fx": 1.0}, "no signal of motion"), ({"ax": -1.0}, "is no std"), ({}, "no signal is named")],
+    [({"fx": 1.0}, "not a motion signal"), ({"ax": -1.0}, "is not a standard deviation"), ({}, "no signal is given")],
 )
 def test_noise_is_stated_by_signal(std: dict[str, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -339,9 +339,9 @@ def test_refusals() -> None:
     with pytest.raises(InputError, match="there is no signal 'wx'"):
         errors_in_variables_fit(RUN.model, run, input_noise=InputNoise.stated({"wx": 0.1}))
     velocity = RUN.clean() | {"vx": np.zeros(250), "vy": np.zeros(250)}
-    with pytest.raises(InputError, match="takes none of vx"):
+    with pytest.raises(InputError, match="uses none of vx"):
         errors_in_variables_fit(RUN.model, from_columns(velocity), input_noise=InputNoise.stated({"vx": 0.1}))
-    with pytest.raises(InputError, match="no repeats to measure"):
+    with pytest.raises(InputError, match="no repeats to estimate"):
         errors_in_variables_fit(RUN.model, run)
     smooth = {n: c for n, c in FOUR.recording(0).columns.items() if n == "phi"}
     with pytest.raises(InputError, match="used as it was measured"):

@@ -11,15 +11,14 @@ from dataclasses import dataclass
 import pytest
 from scipy.stats import binom
 
-from diagnosis.comparison import comparison_of
-from diagnosis.price import SIGNIFICANCE
-from diagnosis.screening import screen
-from diagnosis.selection import holm
+from diagnosis.comparison.comparison import comparison_of
+from diagnosis.screening.multiplicity import SIGNIFICANCE
+from diagnosis.screening.score_test import adjusted_p_values, screen
 from estimation.fit import fit
-from estimation.reading import from_columns
+from estimation.recordings.reading import from_columns
+from modeling.chain.model import planar
 from modeling.effects import catalogue
-from modeling.model import planar
-from modeling.rig import Rig
+from modeling.rig.rig import Rig
 from truewrench.simulated_rig import AutoregressiveNoise, NoiseModel, PlanarRig, StudentNoise, WhiteNoise, simulate
 
 pytest.importorskip("mujoco")
@@ -45,7 +44,7 @@ def alarms(noise: NoiseModel, recordings: int = RECORDINGS) -> Alarms:
         motion = PlanarRig().random_motion(seed=seed)
         frame = simulate(PlanarRig(), motion, repeats=4, samples_per_period=250, noise=noise, seed=1000 + seed)
         rigid = fit(planar(RIG), from_columns({c: frame[c].to_numpy() for c in frame.columns}, rig=RIG))
-        adjusted = holm(screen(rigid, catalogue(rigid.model.space)))
+        adjusted = adjusted_p_values(screen(rigid, catalogue(rigid.model.space)))
         found = min(adjusted, key=lambda effect_id: adjusted[effect_id])
         named += [found] if adjusted[found] < SIGNIFICANCE else []
         misfits += comparison_of(rigid, 0).lack_of_fit < SIGNIFICANCE

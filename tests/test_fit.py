@@ -13,20 +13,20 @@ import pytest
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
-from estimation.noise import NoiseSource
-from estimation.reading import from_columns
-from estimation.recording import Recording
+from estimation.noise.recording_noise import NoiseSource
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
 from modeling import effects
-from modeling.effect import Effect
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue
-from modeling.model import WrenchModel, planar, spatial
-from modeling.rig import Convention, Rig, SensorDescription
+from modeling.rig.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
 Array = NDArray[np.float64]
 
-RIGS: Mapping[Space, simulated.Rig] = {Space.PLANE: simulated.PlanarRig(), Space.SPACE: simulated.SpatialRig()}
+RIGS: Mapping[Space, simulated.SimulatedRig] = {Space.PLANE: simulated.PlanarRig(), Space.SPACE: simulated.SpatialRig()}
 SAMPLES = 250
 NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 

@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 
 import truewrench as tw
-from estimation.stream.regressor_map import linear
-from modeling.model import planar
+from estimation.streaming.regressor_map import linear_regressor_map
+from modeling.chain.model import planar
 from truewrench.command_line import main
-from truewrench.model_file import ModelFile
-from truewrench.simulated_rig import PlanarRig, rest_poses, simulate, write_recording
+from truewrench.files.model_file import ModelFile
+from truewrench.simulated_rig import PlanarRig, simulate, static_poses, write_recording
 
 pytest.importorskip("mujoco")
 
@@ -58,7 +58,7 @@ def test_a_bound_that_the_data_contradict_is_a_finding(bench: Bench) -> None:
     out = str(bench.folder / "model.json")
     code, text = bench.fit("--bounds", bench.toml("m = [1.0, 2.0]"), "--out", out)
     assert code == 0
-    assert "m is held at 1 kg by m >= 1 kg: the data want 0." in text
+    assert "m is held at 1 kg by m >= 1 kg: unconstrained estimate 0." in text
     assert ModelFile.read(out).parameters["m"].value == 1.0
     data = json.loads(bench.fit("--bounds", bench.toml("m = [1.0, 2.0]"), "--json")[1])
     (active,) = data["constraints"]["active"]
@@ -84,13 +84,13 @@ def test_readings_of_the_other_sign_are_a_finding_when_the_tool_has_to_be_one(
     assert "the mass comes out as -0.9" in error
     code, text = bench.fit("--physical", recording=recording)
     assert code == 0
-    assert "the readings have the other sign than was stated, or physics is missing" in text
+    assert "the readings have the sign convention opposite to the stated one" in text
 
 
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ("m = [0, 0.05]\nmlg = [1, 2]\nI = [0, 0.1]", "contradict physical consistency"),
+        ("m = [0, 0.05]\nmlg = [1, 2]\nI = [0, 0.1]", "infeasible together with physical consistency"),
         ("mas = [0, 1]", "mas"),
         ("m = [2, 1]", "m"),
         ("m = 'heavy'", "m"),
@@ -135,11 +135,11 @@ def test_repeats_give_table_22_1(bench: Bench) -> None:
 
 def test_poses_say_what_is_missing(bench: Bench) -> None:
     """One pose in the plane does not part mass from zero: it says so, and which pose to add."""
-    columns = rest_poses(ARM, np.array([[0.3, 0.2, 0.1], [0.3, 0.2, 0.1], [0.3, 0.2, 0.1]]), seed=1)
+    columns = static_poses(ARM, np.array([[0.3, 0.2, 0.1], [0.3, 0.2, 0.1], [0.3, 0.2, 0.1]]), seed=1)
     code, text = bench.fit(recording=str(write_recording(columns, bench.folder / "poses.csv")))
     assert code == 0
-    assert "No pose at rest shows I" in text
-    assert "cannot be told apart" in text
+    assert "Not identifiable from static poses, only from motion: I" in text
+    assert "are collinear on this motion" in text
     assert "q1 = " in text
 
 
@@ -153,7 +153,7 @@ def a_log(path: Path, samples: int = 3000) -> Path:
     rng = np.random.default_rng(0)
     motion = pd.DataFrame({name: rng.standard_normal(samples) for name in ("phi", "dphi", "ddphi", "ax", "ay")})
     model = planar()
-    rows = linear(model)({name: motion[name].to_numpy() for name in motion}, samples)  # type: ignore[misc]
+    rows = linear_regressor_map(model)({name: motion[name].to_numpy() for name in motion}, samples)  # type: ignore[misc]
     wrench = np.tensordot([1.0, 2.0, 0.3, 1.5, 0.1, 0.02], rows[:-1], 1)
     wrench += rng.standard_normal((3, samples)) * np.array([[0.5], [0.5], [0.05]])
     log = motion.assign(time=0.001 * np.arange(samples), **dict(zip(model.channels, wrench, strict=True)))
@@ -183,8 +183,8 @@ def test_a_log_that_passes_by(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--robust"], "--robust: a log that passes by"),
-        (["--physical"], "--physical: a log that passes by"),
+        (["--robust"], "--robust: not available for a streamed log"),
+        (["--physical"], "--physical: not available for a streamed log"),
         ([], "the noise of fx, fy, tau is not stated"),
     ],
 )

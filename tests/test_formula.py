@@ -17,18 +17,18 @@ import sympy as sp
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from modeling.emission import casadi_expressions, numpy_function
 from modeling.errors import InputError
-from modeling.formula.checking import require_unit, unit_of
-from modeling.formula.constants import LARGEST_EXPONENT
-from modeling.formula.expression import expression
-from modeling.formula.functions import FUNCTIONS
-from modeling.formula.parser import DEEPEST, MOST_NODES, parse
-from modeling.formula.printing import printed
-from modeling.formula.source import Source
-from modeling.formula.tokens import LONGEST
-from modeling.formula.tree import Call, Node, Power, children, nodes
-from modeling.units import dimension
+from modeling.expressions.compilation import casadi_expressions, numpy_function
+from modeling.formulas.constant_folding import LARGEST_EXPONENT
+from modeling.formulas.functions import FORMULA_FUNCTIONS
+from modeling.formulas.parser import DEEPEST_NESTING, MOST_NODES, parse_formula
+from modeling.formulas.printing import formula_text
+from modeling.formulas.source import FormulaSource
+from modeling.formulas.sympy_expression import to_sympy
+from modeling.formulas.syntax_tree import Call, Node, Power, child_nodes, nodes_in
+from modeling.formulas.tokens import LONGEST_FORMULA
+from modeling.formulas.unit_check import require_unit, unit_of
+from modeling.formulas.units import dimension
 
 NAMES = ("x", "y", "z", "k")
 SYMBOLS = {name: sp.Symbol(name, real=True) for name in NAMES}
@@ -36,11 +36,11 @@ POINT = {"x": 0.7, "y": -1.3, "z": 2.9, "k": 0.31}
 
 
 def read(text: str) -> Node:
-    return parse(Source(text), NAMES)
+    return parse_formula(FormulaSource(text), NAMES)
 
 
 def built(text: str) -> sp.Expr:
-    return expression(read(text), SYMBOLS, Source(text))
+    return to_sympy(read(text), SYMBOLS, FormulaSource(text))
 
 
 def value(found: sp.Expr, point: dict[str, float] | None = None) -> float:
@@ -101,8 +101,8 @@ def test_what_is_printed_is_read_as_the_same(text: str) -> None:
         once = built(text)
     except InputError:
         return  # names cancelled to 1/0
-    again = built(printed(once))
-    assert printed(again) == printed(built(printed(again)))
+    again = built(formula_text(once))
+    assert formula_text(again) == formula_text(built(formula_text(again)))
     try:
         first = value(once)
     except TypeError:
@@ -136,10 +136,10 @@ def test_the_smooth_step_and_sign_are_what_is_documented() -> None:
     assert value(built("step(x, k)")) == pytest.approx((1 + math.tanh(POINT["x"] / POINT["k"])) / 2)
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", FORMULA_FUNCTIONS)
 def test_every_function_is_the_same_in_numbers_numpy_and_casadi(name: str) -> None:
     """Constants are evaluated by `number`, the rest by the expression: one meaning, in every back end."""
-    function = FUNCTIONS[name]
+    function = FORMULA_FUNCTIONS[name]
     arguments = [0.8, 0.3, 1.7][: max(function.least, min(function.most, 3))]
     symbols = [SYMBOLS[n] for n in NAMES[: len(arguments)]]
     found = function.expression(*symbols)
@@ -156,41 +156,41 @@ def test_every_function_is_the_same_in_numbers_numpy_and_casadi(name: str) -> No
 # ----------------------------------------------------------------------- what they refuse, and where
 
 REFUSED = {
-    "sin(x": (6, "')' was expected, and the end came"),
-    "": (1, "a number, a name or a bracket was expected"),
-    "x +": (4, "the end came"),
-    "2x": (2, "an operator was expected, and 'x' came"),
-    "x y": (3, "an operator was expected"),
-    "x, y": (2, "an operator was expected, and ',' came"),
-    "x)": (2, "an operator was expected, and ')' came"),
-    "()": (2, "and ')' came"),
+    "sin(x": (6, "expected ')', found the end"),
+    "": (1, "expected a number, a name or a bracket"),
+    "x +": (4, "found the end"),
+    "2x": (2, "expected an operator, found 'x'"),
+    "x y": (3, "expected an operator"),
+    "x, y": (2, "expected an operator, found ','"),
+    "x)": (2, "expected an operator, found ')'"),
+    "()": (2, "found ')'"),
     "xx + 1": (1, "did you mean x?"),
     "2*sinn(x)": (3, "did you mean sin(x)"),
     "sin": (1, "call it as sin(x)"),
     "x(2)": (2, "put an operator before the bracket"),
-    "sin(x, y)": (1, "sin has 2 arguments here; call it as sin(x)"),
+    "sin(x, y)": (1, "sin is called with 2 arguments; call it as sin(x)"),
     "sign(x)": (1, "call it as sign(x, width)"),
-    "max(x)": (1, "max has 1 argument here"),
-    "log(x)": (1, "'log' is no function"),
+    "max(x)": (1, "max is called with 1 argument"),
+    "log(x)": (1, "'log' is not a known function"),
     "x < y": (3, "a formula has no comparisons"),
     "x²": (2, "write ^2 for a power"),
     "x·y": (2, "write * for a product"),
     "x − y": (3, "write - for a difference"),
-    "1e999": (1, "no finite number"),
-    "1/0": (1, "divides by zero"),
-    "1/(2-2)": (1, "divides by zero"),
-    "sqrt(-1)": (1, "no finite number"),
-    "exp(1e9)": (1, "no finite number"),
-    "(-8)^(1/3)": (1, "no finite number"),
+    "1e999": (1, "not a finite number"),
+    "1/0": (1, "division by zero"),
+    "1/(2-2)": (1, "division by zero"),
+    "sqrt(-1)": (1, "not a finite number"),
+    "exp(1e9)": (1, "not a finite number"),
+    "(-8)^(1/3)": (1, "not a finite number"),
     "x^y": (3, "not a constant"),
-    "x^9": (3, "the power 9 is out of range"),
+    "x^9": (3, "the exponent 9 is out of range"),
     "x^0.123": (3, "out of range"),
-    "9**9**9": (7, "the power 9 is out of range"),
+    "9**9**9": (7, "the exponent 9 is out of range"),
     "2^x": (3, "and exp(x) for other powers"),
-    "1/(x - x)": (1, "leaves no finite real number"),
-    "z*sqrt(x - x - 1)": (3, "leaves no finite real number"),
-    "x*1e200*(y*1e200)": (1, "leaves no finite real number"),
-    "y + sign(x, 2 - 2)": (5, "leaves no finite real number"),
+    "1/(x - x)": (1, "no finite real number"),
+    "z*sqrt(x - x - 1)": (3, "no finite real number"),
+    "x*1e200*(y*1e200)": (1, "no finite real number"),
+    "y + sign(x, 2 - 2)": (5, "no finite real number"),
     "x*y(z)": (4, "put an operator before the bracket"),
 }
 
@@ -249,7 +249,7 @@ def test_too_much_of_anything_is_refused_before_it_costs_anything(text: str) -> 
     """In function calls, not seconds: one per character at most, of what is read at all."""
     with counted() as calls, pytest.raises(InputError):
         read(text)
-    assert calls[0] < 60 * LONGEST
+    assert calls[0] < 60 * LONGEST_FORMULA
 
 
 # ------------------------------------------------------------------------------------ never executed
@@ -315,7 +315,7 @@ def test_the_guard_sees_execution() -> None:
 
 PIECES = (
     *NAMES,
-    *FUNCTIONS,
+    *FORMULA_FUNCTIONS,
     "pi",
     "0",
     "1",
@@ -366,8 +366,8 @@ def _grown(rng: random.Random, depth: int) -> str:
         return f"{part()}{rng.choice('+-*/')}{part()}"
     if kind == 3:
         return f"({part()})^{rng.choice(['2', '-1', '(1/2)', '3', '-3/2', '8'])}"
-    name = rng.choice(list(FUNCTIONS))
-    count = {1: 1, 2: 2}.get(FUNCTIONS[name].most, rng.choice([2, 3]))
+    name = rng.choice(list(FORMULA_FUNCTIONS))
+    count = {1: 1, 2: 2}.get(FORMULA_FUNCTIONS[name].most, rng.choice([2, 3]))
     return f"{name}({','.join(part() for _ in range(count))})"
 
 
@@ -393,7 +393,7 @@ def attempted(text: str) -> tuple[Node | None, sp.Expr | None]:
     try:
         with guarded(), suppress(InputError):
             tree = read(text)
-            return tree, expression(tree, SYMBOLS, Source(text))
+            return tree, to_sympy(tree, SYMBOLS, FormulaSource(text))
     except Executed as ran:
         event, (module, *_) = ran.args
         if event != "import" or not module.startswith("sympy."):
@@ -412,16 +412,16 @@ def test_ten_thousand_fuzzed_texts_are_read_or_refused_and_never_executed() -> N
         if tree is None or found is None:
             continue
         read_count += 1
-        assert len(list(nodes(tree))) <= MOST_NODES
-        assert _depth(tree) <= 4 * DEEPEST
-        assert all(abs(n.exponent) <= LARGEST_EXPONENT for n in nodes(tree) if isinstance(n, Power))
-        assert all(n.function is FUNCTIONS[n.function.name] for n in nodes(tree) if isinstance(n, Call))
+        assert len(list(nodes_in(tree))) <= MOST_NODES
+        assert _depth(tree) <= 4 * DEEPEST_NESTING
+        assert all(abs(n.exponent) <= LARGEST_EXPONENT for n in nodes_in(tree) if isinstance(n, Power))
+        assert all(n.function is FORMULA_FUNCTIONS[n.function.name] for n in nodes_in(tree) if isinstance(n, Call))
         assert found.free_symbols <= set(SYMBOLS.values())
     assert read_count > 1500  # or the fuzzer would only ever test refusals
 
 
 def _depth(node: Node) -> int:
-    return 1 + max(map(_depth, children(node)), default=0)
+    return 1 + max(map(_depth, child_nodes(node)), default=0)
 
 
 @settings(max_examples=120, deadline=None)
@@ -452,27 +452,27 @@ UNITS = {name: dimension(unit) for name, unit in {"x": "m", "y": "m", "z": "s", 
     ],
 )
 def test_units_that_agree(text: str) -> None:
-    require_unit(read(text), UNITS, dimension("N"), Source(text))
+    require_unit(read(text), UNITS, dimension("N"), FormulaSource(text))
 
 
 @pytest.mark.parametrize(
     ("text", "column", "what"),
     [
-        ("k", 1, "its unit is N/m, and N was expected"),
-        ("k*x + k", 7, "N/m meets N here"),
-        ("k*(x + 0.1)", 8, "1 (a pure number) meets m here"),
-        ("k*x*sin(x)", 9, "sin needs a pure number, and m came"),
-        ("k*x*exp(z)", 9, "exp needs a pure number, and s came"),
-        ("k*min(x, z)", 10, "s meets m here"),
-        ("k*x*sign(x, 0.1)", 13, "1 (a pure number) meets m here"),
-        ("k*x*atan2(x, z)", 14, "s meets m here"),
+        ("k", 1, "its unit is N/m, expected N"),
+        ("k*x + k", 7, "incompatible units N/m and N"),
+        ("k*(x + 0.1)", 8, "incompatible units 1 (dimensionless) and m"),
+        ("k*x*sin(x)", 9, "sin needs a dimensionless argument, got m"),
+        ("k*x*exp(z)", 9, "exp needs a dimensionless argument, got s"),
+        ("k*min(x, z)", 10, "incompatible units s and m"),
+        ("k*x*sign(x, 0.1)", 13, "incompatible units 1 (dimensionless) and m"),
+        ("k*x*atan2(x, z)", 14, "incompatible units s and m"),
         ("k*sqrt(x)", 1, "its unit is "),
-        ("1", 1, "its unit is 1 (a pure number), and N was expected"),
+        ("1", 1, "its unit is 1 (dimensionless), expected N"),
     ],
 )
 def test_units_that_do_not_agree_are_refused_at_their_column(text: str, column: int, what: str) -> None:
     with pytest.raises(InputError) as caught:
-        require_unit(read(text), UNITS, dimension("N"), Source(text))
+        require_unit(read(text), UNITS, dimension("N"), FormulaSource(text))
     assert f"column {column}: {what}" in str(caught.value)
 
 
@@ -481,7 +481,7 @@ def test_units_that_do_not_agree_are_refused_at_their_column(text: str, column: 
 def test_a_formula_of_consistent_units_does_not_depend_on_the_system_of_units(text: str) -> None:
     """Where the check finds a unit, the value in other units is the value times that unit's factor."""
     try:
-        unit = unit_of(read(text), UNITS, Source(text))
+        unit = unit_of(read(text), UNITS, FormulaSource(text))
         ours = value(built(text))
     except (InputError, TypeError):
         return

@@ -14,11 +14,11 @@ import pandas as pd
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.verdict import RecordVerdict
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from modeling.model import planar, spatial
-from modeling.rig import Rig
+from diagnosis.verdict.verdict import RecordVerdict
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.model import planar, spatial
+from modeling.rig.rig import Rig
 from truewrench import simulated_rig
 from truewrench.simulated_rig import (
     Buoyancy,
@@ -51,13 +51,13 @@ REPEATS, SAMPLES = 4, 250
 class Hidden:
     """An effect in the rig, and the parameters by which the catalogue should describe it."""
 
-    rig: simulated_rig.Rig
+    rig: simulated_rig.SimulatedRig
     effect: HiddenEffect
     truth: Mapping[str, float] = field(default_factory=dict)
     seed: int = 1
 
 
-def recorded(rig: simulated_rig.Rig, frame: pd.DataFrame, name: str) -> Recording:
+def recorded(rig: simulated_rig.SimulatedRig, frame: pd.DataFrame, name: str) -> Recording:
     columns = {c: frame[c].to_numpy() for c in frame.columns}
     return from_columns(columns, name=name, rig=RIG if isinstance(rig, PlanarRig) else None)
 

@@ -14,39 +14,39 @@ import pytest
 import sympy as sp
 from numpy.typing import NDArray
 
-from design.criterion import DOptimal, Subset
+from design.criteria import DOptimal, Subset
 from design.information import (
     ColouredNoise,
     Experiment,
     Sampling,
+    SensitivityTerm,
     SensorNoise,
-    Term,
     WhiteNoise,
     prediction_terms,
     sensitivity_terms,
-    unseen,
+    unidentifiable_combinations,
 )
-from design.motion.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries
-from design.motion.random_motion import random_motion
-from design.motion.rest_to_rest import RestToRest
-from design.motion.series import Motion
-from estimation.fit import Problem
-from estimation.layout import layout
-from estimation.noise import Noise, NoiseSource
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.response import predicted, respond
-from estimation.whitening import RegressionWhitener
+from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries
+from design.trajectories.random_periodic import random_periodic_trajectory
+from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.trajectory import Trajectory
+from estimation.fit import WhitenedProblem
+from estimation.model_response import model_response, predicted_readings
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.whitening import AutoregressiveWhitener
+from estimation.parameter_layout import parameter_layout
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
 from modeling import effects
-from modeling.arm import PlanarArm
-from modeling.effect import Effect
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.regressor import regressor
 from modeling.errors import InputError
-from modeling.model import WrenchModel, planar, spatial
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.urdf import read_urdf
 from modeling.parameter import Parameter
-from modeling.regressor import regressor
-from modeling.rig import Limits, Rig, SensorDescription
+from modeling.rig.rig import Limits, Rig, SensorDescription
 from modeling.space import Space
-from modeling.urdf import read_urdf
 
 Array = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ GIVEN: dict[str, dict[str, float]] = {
 UNDESIGNED = ("thermal_drift", "tip_flexibility", "sensor_hysteresis", "saturation")
 EFFECTS = tuple(e for e in effects.catalogue(Space.PLANE) if e.id not in UNDESIGNED)
 EVERY = pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: str(e.id))
-MEMORY = (effects.sensor_lag(), effects.time_delay())
+LINEAR_DYNAMICS = (effects.sensor_lag(), effects.time_delay())
 PERIODIC = tuple(e for e in EFFECTS if not e.per_recording)
 
 
@@ -99,14 +99,14 @@ def vector(model: WrenchModel, given: Mapping[str, float]) -> Array:
     return np.array([given.get(p.name, p.nominal) for p in model.parameters])
 
 
-def motion(seed: int = 0) -> Motion:
+def motion(seed: int = 0) -> Trajectory:
     position, velocity, acceleration = (1.0, 1.2, 1.4), (2.0, 2.2, 3.5), (10.0, 10.0, 15.0)
-    return random_motion(
+    return random_periodic_trajectory(
         joints=3, position=position, velocity=velocity, acceleration=acceleration, period=PERIOD, seed=seed
     )
 
 
-def joint_states(moving: Motion | None = None, samples: int = SAMPLES) -> tuple[Array, Array, Array]:
+def joint_states(moving: Trajectory | None = None, samples: int = SAMPLES) -> tuple[Array, Array, Array]:
     moving = moving or motion()
     return moving.evaluate(moving.series.instants(samples))
 
@@ -150,7 +150,7 @@ def test_unweighted_information_is_that_of_22_11() -> None:
 def test_figures_of_the_chapters_motion() -> None:
     """PHYSICS, erratum 5: det M = 1e25.5 for 1000 samples and 1e31.5 for 10 000; 45.66 when scaled to the limits."""
     experiment = Experiment.of(planar(), ARM)
-    chapter = Motion(PaperSeries(period=PERIOD), np.radians(CHAPTER_OPTIMUM_DEGREES))
+    chapter = Trajectory(PaperSeries(period=PERIOD), np.radians(CHAPTER_OPTIMUM_DEGREES))
     for samples, digits in ((1000, 25.5), (10_000, 31.5)):
         found = DOptimal().value(experiment.information(chapter, samples)) / np.log(10)
         assert found == pytest.approx(digits, abs=0.05)  # as printed
@@ -165,7 +165,7 @@ def test_columns_are_the_derivatives_of_estimation(effect: Effect) -> None:
     """Two routes to one derivative: repeats of the motion that follow one another, or a single run without memory."""
     model = planar(RIG) + effect
     theta = vector(model, values(effect))
-    expected = respond(model, recorded(3 if effect in PERIODIC else 1), theta).periodic[1]
+    expected = model_response(model, recorded(3 if effect in PERIODIC else 1), theta).periodic[1]
     columns = Experiment.of(model, ARM, theta).columns(*joint_states(), PERIOD)
     scale = np.abs(expected).max(axis=(0, 1))
     # Rounding of two transforms; the angles of a single run are smoothed, by 3e-7 at its ends.
@@ -174,14 +174,17 @@ def test_columns_are_the_derivatives_of_estimation(effect: Effect) -> None:
 
 @pytest.mark.parametrize("effect", PERIODIC, ids=lambda e: str(e.id))
 def test_columns_are_finite_differences_of_the_prediction(effect: Effect) -> None:
-    model = planar(RIG) + effect + (effects.sensor_lag() if effect not in MEMORY else ())
+    model = planar(RIG) + effect + (effects.sensor_lag() if effect not in LINEAR_DYNAMICS else ())
     several = tuple(model.effects)
     theta, recording = vector(model, values(*several)), recorded(2)
     columns = Experiment.of(model, ARM, theta).columns(*joint_states(), PERIOD)
     for place in range(len(theta)):
         h = 1e-5 * max(abs(theta[place]), 0.1)
         steps = np.eye(len(theta))[place] * h
-        up, down = predicted(model, recording, theta + steps), predicted(model, recording, theta - steps)
+        up, down = (
+            predicted_readings(model, recording, theta + steps),
+            predicted_readings(model, recording, theta - steps),
+        )
         difference = ((up - down) / (2 * h))[:SAMPLES]
         # Truncation h² of second relative changes, rounding 1e-13 / h; a cable goes taut within a step at few samples.
         off = np.abs(columns[:, :, place] - difference) > 1e-6 * max(np.abs(difference).max(), 1e-3)
@@ -192,9 +195,9 @@ def test_information_is_that_of_the_fit() -> None:
     """Estimation's whitened problem for white noise of a rig, from one period, has the same triangle squared."""
     model = planar() + effects.viscous_drag()
     theta, recording = vector(model, values(*model.effects)), recorded(1)
-    whitener = RegressionWhitener(SAMPLES, 1, np.zeros((0, 3)), np.diag(1 / STD))
-    noise = Noise(STD, whitener, NoiseSource.RIG, np.zeros(whitener.rows))
-    root = Problem(layout(model, (recording,)), (recording,), (noise,)).information(theta).root
+    whitener = AutoregressiveWhitener(SAMPLES, 1, np.zeros((0, 3)), np.diag(1 / STD))
+    noise = RecordingNoise(STD, whitener, NoiseSource.RIG, np.zeros(whitener.rows))
+    root = WhitenedProblem(parameter_layout(model, (recording,)), (recording,), (noise,)).information(theta).root
     found = Experiment.of(model, ARM, theta, noise=WhiteNoise.of_rig(RIG, model.channels)).information(
         motion(), SAMPLES
     )
@@ -214,9 +217,9 @@ def test_a_delay_is_the_motion_some_time_before() -> None:
 # ---------------------------------------------------------------------------------- one run, at rest before
 
 
-def at_rest_before() -> Motion:
+def at_rest_before() -> Trajectory:
     series = RestToRest(inner=FreeSeries(joints=3, harmonics=(1, 2, 3), period=PERIOD), ramp=1.0)
-    return Motion(series, 0.3 * np.random.default_rng(3).standard_normal(series.size))
+    return Trajectory(series, 0.3 * np.random.default_rng(3).standard_normal(series.size))
 
 
 def test_lag_of_a_single_run_starts_from_rest() -> None:
@@ -295,8 +298,8 @@ def test_graph_has_exact_derivatives_through_memory_and_noise() -> None:
 @pytest.mark.parametrize("noise", NOISES.values(), ids=NOISES.keys())
 def test_sample_is_a_row_of_the_columns_or_says_why_not(effect: Effect, noise: SensorNoise | None) -> None:
     experiment = Experiment.of(planar() + effect, ARM, values(effect), noise=noise)
-    if effect in MEMORY or effect.per_recording or noise is SPECTRUM:
-        assert experiment.remembers or experiment.timed
+    if effect in LINEAR_DYNAMICS or effect.per_recording or noise is SPECTRUM:
+        assert experiment.has_memory or experiment.timed
         with pytest.raises(InputError, match="state alone"):
             experiment.sample()
         return
@@ -324,7 +327,9 @@ def test_a_difference_of_predictions_is_a_column() -> None:
     experiment = Experiment(terms=terms, parameters=(*other.parameters, difference), channels=one.channels, arm=ARM)
     columns = experiment.columns(*joint_states(), PERIOD)
     recording = recorded(2)
-    expected = (predicted(one, recording, theta_one) - predicted(other, recording, theta_other))[:SAMPLES]
+    expected = (predicted_readings(one, recording, theta_one) - predicted_readings(other, recording, theta_other))[
+        :SAMPLES
+    ]
     np.testing.assert_allclose(columns[:, :, -1], expected, atol=1e-11)  # rounding of 20 N
     assert_alike(by_graph(experiment, joint_states()), gram(columns), 1e-12)
     flat = columns.reshape(-1, size + 1)
@@ -351,7 +356,7 @@ def test_experiment_travels_as_its_fields() -> None:
     here = experiment.signal_columns(pose, sampling)
     travelled = copy.deepcopy(experiment)  # by what pickle takes too
     assert set(vars(travelled)) == {field.name for field in fields(Experiment)}
-    assert all(set(vars(term)) == {field.name for field in fields(Term)} for term in travelled.terms)
+    assert all(set(vars(term)) == {field.name for field in fields(SensitivityTerm)} for term in travelled.terms)
     np.testing.assert_array_equal(here, travelled.signal_columns(pose, sampling))
 
 
@@ -363,7 +368,7 @@ def test_what_the_joints_do_not_give_is_named() -> None:
 
 
 def test_values_are_needed_where_they_matter_and_checked() -> None:
-    with pytest.raises(InputError, match="depends on their values"):
+    with pytest.raises(InputError, match="depends on the values of its parameters"):
         Experiment.of(planar() + effects.sensor_lag(), ARM)
     with pytest.raises(InputError, match="no parameter mass"):
         Experiment.of(planar(), ARM, {"mass": 1.0})
@@ -385,4 +390,4 @@ def test_six_axes_from_a_urdf() -> None:
     found = gram(experiment.columns(q, dq, ddq, PERIOD))
     assert_alike(by_graph(experiment, (q, dq, ddq)), found, 1e-12)
     assert np.isfinite(DOptimal().value(found))
-    assert unseen(experiment) == ()
+    assert unidentifiable_combinations(experiment) == ()

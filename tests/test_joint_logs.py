@@ -16,23 +16,23 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from estimation.contact.calibration import Calibration
+from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_filter import ContactFilter
 from estimation.contact.local_polynomial import LocalPolynomial
+from estimation.errors_in_variables.error_propagation import ErrorPropagation
+from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import fit
-from estimation.noisy_motion.input_noise import InputNoise
-from estimation.noisy_motion.noisy_load import NoisyLoad
-from estimation.reading import from_columns
-from estimation.recording import MotionForm
-from estimation.repeats.repeat_table import motion_rows
-from estimation.rest.rest_poses import RestPoses
-from estimation.stream.long_log import read_chunks
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import MotionForm
+from estimation.repeatability.repeat_table import motion_error_rows
+from estimation.static.candidate_poses import CandidatePoses
+from estimation.streaming.long_log import read_chunks
+from modeling.chain.model import spatial
+from modeling.chain.prediction import compiled_prediction
 from modeling.effects import viscous_drag
 from modeling.errors import InputError
-from modeling.model import spatial
-from modeling.prediction import compiled
-from modeling.rig import Convention, Rig, SensorDescription, Workspace
-from modeling.urdf import read_urdf
+from modeling.kinematics.urdf import read_urdf
+from modeling.rig.rig import Convention, Rig, SensorDescription, Workspace
 from truewrench.command_line import main
 from truewrench.simulated_rig import SpatialRig, ViscousDrag, simulate
 
@@ -160,7 +160,7 @@ def test_contact_filter_takes_rows_of_joints() -> None:
     columns = {name: values[:100] for name, values in elbow_columns().items()}
     model = spatial(ELBOW)
     theta, noise = np.array(list(truth().values())), np.array(TOOL.noise)
-    known = Calibration(model, theta, np.zeros((16, 16)), noise, np.zeros(6))
+    known = CalibratedModel(model, theta, np.zeros((16, 16)), noise, np.zeros(6))
     names = [f"q{j + 1}" for j in range(6)]
     contact = ContactFilter(known, columns=names, window=window, rig=ELBOW)
     table = np.stack([columns[name] for name in (*names, *CHANNELS)], axis=1)
@@ -169,7 +169,7 @@ def test_contact_filter_takes_rows_of_joints() -> None:
     smooth = [savgol_filter(table, 13, window.degree, deriv=n, delta=dt, axis=0)[6:-6] for n in range(3)]
     assert ELBOW.arm is not None
     signals = ELBOW.arm.pose(*(part[:, :6] for part in smooth))
-    prediction = compiled(model)
+    prediction = compiled_prediction(model)
     load, zero = (part.value(signals, theta, len(smooth[0])) for part in (prediction.load, prediction.zero))
     # The sensor does as much less as the environment does; rounding / dt².
     np.testing.assert_allclose(results, load + zero - smooth[0][:, 6:], atol=1e-8)
@@ -178,7 +178,7 @@ def test_contact_filter_takes_rows_of_joints() -> None:
 def test_poses_at_rest_are_advised_in_joint_coordinates() -> None:
     """Within the limits, in whole degrees and millimetres, with the signals that the arm gives there."""
     columns = {str(n): v.to_numpy()[:30] for n, v in carriage_frame().items() if n not in ("time", "repeat")}
-    poses = RestPoses.of(from_columns(columns, rig=replace(CARRIAGE, workspace=Workspace(z=(0.0, 1.0)))))
+    poses = CandidatePoses.of(from_columns(columns, rig=replace(CARRIAGE, workspace=Workspace(z=(0.0, 1.0)))))
     assert CARRIAGE.arm is not None
     q = np.stack([poses.columns[f"q{j + 1}"] for j in range(6)], axis=1)
     limits = CARRIAGE.position_limits
@@ -194,8 +194,8 @@ def test_poses_at_rest_are_advised_in_joint_coordinates() -> None:
 def test_noise_of_joints_is_refused_in_one_line() -> None:
     recording = from_columns(elbow_columns(), rig=ELBOW)
     noise = InputNoise(("q1",), np.eye(1))
-    with pytest.raises(InputError, match="followed through a planar arm only"):
-        NoisyLoad.of(spatial(ELBOW), recording, noise)
+    with pytest.raises(InputError, match="propagated through a planar arm only"):
+        ErrorPropagation.of(spatial(ELBOW), recording, noise)
 
 
 # ------------------------------------------------------------------------------------- how it is read
@@ -242,7 +242,7 @@ def test_long_logs_and_poses_at_rest_are_read(tmp_path: Path) -> None:
 def test_errors_of_sliding_joints_are_in_metres() -> None:
     columns = {str(name): values.to_numpy() for name, values in carriage_frame().items()}
     columns["q2"] = columns["q2"] + 1e-4 * np.random.default_rng(0).normal(size=len(columns["q2"]))
-    rows = motion_rows(from_columns(columns, rig=CARRIAGE))
+    rows = motion_error_rows(from_columns(columns, rig=CARRIAGE))
     assert {row.name: row.unit for row in rows} == dict.fromkeys(("q1", "q2", "q3"), "m") | dict.fromkeys(
         ("q4", "q5", "q6"), "rad"
     )

@@ -9,20 +9,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from design.limit_use import LimitUse
-from design.motion.fourier import FreeSeries, PaperSeries, fourier_motion
-from design.motion.rest_to_rest import RestToRest
-from design.motion.series import Array, Motion, Series
-from design.motion.spline import SplineSeries
-from design.random_feasible import random_feasible
-from design.workspace import levers, tip_acceleration, tip_enclosure, tip_path
-from modeling.arm import PlanarArm
+from design.limits.limit_use import LimitUse
+from design.limits.random_feasible import random_feasible_trajectory
+from design.limits.tip_workspace import lever_arms, tip_acceleration_bound, tip_enclosure, tip_path
+from design.trajectories.fourier import FreeSeries, PaperSeries, fourier_trajectory
+from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.spline import SplineSeries
+from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries
 from modeling.errors import InputError
-from modeling.joint import JointKind
-from modeling.kinematics import Arm
-from modeling.rig import Limits, Workspace
-from modeling.spatial_arm import SpatialArm
-from modeling.urdf import read_urdf
+from modeling.kinematics.arm import Arm
+from modeling.kinematics.joint import JointKind
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.kinematics.urdf import read_urdf
+from modeling.rig.rig import Limits, Workspace
 
 ARM, TIP = PlanarArm((1.0, 0.97, 0.4)), 0.2
 LIMITS = Limits(
@@ -32,7 +32,7 @@ LIMITS = Limits(
 )
 BOX = Workspace(x=(-1.5, 2.0), y=(0.1, 2.53))
 FREE = FreeSeries(joints=3, harmonics=(1, 2, 3, 4), period=5.0)
-SERIES: tuple[Series, ...] = (
+SERIES: tuple[TrajectorySeries, ...] = (
     FREE,
     PaperSeries(period=5.0),
     SplineSeries(joints=3, knots=12, period=5.0),
@@ -44,9 +44,9 @@ ARMS: tuple[Arm, ...] = (ARM, *(read_urdf(URDF / f"{name}.urdf", frame) for name
 every_series = pytest.mark.parametrize("series", SERIES, ids=lambda series: type(series).__name__)
 
 
-def wave(amplitude: float = 2.0, middle: float = 0.5, period: float = 2 * np.pi) -> Motion:
+def wave(amplitude: float = 2.0, middle: float = 0.5, period: float = 2 * np.pi) -> Trajectory:
     """q = middle + amplitude sin(2 t) when the period is 2 pi."""
-    return fourier_motion(offset=[middle], sine=[[0.0, amplitude]], cosine=[[0.0, 0.0]], period=period)
+    return fourier_trajectory(offset=[middle], sine=[[0.0, amplitude]], cosine=[[0.0, 0.0]], period=period)
 
 
 def limits(
@@ -82,7 +82,7 @@ def test_use_of_a_wave_by_hand() -> None:
 
 def test_limits_between_the_samples_count() -> None:
     """Sixteen samples meet every zero of a wave of eight periods: they see a motion that rests."""
-    motion = fourier_motion(offset=[0.0], sine=[[0.0] * 7 + [1.0]], cosine=[[0.0] * 8], period=1.0)
+    motion = fourier_trajectory(offset=[0.0], sine=[[0.0] * 7 + [1.0]], cosine=[[0.0] * 8], period=1.0)
     assert np.abs(motion.derivative(motion.series.instants(16), 0)).max() < 1e-14
     use = LimitUse.of(motion, limits((-1.0, 1.0), 1e3, 1e5))
     assert 1.0 <= use.to_data()["position"] < 1.0001
@@ -99,9 +99,9 @@ def test_limits_of_another_arm_are_refused() -> None:
 @every_series
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_tip_never_leaves_its_enclosure(series: Series, seed: int) -> None:
+def test_tip_never_leaves_its_enclosure(series: TrajectorySeries, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    motion = Motion(series, 0.3 * rng.standard_normal(series.size))
+    motion = Trajectory(series, 0.3 * rng.standard_normal(series.size))
     low, high = tip_enclosure(motion, ARM, TIP)
     tip = tip_by_hand(motion.derivative(rng.uniform(0, motion.period, 1000), 0))
     assert (tip >= low).all()
@@ -109,8 +109,8 @@ def test_tip_never_leaves_its_enclosure(series: Series, seed: int) -> None:
 
 
 @every_series
-def test_enclosure_of_the_tip_is_tight(series: Series) -> None:
-    motion = Motion(series, 0.3 * np.random.default_rng(4).standard_normal(series.size))
+def test_enclosure_of_the_tip_is_tight(series: TrajectorySeries) -> None:
+    motion = Trajectory(series, 0.3 * np.random.default_rng(4).standard_normal(series.size))
     low, high = tip_enclosure(motion, ARM, TIP)
     tip = tip_by_hand(motion.derivative(np.linspace(0, motion.period, 20_001), 0))
     # the margin is 2e-5 of the half range, the dense grid misses as much
@@ -122,12 +122,12 @@ def test_enclosure_of_the_tip_is_tight(series: Series) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_tip_never_accelerates_beyond_its_bound(arm: Arm, seed: int) -> None:
     series = FreeSeries(joints=arm.joints, harmonics=(1, 2, 3), period=5.0)
-    motion = Motion(series, 0.3 * np.random.default_rng(seed).standard_normal(series.size))
+    motion = Trajectory(series, 0.3 * np.random.default_rng(seed).standard_normal(series.size))
     time, step = np.linspace(0, 5, 2001), 1e-4
     before, now, after = (tip_path(motion, arm, TIP, time + shift) for shift in (-step, 0, step))
     # the second difference is a mean of the second derivative; rounding 4 x 2e-16 m / (1e-4 s)² = 1e-7 m/s²
     acceleration = np.linalg.norm((after - 2 * now + before) / step**2, axis=1)
-    bound = tip_acceleration(motion, arm, TIP)
+    bound = tip_acceleration_bound(motion, arm, TIP)
     assert acceleration.max() <= bound
     assert acceleration.max() >= bound / 50  # of use: as many metres per second squared, not thousands
     low, high = tip_enclosure(motion, arm, TIP)
@@ -139,8 +139,8 @@ def test_tip_never_accelerates_beyond_its_bound(arm: Arm, seed: int) -> None:
 def test_levers_are_as_long_as_the_tip_can_get_from_each_joint(arm: Arm) -> None:
     """|dP/dq_j| is the tip's distance from the axis, or 1 of a slide: by differences, in 500 random postures."""
     series = FreeSeries(joints=arm.joints, harmonics=(1, 2), period=5.0)
-    motion = Motion(series, 2.0 * np.random.default_rng(6).standard_normal(series.size))
-    g, tip, step = levers(motion, arm, TIP), arm.tip(TIP), 1e-6
+    motion = Trajectory(series, 2.0 * np.random.default_rng(6).standard_normal(series.size))
+    g, tip, step = lever_arms(motion, arm, TIP), arm.tip(TIP), 1e-6
     q = motion.derivative(np.linspace(0, 5, 500), 0).T
     moves = [np.eye(arm.joints)[:, [j]] * step for j in range(arm.joints)]
     slopes = np.array([(np.array(tip.map(500)(q + m)) - np.array(tip.map(500)(q - m))) / (2 * step) for m in moves])
@@ -151,8 +151,8 @@ def test_levers_are_as_long_as_the_tip_can_get_from_each_joint(arm: Arm) -> None
 
 def test_bound_of_the_tip_is_reached_by_a_straight_arm_that_turns_fast() -> None:
     """One joint, whose two terms are a tenth and nine tenths of it: omega² is all there is where omega is largest."""
-    motion = fourier_motion(offset=[0.0], sine=[[10.0]], cosine=[[0.0]], period=2 * np.pi)
-    assert tip_acceleration(motion, PlanarArm((1.0,)), 0.5) == pytest.approx(1.5 * (10 + 100), rel=2e-4)
+    motion = fourier_trajectory(offset=[0.0], sine=[[10.0]], cosine=[[0.0]], period=2 * np.pi)
+    assert tip_acceleration_bound(motion, PlanarArm((1.0,)), 0.5) == pytest.approx(1.5 * (10 + 100), rel=2e-4)
 
 
 def test_a_slide_is_measured_in_metres() -> None:
@@ -161,18 +161,18 @@ def test_a_slide_is_measured_in_metres() -> None:
     both = np.tile([-1.0, 1.0], (n, 1))
     series = FreeSeries(joints=n, harmonics=(1,), period=1.0)
     use = LimitUse.of(
-        Motion(series, np.zeros(series.size)), Limits(position=both, velocity=both, acceleration=both), None, slide
+        Trajectory(series, np.zeros(series.size)), Limits(position=both, velocity=both, acceleration=both), None, slide
     )
     assert isinstance(slide, SpatialArm)
     expected = ["m" if joint.kind is JointKind.PRISMATIC else "rad" for joint in slide.chain]
-    assert [r.unit for r in use.reaches if r.quantity == "position"] == expected
+    assert [r.unit for r in use.limited_quantities if r.quantity == "position"] == expected
     assert "m/s²" in str(use)
 
 
 def test_workspace_counts_the_sides_that_are_stated() -> None:
-    still = Motion(FREE, FREE.rest([0.0, 0.0, np.pi / 2]))  # upright, the tip level: at (0.6, 1.97)
+    still = Trajectory(FREE, FREE.rest([0.0, 0.0, np.pi / 2]))  # upright, the tip level: at (0.6, 1.97)
     floor = LimitUse.of(still, LIMITS, Workspace(y=(0.97, 4.97)), ARM, TIP)
-    assert [r.name for r in floor.reaches if r.quantity == "workspace"] == ["y"]
+    assert [r.name for r in floor.limited_quantities if r.quantity == "workspace"] == ["y"]
     assert floor.by_quantity["workspace"].use == pytest.approx(0.5, abs=1e-9)
     assert floor.by_quantity["workspace"].side == "low"
     both = LimitUse.of(still, LIMITS, Workspace(x=(-0.4, 0.5), y=(0.97, 4.97)), ARM, TIP)
@@ -183,13 +183,13 @@ def test_workspace_counts_the_sides_that_are_stated() -> None:
 
 def test_a_planar_arm_has_no_z() -> None:
     with pytest.raises(InputError, match="limit y, which points up"):
-        LimitUse.of(Motion(FREE, np.zeros(FREE.size)), LIMITS, Workspace(z=(0.0, 1.0)), ARM, TIP)
+        LimitUse.of(Trajectory(FREE, np.zeros(FREE.size)), LIMITS, Workspace(z=(0.0, 1.0)), ARM, TIP)
 
 
 @pytest.mark.parametrize(("arm", "missing"), [(None, "link_lengths or urdf"), (ARM, "tip_length")])
 def test_workspace_needs_the_arm_and_its_tip(arm: PlanarArm | None, missing: str) -> None:
     with pytest.raises(InputError, match=f"state robot.{missing}"):
-        LimitUse.of(Motion(FREE, np.zeros(FREE.size)), LIMITS, BOX, arm)
+        LimitUse.of(Trajectory(FREE, np.zeros(FREE.size)), LIMITS, BOX, arm)
 
 
 # ---------------------------------------------------------------------------- random motions that fit
@@ -197,23 +197,23 @@ def test_workspace_needs_the_arm_and_its_tip(arm: PlanarArm | None, missing: str
 
 @every_series
 @pytest.mark.parametrize("seed", range(3))
-def test_random_feasible_keeps_every_limit_and_touches_one(series: Series, seed: int) -> None:
-    motion = random_feasible(series, LIMITS, seed=seed)
+def test_random_feasible_keeps_every_limit_and_touches_one(series: TrajectorySeries, seed: int) -> None:
+    motion = random_feasible_trajectory(series, LIMITS, seed=seed)
     dense = motion.evaluate(np.linspace(0, motion.period, 5001))
     for values, pairs in zip(dense, (LIMITS.position, LIMITS.velocity, LIMITS.acceleration), strict=True):
         assert (values >= pairs[:, 0]).all()
         assert (values <= pairs[:, 1]).all()
     use = LimitUse.of(motion, LIMITS)
     assert use.worst.use == pytest.approx(1.0, abs=1e-8)
-    own = [max(r.use for r in use.reaches if r.name == f"q{j}") for j in (1, 2, 3)]
+    own = [max(r.use for r in use.limited_quantities if r.name == f"q{j}") for j in (1, 2, 3)]
     if not isinstance(series, PaperSeries):
         assert own == pytest.approx([1.0] * 3, abs=1e-8)  # joints of their own are scaled each by itself
 
 
 @pytest.mark.parametrize("series", [SERIES[0], SERIES[3]], ids=["free", "rest to rest"])
-def test_random_feasible_stays_in_the_workspace(series: Series) -> None:
+def test_random_feasible_stays_in_the_workspace(series: TrajectorySeries) -> None:
     box = Workspace(x=(-0.5, 1.2), y=(0.1, 2.5))
-    motion = random_feasible(series, LIMITS, workspace=box, arm=ARM, tip_length=TIP, seed=2)
+    motion = random_feasible_trajectory(series, LIMITS, workspace=box, arm=ARM, tip_length=TIP, seed=2)
     x, y = tip_by_hand(motion.derivative(np.linspace(0, motion.period, 5001), 0)).T
     assert -0.5 <= x.min() < x.max() <= 1.2
     assert 0.1 <= y.min() < y.max() <= 2.5
@@ -222,7 +222,7 @@ def test_random_feasible_stays_in_the_workspace(series: Series) -> None:
 
 
 def test_random_feasible_is_reproducible() -> None:
-    first, again, other = (random_feasible(FREE, LIMITS, seed=seed).coefficients for seed in (7, 7, 8))
+    first, again, other = (random_feasible_trajectory(FREE, LIMITS, seed=seed).coefficients for seed in (7, 7, 8))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 
@@ -231,7 +231,7 @@ def test_velocity_of_a_random_motion_has_a_flat_spectrum() -> None:
     """Over 200 seeds the power of h · coefficient is the same for all h within 6 of its own standard deviations."""
     series = FreeSeries(joints=1, harmonics=(1, 2, 3, 4), period=5.0)
     wide = limits((-1e6, 1e6), 1.0, 1e6)  # velocity alone limits, the same for all h
-    z = np.array([random_feasible(series, wide, seed=seed).coefficients[1:] for seed in range(200)])
+    z = np.array([random_feasible_trajectory(series, wide, seed=seed).coefficients[1:] for seed in range(200)])
     power = (z.reshape(200, 2, 4) * np.arange(1, 5)) ** 2
     share = power.mean(axis=(0, 1)) / power.mean()
     # normal coefficients of a fixed power: each share varies by sqrt(2 / 400) = 0.07; 6 of them fail once in 1e8
@@ -241,7 +241,7 @@ def test_velocity_of_a_random_motion_has_a_flat_spectrum() -> None:
 def test_series_without_an_offset_needs_limits_about_zero() -> None:
     away = Limits(position=LIMITS.position + 2.0, velocity=LIMITS.velocity, acceleration=LIMITS.acceleration)
     with pytest.raises(InputError, match="no posture was found"):
-        random_feasible(PaperSeries(period=5.0), away)
+        random_feasible_trajectory(PaperSeries(period=5.0), away)
 
 
 @pytest.mark.parametrize(
@@ -254,14 +254,14 @@ def test_series_without_an_offset_needs_limits_about_zero() -> None:
     ],
 )
 def test_limits_that_are_no_intervals_are_refused(name: str, pairs: list[list[float]]) -> None:
-    motion = fourier_motion(offset=np.zeros(3), sine=np.ones((3, 1)), cosine=np.zeros((3, 1)), period=1.0)
+    motion = fourier_trajectory(offset=np.zeros(3), sine=np.ones((3, 1)), cosine=np.zeros((3, 1)), period=1.0)
     limits = Limits(**{**vars(LIMITS), name: np.array(pairs)})
     with pytest.raises(InputError, match="low below high were expected of " + name):
         LimitUse.of(motion, limits)
 
 
 def test_a_floor_without_a_ceiling_is_refused() -> None:
-    motion = fourier_motion(offset=np.zeros(3), sine=np.ones((3, 1)), cosine=np.zeros((3, 1)), period=1.0)
+    motion = fourier_trajectory(offset=np.zeros(3), sine=np.ones((3, 1)), cosine=np.zeros((3, 1)), period=1.0)
     arm = PlanarArm((1.0, 0.9, 0.4))
     with pytest.raises(InputError, match="far limit"):
         LimitUse.of(motion, LIMITS, Workspace(y=(0.1, np.inf)), arm, 0.2)

@@ -14,13 +14,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimation.fit import fit
-from estimation.stream.chunk import Chunk
-from estimation.stream.column_file import column_file
-from estimation.stream.long_log import read_chunks
-from estimation.stream.regressor_map import linear
-from modeling.arm import PlanarArm
+from estimation.streaming.chunk import Chunk
+from estimation.streaming.chunked_file import open_chunked_file
+from estimation.streaming.long_log import read_chunks
+from estimation.streaming.regressor_map import linear_regressor_map
 from modeling.errors import InputError
-from modeling.rig import Rig
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.rig.rig import Rig
 from modeling.space import Space
 from tests.test_chunks import EXACT, noise_model
 from tests.test_fit import base
@@ -40,7 +40,7 @@ def written(folder: Path, suffix: str, space: Space) -> tuple[Path, Chunk]:
         frame = {f"{prefix}{a}": rng.standard_normal(n) for prefix in ("w", "al", "ap") for a in "xyz"}
         frame |= dict(zip(("qx", "qy", "qz", "qw"), Rotation.random(n, rng=rng).as_quat().T, strict=True))
         signals = frame
-    emitted = linear(tool)
+    emitted = linear_regressor_map(tool)
     assert emitted is not None
     rows = emitted(signals, n)
     truth = 1 + rng.random(len(rows) - 1)
@@ -115,7 +115,7 @@ def test_the_cell_of_a_csv_is_named(tmp_path: Path, name: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time, fx,phi\n" + body)
     with pytest.raises(InputError, match=message):
-        list(column_file(path).stretches(1, ["time", "fx", "phi"]))
+        list(open_chunked_file(path).stretches(1, ["time", "fx", "phi"]))
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
@@ -146,8 +146,8 @@ def test_only_what_the_model_takes_is_read(tmp_path: Path, suffix: str) -> None:
     found, expected = fit(base(Space.PLANE), log, noise=model), fit(base(Space.PLANE), whole(frame), noise=model)
     std = np.sqrt(np.diag(expected.covariance))
     np.testing.assert_allclose(found.theta / std, expected.theta / std, rtol=0, atol=EXACT)
-    assert [len(c.wrench) - c.history for c in log.needing(["phi"])] == [100] * 5
-    assert set(next(iter(log.needing(["phi"]))).signals) == {"time", "phi", "dphi", "ddphi", "ax", "ay"}
+    assert [len(c.wrench) - c.history for c in log.with_signals(["phi"])] == [100] * 5
+    assert set(next(iter(log.with_signals(["phi"]))).signals) == {"time", "phi", "dphi", "ddphi", "ax", "ay"}
     with pytest.raises(InputError, match="column note is not"):
         list(log)
 

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.verdict import RecordVerdict
-from estimation.contact.contact import Contact, compensate
-from estimation.convention import decide_convention
+from diagnosis.verdict.verdict import RecordVerdict
+from estimation.contact.contact_wrench import ContactWrench, compensate
 from estimation.fit import fit
-from estimation.reading import read
-from estimation.recording import Recording
+from estimation.recordings.reading import read
+from estimation.recordings.recording import Recording
+from estimation.recordings.sign_convention import decide_convention
+from modeling.chain.model import spatial
 from modeling.errors import InputError
-from modeling.model import spatial
-from modeling.rig import Convention, Rig
+from modeling.rig.rig import Convention, Rig
 
 DATA = Path(os.environ.get("TRUEWRENCH_DATA") or Path(__file__).parents[2] / "shared" / "data") / "ais2202"
 
@@ -86,7 +86,7 @@ def test_what_the_others_hold_has_no_name_in_the_catalogue(name: str) -> None:
 
 
 @lru_cache
-def compensated(name: str) -> Contact:
+def compensated(name: str) -> ContactWrench:
     return compensate(fit(spatial(), recording("calibration_poses")), recording(name))
 
 

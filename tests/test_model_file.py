@@ -14,17 +14,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from estimation.fit import Estimate, fit
-from estimation.noise import NoiseSource
-from estimation.reading import from_columns
-from modeling.effect import Effect
+from estimation.noise.recording_noise import NoiseSource
+from estimation.recordings.reading import from_columns
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar
 from modeling.effects import catalogue
-from modeling.effects.drag import ViscousDrag
-from modeling.effects.zero import BiasDrift
+from modeling.effects.bias import BiasDrift
+from modeling.effects.friction import ViscousDrag
 from modeling.errors import InputError
-from modeling.model import WrenchModel, planar
-from modeling.rig import Convention, Rig
+from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
-from truewrench.model_file import ModelFile
+from truewrench.files.model_file import ModelFile
 
 RIG = Rig.from_data(
     {
@@ -136,12 +136,12 @@ DEFECTS = {
     "option": (("effects", 0), {"id": "com_offset", "options": {"size": 1}}, "no option 'size'"),
     "huge option": (("effects", -3), {"id": "bias_drift", "options": {"degree": 10**9}}, "degree"),
     "value": (("parameters", "m", "value"), "heavy", "parameters.m.value"),
-    "unit": (("parameters", "m", "unit"), "lb", "its unit is kg, and 'lb' came"),
+    "unit": (("parameters", "m", "unit"), "lb", "expected the unit kg; got 'lb'"),
     "std": (("parameters", "m", "std"), 1e3, "parameters.m: std"),
     "strange parameter": (
         ("parameters", "width"),
         {"value": 1.0, "std": None, "unit": "m"},
-        "parameters: width does not belong there",
+        "parameters: width is not expected",
     ),
     "size": (("covariance", "matrix"), [[1.0]], "covariance: a matrix of"),
     "symmetry": (("covariance", "matrix", 0, 1), 1e9, "not symmetric"),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.verdict import RecordVerdict
+from diagnosis.verdict.verdict import RecordVerdict
 
 pytest.importorskip("mujoco")
 
@@ -35,8 +35,8 @@ def missing_effect(names: dict[str, Any]) -> None:
 def contact_force(names: dict[str, Any]) -> None:
     """The rigid tool is off by newtons and sees no push, the tethered one is right; the printed direction is wrong."""
     rigid, found, true = names["rigid"], names["found"], names["true"]
-    assert (rigid.repeating_error(true) > 5 * rigid.floor).all()
-    assert (found.repeating_error(true) < found.floor / 10 + 2 * found.repeating_limit).all()
+    assert (rigid.systematic_contact_error(true) > 5 * rigid.floor).all()
+    assert (found.systematic_contact_error(true) < found.floor / 10 + 2 * found.systematic_contact_error_limit).all()
     assert not rigid.intervals
     assert len(found.intervals) == 4
     assert abs(found.zero_shift[0] - 0.8) < 0.05

@@ -12,20 +12,20 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from design.criterion import AOptimal, Averaged, Criterion, DOptimal, EOptimal, Subset
-from design.information import Experiment, WhiteNoise, magnitudes
-from design.motion.fourier import FreeSeries, PaperSeries
-from design.motion.rest_to_rest import RestToRest
-from design.motion.series import Motion, Series
-from design.motion.spline import SplineSeries
+from design.criteria import AOptimal, BayesianCriterion, Criterion, DOptimal, EOptimal, Subset
+from design.information import Experiment, WhiteNoise, noise_equivalent_sizes
+from design.optimiser.multistart import DesignTask, contracted_into_limits, local_optimum, optimise
+from design.optimiser.nonlinear_program import TerminationStatus
 from design.optimiser.objective import Objective
-from design.optimiser.optimiser import Task, improve, optimise, within
-from design.optimiser.program import Outcome
-from modeling.arm import PlanarArm
+from design.trajectories.fourier import FreeSeries, PaperSeries
+from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.spline import SplineSeries
+from design.trajectories.trajectory import Trajectory, TrajectorySeries
+from modeling.chain.model import planar
 from modeling.effects import com_offset, sensor_lag, viscous_drag
 from modeling.errors import InputError
-from modeling.model import planar
-from modeling.rig import Limits, Workspace
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.rig.rig import Limits, Workspace
 
 Array = NDArray[np.float64]
 
@@ -41,13 +41,16 @@ THETA = {"m": 1.6, "mlg": 0.2, "I": 0.05, "sensor_lag.tau": 0.02, "viscous_drag.
 
 
 def objective(
-    series: Series = FREE, criterion: Criterion | None = None, experiment: Experiment = BASE, samples: int = 60
+    series: TrajectorySeries = FREE,
+    criterion: Criterion | None = None,
+    experiment: Experiment = BASE,
+    samples: int = 60,
 ) -> Objective:
     return Objective(experiment=experiment, criterion=criterion or DOptimal(), series=series, samples=samples)
 
 
-def task(series: Series = FREE, **others: object) -> Task:
-    return Task(objective=objective(series), limits=LIMITS, arm=ARM, **others)  # type: ignore[arg-type]
+def task(series: TrajectorySeries = FREE, **others: object) -> DesignTask:
+    return DesignTask(objective=objective(series), limits=LIMITS, arm=ARM, **others)  # type: ignore[arg-type]
 
 
 def of_model(*ids: str) -> Experiment:
@@ -57,7 +60,7 @@ def of_model(*ids: str) -> Experiment:
 
 
 def cases() -> dict[str, Objective]:
-    scale = magnitudes(BASE)
+    scale = noise_equivalent_sizes(BASE)
     sets = [{"viscous_drag.c": c, "viscous_drag.d": 0.2} for c in (0.1, 0.5)]
     return {
         "D": objective(),
@@ -70,7 +73,7 @@ def cases() -> dict[str, Objective]:
         "drag": objective(experiment=of_model("viscous_drag", "com_offset")),
         "prior": objective(
             experiment=Experiment.prior(planar() + viscous_drag(), ARM, sets),
-            criterion=Averaged(DOptimal(), (0.5, 0.5)),
+            criterion=BayesianCriterion(DOptimal(), (0.5, 0.5)),
         ),
     }
 
@@ -121,7 +124,7 @@ def test_memory_leaves_a_gradient() -> None:
 # ------------------------------------------------------------------------------------ what is found
 
 
-def stationarity(of: Objective, motion: Motion, limits: Limits) -> float:
+def stationarity(of: Objective, motion: Trajectory, limits: Limits) -> float:
     """How much could be gained per unit of motion, to first order: max g'd over |d| <= 1 that keep the limits touched.
 
     A linear program with the limits at a dense grid; zero at a local optimum.
@@ -144,11 +147,11 @@ def stationarity(of: Objective, motion: Motion, limits: Limits) -> float:
 
 
 @pytest.mark.parametrize("series", [FREE, PaperSeries(period=5.0)], ids=["free", "paper"])
-def test_it_finds_a_local_optimum_within_the_limits(series: Series) -> None:
+def test_it_finds_a_local_optimum_within_the_limits(series: TrajectorySeries) -> None:
     asked = task(series)
     start = asked.random((3,))
-    found = improve(asked, start)
-    assert found.outcome is Outcome.CONVERGED
+    found = local_optimum(asked, start)
+    assert found.outcome is TerminationStatus.CONVERGED
     assert found.value == asked.objective.value(found.motion.coefficients)
     assert asked.use(found.motion).worst.use <= 1
     # What contraction costs (LOSS = 0.01) may be left; the start could gain a hundred times as much.
@@ -162,11 +165,11 @@ def test_it_finds_a_local_optimum_within_the_limits(series: Series) -> None:
     [SplineSeries(joints=3, knots=16, degree=4, period=4.0), RestToRest(inner=FREE, ramp=0.5)],
     ids=["spline", "rest"],
 )
-def test_every_series_gains_and_keeps_its_limits(series: Series) -> None:
+def test_every_series_gains_and_keeps_its_limits(series: TrajectorySeries) -> None:
     asked = task(series)
-    start = within(asked, asked.random((1,)))
+    start = contracted_into_limits(asked, asked.random((1,)))
     assert start is not None
-    found = improve(asked, start)
+    found = local_optimum(asked, start)
     assert found.value > asked.objective.value(start.coefficients) + 1
     assert asked.use(found.motion).worst.use <= 1
     fine = np.linspace(0, series.duration, 20001)
@@ -178,10 +181,10 @@ def test_every_series_gains_and_keeps_its_limits(series: Series) -> None:
 
 def test_a_criterion_wins_in_its_own() -> None:
     d = task(PaperSeries(period=5.0))
-    picky = magnitudes(BASE) * [1, 1, 1, 0.1, 1, 1]  # a tenth of an error in m counts as much
+    picky = noise_equivalent_sizes(BASE) * [1, 1, 1, 0.1, 1, 1]  # a tenth of an error in m counts as much
     a = replace(d, objective=replace(d.objective, criterion=AOptimal(picky)))
-    best_d = improve(d, d.random((3,))).motion
-    best_a = improve(a, best_d).motion
+    best_d = local_optimum(d, d.random((3,))).motion
+    best_a = local_optimum(a, best_d).motion
     assert a.objective.value(best_a.coefficients) > a.objective.value(best_d.coefficients) + 0.01
     assert d.objective.value(best_a.coefficients) < d.objective.value(best_d.coefficients)
 
@@ -190,7 +193,7 @@ def test_infeasible_starts_are_taken() -> None:
     asked = task()
     start = asked.random((5,)).scaled(4.0)
     assert asked.use(start).worst.use > 2
-    assert asked.use(improve(asked, start).motion).worst.use <= 1
+    assert asked.use(local_optimum(asked, start).motion).worst.use <= 1
 
 
 def test_jerk_and_the_workspace_are_kept() -> None:
@@ -198,8 +201,8 @@ def test_jerk_and_the_workspace_are_kept() -> None:
     asked = replace(
         task(), limits=replace(LIMITS, jerk=jerk), workspace=Workspace(x=(-1.2, 1.5), y=(0.8, 2.5)), tip_length=0.2
     )
-    free = improve(task(), task().random((2,)))
-    found = improve(asked, asked.random((2,)))
+    free = local_optimum(task(), task().random((2,)))
+    found = local_optimum(asked, asked.random((2,)))
     use = asked.use(found.motion).to_data()
     assert set(use) == {"position", "velocity", "acceleration", "jerk", "workspace"}
     assert max(use.values()) <= 1
@@ -209,13 +212,13 @@ def test_jerk_and_the_workspace_are_kept() -> None:
 
 def test_nothing_is_found_where_nothing_can_stand() -> None:
     asked = replace(task(), workspace=Workspace(y=(5.0, 6.0)), tip_length=0.2)
-    with pytest.raises(InputError, match="no motion within the limits"):
-        improve(asked, task().random((2,)))
+    with pytest.raises(InputError, match="no trajectory within the limits"):
+        local_optimum(asked, task().random((2,)))
 
 
 def test_an_unfinished_optimisation_says_so() -> None:
-    found = improve(replace(task(), iterations=2), task().random((1,)))
-    assert found.outcome is Outcome.ITERATIONS
+    found = local_optimum(replace(task(), iterations=2), task().random((1,)))
+    assert found.outcome is TerminationStatus.ITERATIONS
     assert "allow more" in found.outcome.value
 
 

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from modeling import effects
-from modeling.arm import PlanarArm
-from modeling.effect import Effect
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.prediction import compiled_prediction
+from modeling.chain.regressor import regressor, regressor_functions
 from modeling.errors import InputError
-from modeling.model import WrenchModel, planar, spatial
-from modeling.prediction import compiled
-from modeling.regressor import motions, regressor
-from modeling.rig import Convention, Rig, SensorDescription
-from truewrench.simulated_rig import PlanarRig, felt_wrench
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.rig.rig import Convention, Rig, SensorDescription
+from truewrench.simulated_rig import PlanarRig, rigid_tool_wrench
 
 Array = NDArray[np.float64]
 
@@ -44,10 +44,10 @@ def test_regressor_is_22_8() -> None:
 
 
 def test_motions_are_22_9() -> None:
-    found = motions(planar())
+    found = regressor_functions(planar())
     assert vanishes(sp.Matrix([found.M1 - M1, found.M2 - M2, found.M3 - M3, found.M4 - M4]))
     with pytest.raises(InputError, match="planar"):
-        motions(spatial())
+        regressor_functions(spatial())
 
 
 @pytest.mark.parametrize("effect", [effects.gravity_tilt(), effects.sensor_lag()])
@@ -117,10 +117,10 @@ def test_wrench_is_mujocos(seed: int) -> None:
     mlg, inertia = mass * centre, about_centre + mass * centre**2
     rig = PlanarRig(mass=mass, mlg=mlg, inertia=inertia)
     q, dq, ddq = (rng.uniform(-limit, limit, (20, 3)) for limit in (np.pi, 3.0, 15.0))
-    felt = felt_wrench(rig.scene, (), np.zeros(20), (q, dq, ddq))[:, rig.rows]
+    felt = rigid_tool_wrench(rig.scene, (), np.zeros(20), (q, dq, ddq))[:, rig.rows]
     pose = PlanarArm(rig.link_lengths).pose(q, dq, ddq)
     theta = np.array([*rng.uniform(-10, 10, 3), mass, mlg, inertia])
-    prediction = compiled(planar())
+    prediction = compiled_prediction(planar())
     bias = prediction.zero.value(pose, theta, 20)
     np.testing.assert_array_equal(bias, np.tile(theta[:3], (20, 1)))
     # rounding of MuJoCo's recursion on forces of order 1000 N
@@ -191,6 +191,6 @@ def test_wrench_is_the_sum_over_particles(seed: int) -> None:
     signals |= {"ax": acceleration[:, 0], "ay": acceleration[:, 1]}
     moments = [mass.sum(), mass @ place[:, 1], mass @ (place**2).sum(1), mass @ place[:, 0]]
     model = planar() + effects.com_offset()
-    felt = compiled(model).load.value(signals, np.array([0.0, 0.0, 0.0, *moments]), samples)
+    felt = compiled_prediction(model).load.value(signals, np.array([0.0, 0.0, 0.0, *moments]), samples)
     # rounding 1e-15 times w² at half the sampling rate (1.6e5 /s²), on forces of order 10 N
     np.testing.assert_allclose(felt, expected, atol=1e-8)

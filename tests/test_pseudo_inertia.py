@@ -10,14 +10,14 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from modeling import effects
-from modeling.chain import Chain, Stage
-from modeling.effect import Effect
+from modeling.chain.chain import Chain, Stage
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.pseudo_inertia import PseudoInertia, pseudo_inertia
 from modeling.errors import InputError
-from modeling.model import WrenchModel, planar, spatial
 from modeling.parameter import Parameter
-from modeling.pseudo_inertia import PseudoInertia, pseudo_inertia
 from modeling.space import Space
-from modeling.tip import Body
+from modeling.tool.rigid_body import RigidBody
 
 Array = NDArray[np.float64]
 
@@ -164,7 +164,7 @@ class Telescope(Effect):
     def perturb(self, chain: Chain, p: dict[str, sp.Expr]) -> Chain:  # type: ignore[override]
         body, factor = chain.body, sp.Symbol("time", real=True) if self.moving else chain.body.mass
         moment = body.first_moment + factor * p["length"] * chain.space.tip_axis
-        return replace(chain, body=Body(body.mass, moment, body.inertia))
+        return replace(chain, body=RigidBody(body.mass, moment, body.inertia))
 
 
 @pytest.mark.parametrize("moving", [False, True])

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from estimation.reading import from_columns, read
+from estimation.recordings.reading import from_columns, read
 from modeling.errors import InputError
-from modeling.rig import Rig
+from modeling.rig.rig import Rig
 
 ARM = Rig.from_data(
     {
@@ -95,7 +95,7 @@ WRONG: dict[str, tuple[Callable[[], Frame], Spoil, list[str]]] = {
     "auxiliary text": (planar, lambda f: f.assign(note="x"), ["note", "row 2"]),
     "time stands": (planar, put("time", 40, 0.37), ["time", "row 40"]),
     "time goes back": (planar, put("time", 30, 0.05), ["time", "row 30"]),
-    "a hole in time": (planar, lose(range(20, 25)), ["row 22", "5 samples"]),
+    "a gap in time": (planar, lose(range(20, 25)), ["row 22", "5 samples"]),
     "unequal repeats": (planar, lambda f: f.iloc[:-7], ["repeat 1", "row 52", "43", "50"]),
     "scattered repeats": (planar, lambda f: f.assign(repeat=f.index // 25 % 2), ["repeat 0", "row 52"]),
     "broken repeat": (planar, put("repeat", 5, 0.5), ["repeat", "row 5"]),
@@ -146,7 +146,7 @@ RAW: dict[str, tuple[bytes, list[str]]] = {
     "long row": ((HEADER + ROWS + "1,2,3,4,5\n").encode(), ["row 6", "5 values"]),
     "all rows long": ((HEADER + ROWS.replace("\n", ",9\n")).encode(), ["row 2", "5 values"]),
     "blank row": ((HEADER + ROWS + "\n" + ROWS).encode(), ["row 6"]),
-    "twice": ((HEADER.replace("fy", "fx") + ROWS).encode(), ["fx", "twice"]),
+    "twice": ((HEADER.replace("fy", "fx") + ROWS).encode(), ["fx", "duplicated"]),
     "nameless": ((HEADER.replace("fy", "") + ROWS).encode(), ["column 3"]),
     "no header": (ROWS.encode(), ["row 1", "header"]),
     "semicolons": ((HEADER + ROWS).replace(",", ";").encode(), ["commas"]),
@@ -226,7 +226,7 @@ def test_a_file_of_plain_numbers_is_read_without_pandas(tmp_path: Path, name: st
     else:
         planar().to_parquet(tmp_path / name)
     code = (
-        "import sys\nfrom estimation.reading import read\nfrom modeling.rig import Rig\n"
+        "import sys\nfrom estimation.recordings.reading import read\nfrom modeling.rig.rig import Rig\n"
         "rig = Rig.from_data({'robot': {'link_lengths': [1.0, 0.5]}})\n"
         f"print(read({str(tmp_path / name)!r}, rig=rig).samples, 'pandas' in sys.modules)"
     )

@@ -11,8 +11,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from diagnosis.verdict import RecordVerdict
-from modeling.rig import Rig
+from diagnosis.verdict.verdict import RecordVerdict
+from modeling.rig.rig import Rig
 from truewrench.command_line import main
 from truewrench.commands import demo, diagnose
 from truewrench.simulated_rig import HIDDEN_EFFECTS, ContactEvent, PlanarRig, simulate, write_recording

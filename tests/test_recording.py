@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimation.clock import Clock
-from estimation.reading import from_columns, read
-from estimation.recording import MotionForm
+from estimation.recordings.reading import from_columns, read
+from estimation.recordings.recording import MotionForm
+from estimation.recordings.sample_clock import SampleClock
 from modeling.errors import InputError
-from modeling.rig import Rig
+from modeling.rig.rig import Rig
 
 Array = NDArray[np.float64]
 ARM = Rig(link_lengths=(1.0, 0.97, 0.4))
@@ -176,7 +176,7 @@ def test_poses_at_rest_have_no_rates() -> None:
 def test_clock_is_believed_and_not_the_stamp(seed: int, dt: float, jitter: float, samples: int) -> None:
     rng = np.random.default_rng(seed)
     stamps = 7.0 + dt * (np.arange(samples) + jitter * rng.uniform(-1, 1, samples))
-    clock = Clock.of(stamps)
+    clock = SampleClock.of(stamps)
     # A slope's std is jitter sqrt(12 / N³) steps; five of them, and rounding.
     assert abs(clock.dt / dt - 1) < 5 * np.sqrt(12 / samples**3) + 1e-9
     assert abs(clock.start - 7.0) < 5 * dt / np.sqrt(samples) + 1e-9
@@ -187,19 +187,19 @@ def test_hole_is_found_where_it_is(seed: int, place: int, lost: int) -> None:
     jitter = np.random.default_rng(seed).uniform(-0.15, 0.15, 1000)
     stamps = 0.01 * (np.arange(1000) + jitter + np.where(np.arange(1000) >= place, lost, 0))
     with pytest.raises(InputError, match=rf"row {place + 2}: about {lost} samples are missing"):
-        Clock.of(stamps)
+        SampleClock.of(stamps)
 
 
 def test_bursts_of_a_buffered_driver_are_no_holes() -> None:
     i = np.arange(2000)
     stamps = 0.001 * (i // 8 * 8 + 0.05 * (i % 8))
-    assert Clock.of(stamps).dt == pytest.approx(0.001, rel=1e-4)
+    assert SampleClock.of(stamps).dt == pytest.approx(0.001, rel=1e-4)
 
 
 def test_two_rates_are_no_clock() -> None:
     steps = np.where(np.arange(1000) < 500, 0.01, 0.012)
-    with pytest.raises(InputError, match="wander"):
-        Clock.of(np.cumsum(steps))
+    with pytest.raises(InputError, match="deviate"):
+        SampleClock.of(np.cumsum(steps))
 
 
 @pytest.mark.skipif(not DATA.exists(), reason=f"no recordings at {DATA}")

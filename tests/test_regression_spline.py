@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_lsq_spline
 
-from estimation.regression_spline import RegressionSpline, basis_matrix
+from estimation.recordings.regression_spline import RegressionSpline, basis_matrix
 
 
 def clamped(pieces: int, degree: int, rng: np.random.Generator) -> NDArray[np.float64]:

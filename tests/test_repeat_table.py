@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from benchmarks.coverage import NOISES, RIGS, Setting, silent_recording
 from estimation.fit import fit
-from estimation.noise import Noise, NoiseSource
-from estimation.reading import from_columns
-from estimation.repeats.averaging import Averaging
-from estimation.repeats.error_row import noise_gains
-from estimation.repeats.repeat_table import RepeatTable, unit_of
-from estimation.response import predicted
-from estimation.robust.rereading import reread
-from estimation.spectrum import Spectrum
-from estimation.whitening import RegressionWhitener
+from estimation.model_response import predicted_readings
+from estimation.noise.power_spectrum import PowerSpectrum
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.whitening import AutoregressiveWhitener
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import with_readings
+from estimation.repeatability.error_statistics import averaging_noise_gains
+from estimation.repeatability.repeat_table import RepeatTable, column_unit
+from estimation.repeatability.variance_components import VarianceComponents
+from modeling.chain.model import planar
 from modeling.errors import InputError
-from modeling.model import planar
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
@@ -43,7 +43,7 @@ def test_erratum_6_from_the_printed_variances(
 ) -> None:
     """Noise and remainder to the digits printed. Their errors ask for the number of samples, which is not given: of
     some hundred to some thousand samples (a period of seconds) they come out as printed within a factor of two."""
-    found = Averaging.printed(single, average, 30, samples=1000)
+    found = VarianceComponents.printed(single, average, 30, samples=1000)
     assert round(found.noise**2, 3) == noise
     assert round(found.remainder, 3) == remainder
     assert error / 2 < found.remainder_std < 2 * error
@@ -56,9 +56,9 @@ def test_erratum_6_from_the_printed_variances(
 
 def test_variances_that_no_runs_have_are_refused() -> None:
     with pytest.raises(InputError, match="do not have an average"):
-        Averaging.printed(0.1, 0.2, 30, samples=100)
+        VarianceComponents.printed(0.1, 0.2, 30, samples=100)
     with pytest.raises(InputError):
-        Averaging.printed(0.2, 0.1, 1, samples=100)
+        VarianceComponents.printed(0.2, 0.1, 1, samples=100)
 
 
 # ------------------------------------------------------------------------------ known noise and remainder
@@ -72,7 +72,7 @@ def drawn(rng: np.random.Generator, noise: simulated.NoiseModel, runs: int, samp
 @pytest.mark.parametrize(("runs", "samples"), [(5, 40), (2, 41)])
 def test_the_remainders_square_is_the_mean_product_of_different_runs(runs: int, samples: int) -> None:
     errors = np.random.default_rng(0).standard_normal((runs, samples))
-    found = Averaging.of(errors)
+    found = VarianceComponents.of(errors)
     inner = errors - errors.mean(axis=1, keepdims=True)
     products = [(inner[a] * inner[b]).mean() for a in range(runs) for b in range(runs) if a != b]
     assert found.square == pytest.approx(np.mean(products), rel=1e-10)
@@ -86,7 +86,7 @@ def test_square_and_its_error_are_unbiased_whatever_the_colour(name: str, size: 
     of slow noise), and the lines of a run that does not close on itself are not quite independent."""
     rng, n = np.random.default_rng(1), 60
     remainder = size * np.sqrt(2) * np.sin(2 * np.pi * 2 * np.arange(n) / n)
-    found = [Averaging.of(drawn(rng, NOISES[name], 4, n, remainder)) for _ in range(400)]
+    found = [VarianceComponents.of(drawn(rng, NOISES[name], 4, n, remainder)) for _ in range(400)]
     squares = np.array([f.square for f in found])
     assert abs(squares.mean() - size**2) < 4.5 * squares.std() / 20
     stated = np.mean([f.square_variance for f in found])
@@ -98,17 +98,17 @@ def test_square_and_its_error_are_unbiased_whatever_the_colour(name: str, size: 
 
 def test_runs_that_are_all_the_same_gain_nothing() -> None:
     run = np.random.default_rng(0).standard_normal(50)
-    found = Averaging.of(np.stack([run] * 6))
+    found = VarianceComponents.of(np.stack([run] * 6))
     assert found.gain == pytest.approx(1.0)
     assert found.noise == pytest.approx(0.0, abs=1e-7)  # root of rounding
     assert found.remainder == pytest.approx(run.std())
-    silent = Averaging.of(np.zeros((3, 20)))
+    silent = VarianceComponents.of(np.zeros((3, 20)))
     assert (silent.gain, silent.remainder) == (1.0, 0.0)
     assert silent.remainder_std == pytest.approx(0.0, abs=1e-100)
 
 
 @dataclass(frozen=True, eq=False)
-class KnownSpectrum(Spectrum):
+class KnownSpectrum(PowerSpectrum):
     """Of x_t = rho x_(t-1) + e_t with unit variance, sampled every `dt` s."""
 
     rho: float = 0.0
@@ -126,11 +126,11 @@ def test_noise_gain_is_what_averaging_brings_to_noise_of_that_spectrum(rho: floa
     assert recording.dt is not None
     empty = np.zeros(0)
     spectrum = KnownSpectrum(empty, empty, empty, np.zeros(0, dtype=bool), 0.0, 0.0, rho, recording.dt)
-    whitener = RegressionWhitener(240, 1, np.zeros((0, 3)), np.eye(3))
-    noise = Noise(np.ones(3), whitener, NoiseSource.REPEATS, empty, (spectrum,) * 3)
-    gains = noise_gains(recording, noise)
+    whitener = AutoregressiveWhitener(240, 1, np.zeros((0, 3)), np.eye(3))
+    noise = RecordingNoise(np.ones(3), whitener, NoiseSource.REPEATS, empty, (spectrum,) * 3)
+    gains = averaging_noise_gains(recording, noise)
     rng, model = np.random.default_rng(2), simulated.AutoregressiveNoise(rho=rho)
-    found = [Averaging.of(model.draw(rng, 240, 1).reshape(4, 60)) for _ in range(400)]
+    found = [VarianceComponents.of(model.draw(rng, 240, 1).reshape(4, 60)) for _ in range(400)]
     expected = np.mean([f.single for f in found]) / np.mean([f.average for f in found])
     assert gains == [pytest.approx(expected, rel=0.12)] * 3
     if rho == 0:
@@ -148,7 +148,7 @@ def test_the_remainder_of_a_hidden_tether_is_what_the_model_really_misses() -> N
     """The truth is the noise-free recording less the prediction; within 4.5 standard errors, 1 in 5e4 for three."""
     estimated = fit(planar(), TIED.drawn(NOISES["white"], 1))
     silent = silent_recording(TIED)
-    missed = (silent.wrench - predicted(estimated.model, silent, estimated.theta)).std(axis=0)
+    missed = (silent.wrench - predicted_readings(estimated.model, silent, estimated.theta)).std(axis=0)
     for row, truth in zip(RepeatTable.of(estimated).readings, missed, strict=True):
         assert abs(row.averaging.remainder - truth) < 4.5 * row.averaging.remainder_std
         assert row.averaging.remainder > 20 * row.averaging.remainder_std
@@ -194,7 +194,7 @@ def test_resolver_steps_do_not_average_out_and_noise_of_the_motion_does() -> Non
 def test_validation_shows_a_zero_that_moved() -> None:
     estimated = fit(planar(), FREE.drawn(NOISES["white"], 1))
     other = FREE.drawn(NOISES["white"], 2)
-    shifted = replace(reread(other, other.wrench + np.array([0.5, 0.0, 0.0])), name="next day")
+    shifted = replace(with_readings(other, other.wrench + np.array([0.5, 0.0, 0.0])), name="next day")
     found = RepeatTable.of(estimated, validation=[shifted])
     fx = found.validation[0]
     assert (fx.recording, fx.channel, fx.unit) == ("next day", "fx", "N")
@@ -225,4 +225,4 @@ def test_a_single_run_has_no_table() -> None:
      ("qw", "1")],
 )  # fmt: skip
 def test_columns_of_a_motion_have_units(column: str, unit: str) -> None:
-    assert unit_of(column) == unit
+    assert column_unit(column) == unit

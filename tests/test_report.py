@@ -14,23 +14,22 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from diagnosis.comparison import compare
+from diagnosis.comparison.comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.finding import Finding
-from diagnosis.verdict import EffectVerdict, RecordVerdict
+from diagnosis.verdict.finding import Finding
+from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.fit import Estimate, fit
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from modeling.effect import Effect
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.effect import Effect
+from modeling.chain.model import planar
 from modeling.effects import catalogue, com_offset, sensor_crosstalk, thermal_drift, time_delay, viscous_drag
-from modeling.model import planar
-from modeling.rig import Rig
+from modeling.rig.rig import Rig
 from modeling.space import Space
-from truewrench.plots.envelope import envelope, running_mean
-from truewrench.plots.number import figures, percentage, probability, unit_text, with_std
-from truewrench.plots.passing_plot import passing, spread_of_means
-from truewrench.plots.side import Side
-from truewrench.plots.spectrum_plot import lines_of
+from truewrench.plots.residuals.labelled_comparison import LabelledComparison
+from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual, std_of_interval_means
+from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum
+from truewrench.plots.residuals.time_series_plot import min_max_decimated, running_mean
 from truewrench.report import report_page, write_report
 from truewrench.report.effect_row import effect_row
 from truewrench.simulated_rig import (
@@ -43,7 +42,8 @@ from truewrench.simulated_rig import (
     ViscousDrag,
     simulate,
 )
-from truewrench.simulated_rig import rest_poses as simulated_poses
+from truewrench.simulated_rig import static_poses as simulated_poses
+from truewrench.text.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
 
 pytest.importorskip("mujoco")
 
@@ -164,14 +164,14 @@ def names_effect_size_and_advice(diagnosis: Diagnosis, html: str, parsed: Page) 
     assert diagnosis.verdict is RecordVerdict.EXPLAINED
     assert viscous_drag.title in parsed.headline
     estimate = diagnosis.fit.parameters["viscous_drag.c"]
-    assert with_std(estimate.value, estimate.std) in parsed.text
+    assert format_with_std(estimate.value, estimate.std) in parsed.text
     assert "N·s/m" in parsed.text
     assert viscous_drag.advice in parsed.text
     assert "4 repeats" in parsed.text
     assert "F = m (a − g)" in parsed.text
-    assert "other.csv, held out" in parsed.text
+    assert "other.csv, validation" in parsed.text
     # In the verdict, and beside the recording's pictures.
-    assert parsed.text.count("other.csv drifts by itself: fx by") == 2
+    assert parsed.text.count("other.csv has a recording-specific drift: fx by") == 2
     folded = html.split("<details", 1)[1].split("</details>")[0]
     assert com_offset.title in folded
     assert viscous_drag.title not in folded
@@ -184,7 +184,7 @@ def names_effect_size_and_advice(diagnosis: Diagnosis, html: str, parsed: Page) 
 def says_where_it_lives(diagnosis: Diagnosis, _html: str, parsed: Page) -> None:
     left = diagnosis.remainder
     assert left is not None
-    assert "no effect of the catalogue explains it" in parsed.headline
+    assert "no candidate effect explains it" in parsed.headline
     assert left.where in parsed.text
     assert all(term in parsed.text for term in left.looks_like)
 
@@ -195,7 +195,7 @@ def calls_the_verdict_weaker(_diagnosis: Diagnosis, _html: str, parsed: Page) ->
 
 def shows_what_does_not_repeat(_diagnosis: Diagnosis, _html: str, parsed: Page) -> None:
     assert thermal_drift.title in parsed.headline
-    assert "what does not repeat, over the whole record" in parsed.text
+    assert "non-periodic residual over the record" in parsed.text
 
 
 def has_a_section_for_each(_diagnosis: Diagnosis, html: str, _parsed: Page) -> None:
@@ -223,7 +223,7 @@ def test_many_parameters_unfold_the_surest_first() -> None:
 
 
 def test_written_file_is_renamed_into_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truewrench.report.page.report_page", lambda _diagnosis: "<p>é</p>")
+    monkeypatch.setattr("truewrench.report.report_html.report_page", lambda _diagnosis: "<p>é</p>")
     target = tmp_path / "new" / "report.html"
     assert write_report(ANY, target) == target
     assert target.read_text(encoding="utf-8") == "<p>é</p>"
@@ -236,7 +236,7 @@ def test_failed_report_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.Mo
 
     target = tmp_path / "report.html"
     target.write_text("old")
-    monkeypatch.setattr("truewrench.report.page.report_page", broken)
+    monkeypatch.setattr("truewrench.report.report_html.report_page", broken)
     with pytest.raises(RuntimeError):
         write_report(ANY, target)
     assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]
@@ -259,16 +259,16 @@ def test_every_effect_has_text_for_the_table() -> None:
         (-12.0, 3.4, "−12.0 ± 3.4"),
         (1500.0, 230.0, "1500 ± 230"),
         (0.00012345, 0.0000012, "(1.234 ± 0.012)·10⁻⁴"),
-        (2.0, np.inf, "2.00 (not shown by the data)"),
+        (2.0, np.inf, "2.00 (not identifiable)"),
         (np.nan, 1.0, "–"),
     ],
 )
 def test_value_and_std_end_at_the_same_digit(value: float, std: float, expected: str) -> None:
-    assert with_std(value, std) == expected
+    assert format_with_std(value, std) == expected
 
 
 def test_numbers_as_text() -> None:
-    assert [figures(v) for v in (0.0, 0.012345, 123.4, 1.2e-7, None, np.nan)] == [
+    assert [format_number(v) for v in (0.0, 0.012345, 123.4, 1.2e-7, None, np.nan)] == [
         "0",
         "0.0123",
         "123",
@@ -276,7 +276,7 @@ def test_numbers_as_text() -> None:
         "–",
         "–",
     ]
-    assert [probability(p) for p in (0.0, 1e-90, 0.0123, 0.47, 1.0, None)] == [
+    assert [format_p_value(p) for p in (0.0, 1e-90, 0.0123, 0.47, 1.0, None)] == [
         "< 10⁻³⁰⁰",
         "10⁻⁹⁰",
         "0.012",
@@ -284,7 +284,7 @@ def test_numbers_as_text() -> None:
         "1",
         "–",
     ]
-    assert [percentage(s) for s in (0.0, 1e-6, 0.5, 0.9999, 1.0, None)] == [
+    assert [format_percentage(s) for s in (0.0, 1e-6, 0.5, 0.9999, 1.0, None)] == [
         "0 %",
         "< 0.1 %",
         "50.0 %",
@@ -292,13 +292,13 @@ def test_numbers_as_text() -> None:
         "100 %",
         "–",
     ]
-    assert [unit_text(u) for u in ("N m", "1", "as recorded")] == ["N·m", "", "as recorded"]
+    assert [format_unit(u) for u in ("N m", "1", "as recorded")] == ["N·m", "", "as recorded"]
 
 
 def test_envelope_keeps_every_extreme() -> None:
     y = np.random.default_rng(0).standard_normal(10_000)
     y[[17, 9_001]] = 40.0, -40.0
-    x, kept = envelope(np.arange(10_000.0), y, bins=100)
+    x, kept = min_max_decimated(np.arange(10_000.0), y, bins=100)
     assert len(kept) <= 200
     assert (kept.max(), kept.min()) == (40.0, -40.0)
     assert (np.diff(x) > 0).all()
@@ -310,16 +310,16 @@ def test_running_mean_of_a_line_is_the_line_inside() -> None:
 
 
 @cache
-def still() -> Side:
+def still() -> LabelledComparison:
     """Nothing hidden, the rigid tool."""
-    return Side("tool", "#000000", compare(fit(planar(RIG), recorded())))
+    return LabelledComparison("tool", "#000000", compare(fit(planar(RIG), recorded())))
 
 
 def test_spectrum_shows_a_tone_at_its_amplitude() -> None:
     side = still()
     third = np.sin(2 * np.pi * 3 / 200 * np.arange(side.recording.samples))  # third harmonic of the 5 s period
     residual = np.outer(third, [0.5, 1.0, 2.0])
-    lines = lines_of(replace(side, comparison=replace(side.comparison, residual=residual)))
+    lines = residual_spectrum(replace(side, comparison=replace(side.comparison, residual=residual)))
     line = int(np.argmax(lines.amplitude[:, 0]))
     assert lines.motion[line]
     np.testing.assert_allclose(lines.frequency[line], 0.6)
@@ -327,6 +327,6 @@ def test_spectrum_shows_a_tone_at_its_amplitude() -> None:
 
 
 def test_passing_part_of_noise_has_the_spread_that_is_drawn() -> None:
-    ratio = passing(still())[1].std(axis=0) / spread_of_means(still())
+    ratio = nonperiodic_residual(still())[1].std(axis=0) / std_of_interval_means(still())
     # 32 stretches, of which the mean over 4 repeats takes 8: one std is known to 1 / sqrt(2 * 24) = 14 %; three of it.
     np.testing.assert_allclose(ratio, 1.0, atol=0.43)

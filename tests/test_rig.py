@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from modeling.errors import InputError, TruewrenchError
-from modeling.rig import Convention, Rig
+from modeling.rig.rig import Convention, Rig
 
 FULL = """
 [robot]
@@ -74,12 +74,12 @@ WRONG = {
     "robot.link_lengths": ("[robot]\nlink_lengths = 1.0", "1.0"),
     "robot.gravity": ('[robot]\ngravity = "9.8"', "'9.8'"),
     "robot.tip_length": ("[robot]\ntip_length = true", "True"),
-    "robot": ('[robot]\nlink_lengths = [1.0]\nurdf = "arm.urdf"', "both came"),
+    "robot": ('[robot]\nlink_lengths = [1.0]\nurdf = "arm.urdf"', "got both"),
     "limits.jerk[0]": ("[limits]\nposition=[1]\nvelocity=[1]\nacceleration=[1]\njerk=[nan]", "nan"),
     "limits.velocity": ("[limits]\nposition = [1]", "missing"),
     "limits.position[0]": ("[limits]\nposition=[[2, 1]]\nvelocity=[1]\nacceleration=[1]", "[2, 1]"),
     "limits": ("[limits]\nposition=[1, 1]\nvelocity=[1]\nacceleration=[1]", "'velocity': 1"),
-    "robot.link_lengths were": (
+    "each joint of robot.link_lengths": (
         "[robot]\nlink_lengths=[1.0, 2.0]\n[limits]\nposition=[1]\nvelocity=[1]\nacceleration=[1]",
         "2 link_lengths and 1 limits",
     ),
@@ -96,7 +96,7 @@ WRONG = {
 def test_a_rig_that_was_read_before_is_the_same_and_needs_no_pydantic(tmp_path: Path) -> None:
     path = rig_file(tmp_path, FULL)
     code = (
-        "import sys\nfrom modeling.rig import Rig\n"
+        "import sys\nfrom modeling.rig.rig import Rig\n"
         f"rig = Rig.read({str(path)!r})\nprint('pydantic' in sys.modules)\nprint(rig.to_data())"
     )
     environment = os.environ | {"TRUEWRENCH_CACHE": str(tmp_path / "store")}

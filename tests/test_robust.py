@@ -16,16 +16,15 @@ from scipy.stats import norm
 
 from benchmarks.coverage import NOISES, RIGS, Setting, Spiked
 from estimation.fit import fit
-from estimation.noise import NoiseSource
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.robust.loss import Huber, Loss, StudentT
-from estimation.robust.outliers import Outliers, Precision, outliers_of
-from estimation.robust.rereading import reread
+from estimation.noise.recording_noise import NoiseSource
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording, with_readings
+from estimation.robust.outliers import InverseCovarianceFilter, Outliers, separate_outliers
 from estimation.robust.robust_fit import RobustFit, robust_fit
+from estimation.robust.robust_loss import Huber, Loss, StudentT
+from modeling.chain.model import planar
 from modeling.errors import InputError
-from modeling.model import planar
-from modeling.rig import Rig, SensorDescription
+from modeling.rig.rig import Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
@@ -58,7 +57,7 @@ def test_hubers_efficiency_is_that_of_his_closed_form(k: float) -> None:
     # E |u| beyond k is 2 phi(k): what is taken there is 1 - k / |u|, by Monte Carlo within 4.5 of its sigma.
     draws = np.abs(np.random.default_rng(0).standard_normal(10**6))
     taken = 1 - np.minimum(1, k / draws)
-    assert Huber(k).taken == pytest.approx(taken.mean(), abs=4.5 * taken.std() / 1e3)
+    assert Huber(k).downweighted == pytest.approx(taken.mean(), abs=4.5 * taken.std() / 1e3)
 
 
 def test_the_known_95_percent() -> None:
@@ -137,17 +136,17 @@ def test_surprise_of_an_autoregression_is_its_interpolation_error() -> None:
     rho, n = 0.9, 64
     weights = 1 + rho**2 - 2 * rho * np.cos(np.pi * np.arange(n) / n)
     series = np.random.default_rng(0).standard_normal((1, n, 1))
-    surprise = Precision(weights[:, None]).surprise(series)[0, :, 0]
+    prediction_error = InverseCovarianceFilter(weights[:, None]).prediction_error(series)[0, :, 0]
     x = series[0, :, 0]
     expected = x[1:-1] - rho / (1 + rho**2) * (x[:-2] + x[2:])
     # The weights' mean is that of cosines over half a turn, 1 + rho² but for 2 rho / n.
-    np.testing.assert_allclose(surprise[1:-1] * weights.mean() / (1 + rho**2), expected, atol=1e-12)
+    np.testing.assert_allclose(prediction_error[1:-1] * weights.mean() / (1 + rho**2), expected, atol=1e-12)
 
 
 @cache
 def coloured(loss: Loss) -> Outliers:
     recording = SHORT.drawn(Spiked(NOISES["AR 0.98"]), 1)
-    return outliers_of(recording, recording.wrench - SHORT.drawn(simulated.WhiteNoise(), 1).wrench, loss)
+    return separate_outliers(recording, recording.wrench - SHORT.drawn(simulated.WhiteNoise(), 1).wrench, loss)
 
 
 def test_huber_outliers_of_coloured_noise_are_the_convex_minimum() -> None:
@@ -155,13 +154,13 @@ def test_huber_outliers_of_coloured_noise_are_the_convex_minimum() -> None:
     loss = Huber()
     found = coloured(loss)
     left = (found.residual - found.part)[None]
-    surprise = found.precision.surprise(left)[0] / found.scale
+    prediction_error = found.precision.prediction_error(left)[0] / found.scale
     touched = np.abs(found.distance) > loss.k
     assert 0.05 < touched.mean() < 0.5
     np.testing.assert_allclose(
-        surprise[touched], loss.k * np.sign(found.part[touched]), atol=1e-3
+        prediction_error[touched], loss.k * np.sign(found.part[touched]), atol=1e-3
     )  # ten times where the iteration stops
-    assert np.abs(surprise[~touched]).max() <= loss.k + 1e-3
+    assert np.abs(prediction_error[~touched]).max() <= loss.k + 1e-3
     assert (np.abs(found.part / found.scale)[~touched] < 1e-3).all()
     np.testing.assert_array_equal(np.sign(found.part[touched]), np.sign(found.distance[touched]))
 
@@ -173,7 +172,7 @@ def test_linearised_cleaning_knows_untouched_samples_only() -> None:
     left = found.linearised(change)
     touched = np.abs(found.distance) > Huber().k
     np.testing.assert_array_equal(left[~touched], change[~touched])
-    rest = found.precision.surprise(left[None])[0]
+    rest = found.precision.prediction_error(left[None])[0]
     assert np.abs(rest[touched]).max() < 1e-2 * np.abs(rest[~touched]).max()  # a hundred times where it stops
 
 
@@ -212,7 +211,7 @@ def test_gaussian_noise_costs_little(name: str) -> None:
     assert (ratio > 0.9).all()
     assert (ratio < 1.15).all()
     # Taken: 4 % ± 0.5 % of 400 samples in each channel.
-    np.testing.assert_allclose(found.outliers[0].share, found.loss.taken, atol=0.023)
+    np.testing.assert_allclose(found.outliers[0].share, found.loss.downweighted, atol=0.023)
     assert not found.outliers[0].found.any()  # 1 in 33
 
 
@@ -238,7 +237,7 @@ def test_a_wild_pose_at_rest_does_not_move_the_zero() -> None:
     clean = setting.drawn(NOISES["white"], 1)
     wild = clean.wrench.copy()
     wild[7, 1] += 40 * SCALE[1]
-    found = robust_fit(planar(), reread(clean, wild))
+    found = robust_fit(planar(), with_readings(clean, wild))
     assert found.outliers[0].found[7, 1]
     undisturbed = fit(planar(), clean).parameters["bias_fy"]
     # Huber's loss lets 1.345 std of one pose of 24 through, least squares all 40: a 24th of it over std / sqrt(24).

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from design.sample_information import SampleInformation
+from design.information.sample_information import SampleInformation
 from modeling.errors import InputError
 
 NAMES = ("a", "b", "c", "d")
@@ -50,5 +50,5 @@ def test_parameters_that_cannot_be_told_apart_have_no_shares() -> None:
     s = columns()
     s[:, :, 3] = 2 * s[:, :, 0]
     for unseen in (s, np.zeros((10, 3, 4))):
-        with pytest.raises(InputError, match="does not tell the parameters apart"):
+        with pytest.raises(InputError, match="not all parameters are identifiable"):
             SampleInformation.of(unseen, NAMES)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from modeling import effects
-from modeling.evaluation import Evaluation
-from modeling.folding import folded
-from modeling.model import planar
-from modeling.prediction import Prediction
-from modeling.sensitivity import Sensitivity
-from modeling.tape import Tape
+from modeling.chain.model import planar
+from modeling.chain.prediction import Prediction
+from modeling.evaluation.partial_evaluation import partially_evaluated
+from modeling.evaluation.sensitivity import Sensitivity
+from modeling.evaluation.tape import Tape
+from modeling.evaluation.tape_evaluation import TapeEvaluation
 from tests.effects.cases import CASES, Case
 from tests.effects.parts import random_signals
 
@@ -58,10 +58,12 @@ def test_folding_leaves_out_what_a_fixed_parameter_makes_superfluous() -> None:
     u, theta = ca.SX.sym("u", 2), ca.SX.sym("theta", 3)
     first, second = theta[0] * ca.exp(u[0]) + theta[1] * u[1], u[0] / theta[1] - theta[0]
     whole = Tape.of(u, theta, ca.vertcat(first, second, ca.sin(theta[1]) * theta[2]))
-    tape = folded(whole, {0: 0.0, 1: 1.0})
+    tape = partially_evaluated(whole, {0: 0.0, 1: 1.0})
     assert [name for name, *_ in tape.operations] == ["mul"]
     assert tape.results[:2] == (1, 0)
     found = np.zeros((3, 3, 1))
-    Evaluation(tape).run(list(np.array([[2.0, 3.0, 4.0], [5.0, 6.0, 7.0]])), np.array([[9.0, 9.0, 2.0]]), list(found))
+    TapeEvaluation(tape).run(
+        list(np.array([[2.0, 3.0, 4.0], [5.0, 6.0, 7.0]])), np.array([[9.0, 9.0, 2.0]]), list(found)
+    )
     expected = [[5.0, 6.0, 7.0], [2.0, 3.0, 4.0], [2 * np.sin(1.0)] * 3]
     np.testing.assert_allclose(found[:, :, 0], expected, rtol=1e-15)

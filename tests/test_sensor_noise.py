@@ -10,8 +10,8 @@ from scipy.linalg import solve_toeplitz
 from scipy.stats import chi2
 
 from design.information import ColouredNoise, Experiment, WhiteNoise
+from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
-from modeling.model import planar, spatial
 from tests.test_information import (
     ARM,
     PERIOD,

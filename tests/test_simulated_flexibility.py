@@ -11,31 +11,31 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from design.motion.fourier import fourier_motion
-from design.motion.series import Motion
+from design.trajectories.fourier import fourier_trajectory
+from design.trajectories.trajectory import Trajectory
 from truewrench.simulated_rig import (
     Array,
     CableSpring,
+    CommandedMotion,
     ContactEvent,
-    Drive,
     JointBacklash,
+    JointDeflection,
     JointElasticity,
     JointOffset,
-    JointShift,
     PayloadChange,
     PlanarRig,
-    Rig,
     Scene,
+    SimulatedRig,
     SpatialRig,
     TipFlexibility,
     ViscousDrag,
-    felt_wrench,
-    rest_poses,
+    rigid_tool_wrench,
     simulate,
+    static_poses,
     true_wrench,
     weight_torques,
 )
-from truewrench.simulated_rig.scene import States
+from truewrench.simulated_rig.mujoco_scene import States
 
 pytest.importorskip("mujoco")
 
@@ -51,10 +51,10 @@ def still(*q: float) -> States:
     return states, np.zeros_like(states), np.zeros_like(states)
 
 
-def over_a_period(rig: Rig, samples: int = 2000, seed: int = 1) -> tuple[Motion, Drive]:
+def over_a_period(rig: SimulatedRig, samples: int = 2000, seed: int = 1) -> tuple[Trajectory, CommandedMotion]:
     motion = rig.random_motion(seed=seed)
     time = np.arange(samples) * motion.period / samples
-    return motion, Drive.along(motion, time, whole_period=True)
+    return motion, CommandedMotion.along(motion, time, whole_period=True)
 
 
 # ------------------------------------------------------------------------------------------- joints
@@ -83,7 +83,7 @@ def test_torque_of_the_weight_is_what_the_drives_hold_for_the_tool_alone() -> No
 
 def test_soft_joint_rests_where_its_spring_holds_the_tool() -> None:
     compliance, q = 0.02, 0.9
-    scene, drive = PENDULUM.scene, Drive.resting(np.array([[q]]), np.zeros(1))
+    scene, drive = PENDULUM.scene, CommandedMotion.resting(np.array([[q]]), np.zeros(1))
     found = JointElasticity(compliance=(compliance,)).moved(scene, drive, drive.states)
     moment = 0.7 * PENDULUM.mass + PENDULUM.mlg
     angle = brentq(lambda x: x - q - compliance * moment * G * np.sin(x), q, q + 1, xtol=1e-15)
@@ -94,8 +94,8 @@ def test_soft_joint_rests_where_its_spring_holds_the_tool() -> None:
 
 
 def test_joint_that_cannot_hold_the_tool_is_refused() -> None:
-    drive = Drive.resting(np.array([[0.9]]), np.zeros(1))
-    with pytest.raises(ValueError, match="falls"):
+    drive = CommandedMotion.resting(np.array([[0.9]]), np.zeros(1))
+    with pytest.raises(ValueError, match="no static equilibrium"):
         JointElasticity(compliance=(1.0,)).moved(PENDULUM.scene, drive, drive.states)
     with pytest.raises(ValueError, match="each of 1 joints"):
         JointElasticity().moved(PENDULUM.scene, drive, drive.states)
@@ -106,12 +106,12 @@ def test_joint_that_cannot_hold_the_tool_is_refused() -> None:
     [JointElasticity(), KNOCKING, replace(KNOCKING, taken_up="motion")],
     ids=["elasticity", "backlash by load", "backlash by motion"],
 )
-def test_rates_and_accelerations_are_those_of_the_angles(shift: JointShift) -> None:
+def test_rates_and_accelerations_are_those_of_the_angles(shift: JointDeflection) -> None:
     motion = PLANAR.random_motion(seed=3)
     time, step = np.linspace(0.0, motion.period, 30), 1e-4
 
     def moved(at: Array) -> States:
-        drive = Drive.along(motion, at)
+        drive = CommandedMotion.along(motion, at)
         return shift.moved(PLANAR.scene, drive, drive.states)
 
     (before, slow, _), (here, rate, acceleration), (after, fast, _) = (moved(time + k * step) for k in (-1, 0, 1))
@@ -126,7 +126,7 @@ def test_joint_with_play_lies_where_the_weight_pulls_it() -> None:
     poses = np.array([[0.5, 0.5, 0.5], [-0.5, -0.5, -0.5], [0.5, -0.4, -1.0]])
     expected = poses + np.array(width) / 2 * np.array([[1, 1, 1], [-1, -1, -1], [1, -1, -1]])
     played, at_the_ends = (
-        rest_poses(PLANAR, q, hidden=hidden)[["fx", "fy", "tau"]].to_numpy()
+        static_poses(PLANAR, q, hidden=hidden)[["fx", "fy", "tau"]].to_numpy()
         for q, hidden in ((poses, (JointBacklash(width=width),)), (expected, ()))
     )
     np.testing.assert_allclose(played, at_the_ends, atol=1e-11)  # resolver steps of 1e-12 rad on 9 N
@@ -149,10 +149,10 @@ def test_play_without_knocks_leaves_the_rates_alone() -> None:
 
 def test_play_is_in_front_of_the_soft_joint_and_an_offset_in_front_of_both() -> None:
     """Composed by hand: the gear's end, then the spring on it."""
-    drive = Drive.resting(np.array([[0.3]]), np.zeros(1))
+    drive = CommandedMotion.resting(np.array([[0.3]]), np.zeros(1))
     play, soft = JointBacklash(width=(0.1,)), JointElasticity(compliance=(0.01,))
     both = true_wrench(PENDULUM, (soft, play), drive)
-    end = Drive.resting(np.array([[0.35]]), np.zeros(1))
+    end = CommandedMotion.resting(np.array([[0.35]]), np.zeros(1))
     np.testing.assert_allclose(both, true_wrench(PENDULUM, (soft,), end), atol=1e-12)
     shifted = true_wrench(PENDULUM, (soft, JointOffset(joint=1, offset=0.05)), drive)
     np.testing.assert_allclose(shifted, both, atol=1e-12)
@@ -163,7 +163,7 @@ def test_play_is_in_front_of_the_soft_joint_and_an_offset_in_front_of_both() -> 
 
 def test_tip_at_rest_hangs_where_the_spring_holds_it() -> None:
     rig, tip, lean = PENDULUM, TipFlexibility(stiffness=3.0), 0.6
-    frame = rest_poses(rig, np.array([[lean]]), hidden=(tip,))
+    frame = static_poses(rig, np.array([[lean]]), hidden=(tip,))
     bend = brentq(lambda x: 3.0 * x - rig.mlg * G * np.sin(lean + x), 0.0, 1.0, xtol=1e-15)
     assert bend > 0.1
     # The sensor stays with the robot: weight in its own axes, torque of the tool where it hangs.
@@ -177,7 +177,7 @@ def test_shaken_tip_answers_like_a_second_order_system() -> None:
     tip, rig = TipFlexibility(stiffness=4.0, damping=0.03), replace(SPATIAL, gravity=0.0)
     sine = np.zeros((6, 6))
     sine[0, -1] = 1e-6  # m: turns of 1e-6 rad, whose squares are 1e-12
-    motion = fourier_motion(offset=np.zeros(6), sine=sine, cosine=np.zeros_like(sine), period=2.0)
+    motion = fourier_trajectory(offset=np.zeros(6), sine=sine, cosine=np.zeros_like(sine), period=2.0)
     frame = simulate(rig, motion, hidden=(tip,), repeats=1, samples_per_period=400)
     found = np.fft.rfft(frame[["fx", "fy", "fz", "tx", "ty", "tz"]], axis=0)[6] / 200
     s = 2j * np.pi * 6 / motion.period
@@ -190,7 +190,7 @@ def test_shaken_tip_answers_like_a_second_order_system() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def swing(scene: Scene, motion: Motion, tip: TipFlexibility) -> Callable[[float, Array], Array]:
+def swing(scene: Scene, motion: Trajectory, tip: TipFlexibility) -> Callable[[float, Array], Array]:
     """dy/dt of the tip's y = (quaternion, rate) by MuJoCo's mass matrix and bias in joint space."""
     import mujoco
 
@@ -216,11 +216,11 @@ def swing(scene: Scene, motion: Motion, tip: TipFlexibility) -> Callable[[float,
 
 
 @pytest.mark.parametrize("rig", [PLANAR, SPATIAL], ids=["planar", "spatial"])
-def test_periodic_swing_is_a_motion_of_mujocos_forward_dynamics(rig: Rig) -> None:
+def test_periodic_swing_is_a_motion_of_mujocos_forward_dynamics(rig: SimulatedRig) -> None:
     """Another route to the same motion: joint-space dynamics, stepped in time from the first instant on."""
     tip, (motion, drive) = TipFlexibility(stiffness=10.0, damping=0.1), over_a_period(rig)
     scene = tip.changed(rig.scene)
-    states = tip.settled(scene, drive, drive.states, lambda s: felt_wrench(scene, (), drive.time, s))
+    states = tip.settled(scene, drive, drive.states, lambda s: rigid_tool_wrench(scene, (), drive.time, s))
     start, end = (np.append(states[0][i, -4:], states[1][i, -3:]) for i in (0, 200))
     assert np.abs(states[0][:, -3:]).max() > 0.03
     solution = solve_ivp(
@@ -259,4 +259,4 @@ def test_swinging_tip_is_refused_with_what_is_not_periodic(other: ContactEvent) 
 
 def test_spring_that_cannot_hold_the_tool_is_refused() -> None:
     with pytest.raises(ValueError, match="stiffness"):
-        rest_poses(PENDULUM, np.array([[0.0], [1.5]]), hidden=(TipFlexibility(stiffness=0.1),))
+        static_poses(PENDULUM, np.array([[0.0], [1.5]]), hidden=(TipFlexibility(stiffness=0.1),))

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from design.motion.fourier import fourier_motion
-from design.motion.series import Motion
+from design.trajectories.fourier import fourier_trajectory
+from design.trajectories.trajectory import Trajectory
 from truewrench.simulated_rig import (
     HIDDEN_EFFECTS,
     NOISE_MODELS,
@@ -28,22 +28,22 @@ from truewrench.simulated_rig import (
     PayloadChange,
     PlanarRig,
     QuadraticDrag,
-    Rig,
     Saturation,
     SensorCrosstalk,
     SensorEffect,
     SensorHysteresis,
     SensorLag,
     SensorRotation,
+    SimulatedRig,
     SpatialRig,
     ThermalDrift,
     TimeDelay,
     ToolLoad,
     ViscousDrag,
-    felt_wrench,
-    placed,
-    rest_poses,
+    resolve_effects,
+    rigid_tool_wrench,
     simulate,
+    static_poses,
     write_recording,
 )
 
@@ -64,16 +64,16 @@ def still(*q: float) -> tuple[Array, Array, Array]:
     return states, np.zeros_like(states), np.zeros_like(states)
 
 
-def planar_wrench(states: tuple[Array, Array, Array], *loads: ToolLoad, rig: Rig = PLANAR) -> Array:
-    return felt_wrench(rig.scene, loads, np.arange(len(states[0]), dtype=float), states)[:, rig.rows]
+def planar_wrench(states: tuple[Array, Array, Array], *loads: ToolLoad, rig: SimulatedRig = PLANAR) -> Array:
+    return rigid_tool_wrench(rig.scene, loads, np.arange(len(states[0]), dtype=float), states)[:, rig.rows]
 
 
-def run(rig: Rig, *hidden: HiddenEffect, repeats: int = 1, samples: int = 100, seed: int = 1) -> pd.DataFrame:
+def run(rig: SimulatedRig, *hidden: HiddenEffect, repeats: int = 1, samples: int = 100, seed: int = 1) -> pd.DataFrame:
     motion = rig.random_motion(seed=seed)
     return simulate(rig, motion, hidden=hidden, repeats=repeats, samples_per_period=samples)
 
 
-def added(rig: Rig, *hidden: HiddenEffect, repeats: int = 1, samples: int = 100) -> Array:
+def added(rig: SimulatedRig, *hidden: HiddenEffect, repeats: int = 1, samples: int = 100) -> Array:
     channels = CHANNELS[rig]
     with_them = run(rig, *hidden, repeats=repeats, samples=samples)
     without = run(rig, repeats=repeats, samples=samples)
@@ -162,7 +162,7 @@ def test_work_of_the_sensor_is_the_change_of_energy_over_a_period() -> None:
     states = motion.evaluate(time)
 
     def mean_power(*loads: ToolLoad) -> float:
-        wrench = felt_wrench(SPATIAL.scene, loads, time, states)
+        wrench = rigid_tool_wrench(SPATIAL.scene, loads, time, states)
         turn = Rotation.from_euler("XYZ", states[0][:, 3:])
         step = 1e-6
         after = Rotation.from_euler("XYZ", motion.evaluate(time + step)[0][:, 3:])
@@ -179,7 +179,7 @@ def test_work_of_the_sensor_is_the_change_of_energy_over_a_period() -> None:
 
 
 def test_weight_and_torque_in_space_at_rest() -> None:
-    frame = rest_poses(SPATIAL, 12, seed=3)
+    frame = static_poses(SPATIAL, 12, seed=3)
     assert "time" not in frame
     turn = Rotation.from_quat(frame[["qx", "qy", "qz", "qw"]].to_numpy())
     up = turn.inv().apply([0.0, 0.0, G])
@@ -191,7 +191,7 @@ def test_weight_and_torque_in_space_at_rest() -> None:
 def test_spin_about_a_fixed_axis_in_space_needs_eulers_torque() -> None:
     rig, omega = replace(SPATIAL, gravity=0.0), 4.0
     q, dq = np.zeros((1, 6)), np.array([[0.0, 0.0, 0.0, omega, 0.0, 0.0]])
-    wrench = felt_wrench(rig.scene, (), np.zeros(1), (q, dq, np.zeros((1, 6))))[0]
+    wrench = rigid_tool_wrench(rig.scene, (), np.zeros(1), (q, dq, np.zeros((1, 6))))[0]
     _, xy, xz, _, _, _ = rig.inertia
     _, my, mz = rig.first_moment
     expected = [0.0, -(omega**2) * my, -(omega**2) * mz, 0.0, -(omega**2) * xz, omega**2 * xy]
@@ -202,7 +202,7 @@ def test_on_sensor_is_the_negative_with_the_same_bias() -> None:
     poses = PLANAR.random_poses(5, np.random.default_rng(0))
     rig = replace(PLANAR, bias=(1.0, 2.0, 3.0))
     on_tool, on_sensor = (
-        rest_poses(replace(rig, convention=c), poses)[CHANNELS[PLANAR]].to_numpy() for c in ("on_tool", "on_sensor")
+        static_poses(replace(rig, convention=c), poses)[CHANNELS[PLANAR]].to_numpy() for c in ("on_tool", "on_sensor")
     )
     np.testing.assert_allclose(on_tool - rig.bias, -(on_sensor - rig.bias), atol=EXACT)
 
@@ -212,19 +212,19 @@ def test_on_sensor_is_the_negative_with_the_same_bias() -> None:
 
 def test_com_offset_is_an_arm_across_the_tip() -> None:
     change = CentreOfMassOffset(mlx=0.01)
-    rows = felt_wrench(change.changed(PLANAR.scene), (), np.zeros(1), still(0.0, 0.0, 0.0))[0]
+    rows = rigid_tool_wrench(change.changed(PLANAR.scene), (), np.zeros(1), still(0.0, 0.0, 0.0))[0]
     # upright, the weight hangs to the right of the tip: it has to be held with mlx g anticlockwise
     assert rows[5] == pytest.approx(-0.01 * G, abs=EXACT)
     alpha = (np.zeros((1, 3)), np.zeros((1, 3)), np.array([[0.0, 0.0, 2.0]]))
     no_weight = replace(change.changed(PLANAR.scene), gravity=np.zeros(3))
-    turned = felt_wrench(no_weight, (), np.zeros(1), alpha)[0]
+    turned = rigid_tool_wrench(no_weight, (), np.zeros(1), alpha)[0]
     # the inertia about the sensor is as described; the last link's end swings by 0.4 m
     assert turned[5] == pytest.approx(2.0 * (PLANAR.inertia + 0.4 * PLANAR.mlg), abs=EXACT)
 
 
 def test_tilt_in_the_plane_is_a_turn_of_the_first_joint() -> None:
-    tilted = felt_wrench(GravityTilt(tilt_y=0.2).changed(PLANAR.scene), (), np.zeros(1), still(0.1, 0.2, 0.3))
-    leaning = felt_wrench(PLANAR.scene, (), np.zeros(1), still(-0.1, 0.2, 0.3))
+    tilted = rigid_tool_wrench(GravityTilt(tilt_y=0.2).changed(PLANAR.scene), (), np.zeros(1), still(0.1, 0.2, 0.3))
+    leaning = rigid_tool_wrench(PLANAR.scene, (), np.zeros(1), still(-0.1, 0.2, 0.3))
     np.testing.assert_allclose(tilted, leaning, atol=EXACT)
 
 
@@ -279,11 +279,11 @@ def test_crosstalk_adds_the_named_channel() -> None:
     np.testing.assert_allclose(change, np.outer(0.01 * load, [0.0, 0.0, 1.0]), atol=EXACT)
 
 
-def wave(harmonic: int, amplitude: float = 0.01, period: float = 2.0) -> Motion:
+def wave(harmonic: int, amplitude: float = 0.01, period: float = 2.0) -> Trajectory:
     """A carriage that shakes along its x axis only."""
     sine = np.zeros((6, harmonic))
     sine[0, -1] = amplitude
-    return fourier_motion(offset=np.zeros(6), sine=sine, cosine=np.zeros_like(sine), period=period)
+    return fourier_trajectory(offset=np.zeros(6), sine=sine, cosine=np.zeros_like(sine), period=period)
 
 
 @pytest.mark.parametrize("time_constant", [0.003, 0.02, 0.5])
@@ -334,14 +334,14 @@ def test_contact_acts_inside_its_interval_only() -> None:
 
 def test_events_left_open_lie_inside_the_record() -> None:
     motion = PLANAR.random_motion()
-    push, payload = placed(PLANAR, motion, (ContactEvent(), PayloadChange()), repeats=4)
+    push, payload = resolve_effects(PLANAR, motion, (ContactEvent(), PayloadChange()), repeats=4)
     assert isinstance(push, ContactEvent)
     assert isinstance(payload, PayloadChange)
     assert (push.start, push.end, payload.time) == pytest.approx((11.0, 13.0, 8.0))
 
 
 def test_payload_weighs_from_its_time_on() -> None:
-    at_rest = fourier_motion(
+    at_rest = fourier_trajectory(
         offset=np.array([0.0, 0.0, np.pi / 2]), sine=np.zeros((3, 1)), cosine=np.zeros((3, 1)), period=1.0
     )
     event = PayloadChange(mass=0.1, d=0.2, time=1.5)
@@ -387,7 +387,7 @@ def test_saturation_clips() -> None:
 
 @pytest.mark.parametrize("rig", [PLANAR, SPATIAL], ids=["planar", "spatial"])
 @pytest.mark.parametrize("effect", HIDDEN_EFFECTS.values(), ids=lambda e: e.id)
-def test_every_effect_shows_on_every_rig_that_can_have_it(rig: Rig, effect: HiddenEffect) -> None:
+def test_every_effect_shows_on_every_rig_that_can_have_it(rig: SimulatedRig, effect: HiddenEffect) -> None:
     if effect.planar_only and rig is SPATIAL:
         with pytest.raises(ValueError, match=effect.id):
             run(rig, effect)
@@ -401,10 +401,10 @@ def test_every_effect_shows_on_every_rig_that_can_have_it(rig: Rig, effect: Hidd
 @pytest.mark.parametrize("effect", HIDDEN_EFFECTS.values(), ids=lambda e: e.id)
 def test_every_effect_at_rest(effect: HiddenEffect) -> None:
     if effect.needs_motion:
-        with pytest.raises(ValueError, match="at rest"):
-            rest_poses(PLANAR, 5, hidden=(effect,))
+        with pytest.raises(ValueError, match="static poses"):
+            static_poses(PLANAR, 5, hidden=(effect,))
     else:
-        assert len(rest_poses(PLANAR, 5, hidden=(effect,))) == 5
+        assert len(static_poses(PLANAR, 5, hidden=(effect,))) == 5
 
 
 def test_some_effects_are_in_no_catalogue() -> None:

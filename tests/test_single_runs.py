@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.screening import screen
-from diagnosis.selection import Candidate, Selection, extended, refitted
-from diagnosis.step import explainable, staircase
-from diagnosis.verdict import RecordVerdict
-from estimation.fit import Problem, fit
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.response import predicted
+from diagnosis.screening.score_test import screen
+from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, refit_effects, refit_with_effect
+from diagnosis.verdict.selection_step import explainable_power_by_step, selection_steps
+from diagnosis.verdict.verdict import RecordVerdict
+from estimation.fit import WhitenedProblem, fit
+from estimation.model_response import predicted_readings
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.model import planar
 from modeling.effects import named, viscous_drag
-from modeling.model import planar
-from modeling.rig import Rig
+from modeling.rig.rig import Rig
 from truewrench.simulated_rig import AutoregressiveNoise, HiddenEffect, NoiseModel, PlanarRig, ViscousDrag, simulate
 
 pytest.importorskip("mujoco")
@@ -48,10 +48,10 @@ def diagnosed(seed: int) -> Diagnosis:
     return diagnose(planar(RIG), run(seed, SMALL), effects=FEW)
 
 
-def with_drag(recording: Recording) -> tuple[Candidate, Candidate]:
+def with_drag(recording: Recording) -> tuple[CandidateModel, CandidateModel]:
     """The rigid tip, and the same with the drag that was hidden."""
-    base = Candidate(fit(planar(recording.rig), recording), among=len(FEW))
-    return base, extended(base, screen(base.fit, [viscous_drag()])[0])
+    base = CandidateModel(fit(planar(recording.rig), recording), among=len(FEW))
+    return base, refit_with_effect(base, screen(base.fit, [viscous_drag()])[0])
 
 
 @pytest.mark.parametrize("seed", [3000, 3001, 3002])
@@ -75,10 +75,10 @@ def test_noise_alone_lacks_nothing(noise: NoiseModel | str) -> None:
 def test_noise_is_no_part_of_what_can_be_explained() -> None:
     """A right effect takes most of what can be explained, though hardly any of the raw RMS."""
     base, best = with_drag(run(3000, TINY))
-    steps = staircase(Selection(base, best), best, ())
+    steps = selection_steps(SubsetSearch(base, best), best, ())
     before, after = (s.training[0].rms for s in (steps[0], steps[-1]))
     assert all(after[c] > 0.9 * before[c] for c in before)
-    left = explainable(steps)
+    left = explainable_power_by_step(steps)
     assert left[-1] < left[0] / 2
 
 
@@ -96,21 +96,23 @@ def test_explainable_power_is_that_of_the_effect() -> None:
     truth[[names.index("viscous_drag.c"), names.index("viscous_drag.d")]] = hidden.c, hidden.d
     absent = truth.copy()
     absent[names.index("viscous_drag.c")] = 0.0
-    prediction = predicted(fitted.model, recording, truth) - predicted(fitted.model, recording, absent)
+    prediction = predicted_readings(fitted.model, recording, truth) - predicted_readings(
+        fitted.model, recording, absent
+    )
     column = fitted.noise[0].whitener.series(prediction)
-    _, taken = Problem(base.fit.layout, base.fit.recordings, base.fit.noise).evaluate(base.fit.theta)
+    _, taken = WhitenedProblem(base.fit.layout, base.fit.recordings, base.fit.noise).evaluate(base.fit.theta)
     basis = np.linalg.qr(taken / np.linalg.norm(taken, axis=0))[0]
     strength = float(np.sum((column - basis @ (basis.T @ column)) ** 2))
     rows = len(column)
-    measured = explainable(staircase(Selection(base, best), best, ()))[0] * rows / 3
+    measured = explainable_power_by_step(selection_steps(SubsetSearch(base, best), best, ()))[0] * rows / 3
     assert abs(measured - strength) < 4 * np.sqrt(2 * rows + 4 * strength)
 
 
 def test_sets_are_compared_in_one_noise() -> None:
     """Each in its own, the rigid tip would look as good as the right set: a residual is of size one in its own unit."""
     base, best = with_drag(run(3000, TINY))
-    rows = len(best.background.residual)
-    alike = refitted(best, ())
-    assert abs(base.background.cost - best.background.cost) < 4 * np.sqrt(2 * rows)  # the spread of a chi-square
+    rows = len(best.null_model.residual)
+    alike = refit_effects(best, ())
+    assert abs(base.null_model.cost - best.null_model.cost) < 4 * np.sqrt(2 * rows)  # the spread of a chi-square
     # The base's residual under the right set's noise holds the whole strength, known here to its square root.
-    assert alike.background.cost - best.background.cost == pytest.approx(180, abs=4 * 2 * np.sqrt(180))
+    assert alike.null_model.cost - best.null_model.cost == pytest.approx(180, abs=4 * 2 * np.sqrt(180))

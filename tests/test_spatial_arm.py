@@ -12,13 +12,19 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modeling.arm import PlanarArm
-from modeling.joint import JointKind, Placement
-from modeling.kinematics import Arm
-from modeling.quaternion import COMPONENTS, conjugate, product, rotated, turning
+from modeling.kinematics.arm import Arm
+from modeling.kinematics.joint import JointKind, Placement
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.quaternion import (
+    COMPONENTS,
+    angular_motion,
+    quaternion_conjugate,
+    quaternion_product,
+    rotated_vector,
+)
+from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.kinematics.urdf import read_urdf
 from modeling.space import Space, signals
-from modeling.spatial_arm import SpatialArm
-from modeling.urdf import read_urdf
 
 Array = NDArray[np.float64]
 States = tuple[Array, Array, Array]
@@ -152,7 +158,7 @@ def test_turning_from_the_quaternion_is_the_derivation_of_the_models_rotation() 
     s = [np.stack([pose[name] for name in COMPONENTS]) for pose in path]
     ds, dds = (s[2] - s[0]) / (2 * h), (s[2] - 2 * s[1] + s[0]) / h**2
     symbols = [signals(*(f"{p}{i}" for i in range(4))) for p in ("s", "ds", "dds")]
-    derived = turning(symbols)
+    derived = angular_motion(symbols)
     flat = [symbol for four in symbols for symbol in four]
     for name in ("wx", "wy", "wz", "alx", "aly", "alz"):
         value = sp.lambdify(flat, derived[name])(*s[1], *ds, *dds)
@@ -246,12 +252,12 @@ def test_quaternion_algebra_is_scipys() -> None:
     rng = np.random.default_rng(0)
     first, second = Rotation.random(2, rng=rng)
     a, b, v = first.as_quat().tolist(), second.as_quat().tolist(), rng.normal(size=3).tolist()
-    np.testing.assert_allclose(np.abs(np.dot(product(a, b), (first * second).as_quat())), 1.0, atol=1e-15)
-    np.testing.assert_allclose(np.array(rotated(a, v)), first.apply(v), atol=1e-15)
-    np.testing.assert_allclose(np.array(product(a, conjugate(a))), [0, 0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(np.abs(np.dot(quaternion_product(a, b), (first * second).as_quat())), 1.0, atol=1e-15)
+    np.testing.assert_allclose(np.array(rotated_vector(a, v)), first.apply(v), atol=1e-15)
+    np.testing.assert_allclose(np.array(quaternion_product(a, quaternion_conjugate(a))), [0, 0, 0, 1], atol=1e-15)
     unit = dict(zip(signals(*COMPONENTS), a, strict=True))
     matrix = np.array(Space.SPACE.motion.rotation.subs(unit), dtype=float)
-    np.testing.assert_allclose(np.array(rotated(a, v)), matrix @ v, atol=1e-15)
+    np.testing.assert_allclose(np.array(rotated_vector(a, v)), matrix @ v, atol=1e-15)
 
 
 def test_placements_follow_each_other() -> None:
@@ -263,4 +269,6 @@ def test_placements_follow_each_other() -> None:
     )
     both, point = first.then(second), rng.normal(size=3)
     there = turns[0].apply(turns[1].apply(point) + shifts[1]) + shifts[0]
-    np.testing.assert_allclose(np.add(rotated(both.quaternion, point.tolist()), both.position), there, atol=1e-14)
+    np.testing.assert_allclose(
+        np.add(rotated_vector(both.quaternion, point.tolist()), both.position), there, atol=1e-14
+    )

@@ -11,15 +11,15 @@ import pinocchio
 import pytest
 from numpy.typing import NDArray
 
-from design.criterion import DOptimal
+from design.criteria import DOptimal
 from design.information.experiment import Experiment
-from design.limit_use import LimitUse
-from design.motion.fourier import FreeSeries
-from design.motion.series import Motion
-from design.random_feasible import random_feasible
+from design.limits.limit_use import LimitUse
+from design.limits.random_feasible import random_feasible_trajectory
+from design.trajectories.fourier import FreeSeries
+from design.trajectories.trajectory import Trajectory
+from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
-from modeling.model import planar, spatial
-from modeling.rig import Convention, Rig
+from modeling.rig.rig import Convention, Rig
 
 Array = NDArray[np.float64]
 
@@ -38,10 +38,12 @@ PINOCCHIO_ORDER = [6, 7, 8, 9, 10, 11, 13, 12, 14, 15]
 
 
 @pytest.fixture(scope="module")
-def motion() -> Motion:
+def motion() -> Trajectory:
     assert RIG.limits is not None
     series = FreeSeries(joints=6, harmonics=(1, 2, 3), period=5.0)
-    return random_feasible(series, RIG.limits, workspace=RIG.workspace, arm=RIG.arm, tip_length=RIG.tip_length, seed=1)
+    return random_feasible_trajectory(
+        series, RIG.limits, workspace=RIG.workspace, arm=RIG.arm, tip_length=RIG.tip_length, seed=1
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +52,7 @@ def experiment() -> Experiment:
 
 
 @pytest.fixture(scope="module")
-def reference(motion: Motion) -> Array:
+def reference(motion: Trajectory) -> Array:
     """M (16, 16) by Pinocchio: its regressor of a body on the sensor frame that accelerates against gravity."""
     model = pinocchio.buildModelFromUrdf(str(FOLDER / "elbow.urdf"))
     data, frame = model.createData(), model.getFrameId("tool0")
@@ -67,7 +69,7 @@ def reference(motion: Motion) -> Array:
     return total
 
 
-def test_information_is_pinocchios(experiment: Experiment, motion: Motion, reference: Array) -> None:
+def test_information_is_pinocchios(experiment: Experiment, motion: Trajectory, reference: Array) -> None:
     information = experiment.information(motion, SAMPLES)
     np.testing.assert_allclose(information, reference, atol=1e-12 * np.abs(reference).max())  # rounding of 60 sums
     assert np.linalg.matrix_rank(information) == 16
@@ -75,7 +77,7 @@ def test_information_is_pinocchios(experiment: Experiment, motion: Motion, refer
 
 
 def test_graph_for_the_optimiser_is_the_same_and_has_its_derivative(
-    experiment: Experiment, motion: Motion, reference: Array
+    experiment: Experiment, motion: Trajectory, reference: Array
 ) -> None:
     """The gradient by the states against a central difference in a random direction."""
     states = ca.MX.sym("x", 18, SAMPLES)
@@ -91,8 +93,8 @@ def test_graph_for_the_optimiser_is_the_same_and_has_its_derivative(
     assert (ahead - behind) / (2 * h) == pytest.approx(np.sum(gradient * direction), rel=1e-5)
 
 
-def test_a_motion_within_the_urdfs_limits_and_the_workspace(motion: Motion) -> None:
-    """What `random_feasible` says of the limits that the rig and the URDF share, on a dense grid."""
+def test_a_motion_within_the_urdfs_limits_and_the_workspace(motion: Trajectory) -> None:
+    """What `random_feasible_trajectory` says of the limits that the rig and the URDF share, on a dense grid."""
     assert RIG.limits is not None
     assert RIG.arm is not None
     assert RIG.tip_length is not None
@@ -101,7 +103,7 @@ def test_a_motion_within_the_urdfs_limits_and_the_workspace(motion: Motion) -> N
     q, dq, _ = motion.evaluate(np.linspace(0.0, motion.period, 2000))
     assert (np.abs(dq) <= [2.2, 2.0, 2.6, 4.0, 4.0, 6.0]).all()
     tip = np.array(RIG.arm.tip(RIG.tip_length)(q.T))
-    reached = {reach.name: reach for reach in use.reaches if reach.quantity == "workspace"}
+    reached = {reach.name: reach for reach in use.limited_quantities if reach.quantity == "workspace"}
     for name, place in (("x", tip[0]), ("z", tip[2])):
         assert reached[name].low <= place.min()
         assert place.max() <= reached[name].high

@@ -14,10 +14,10 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modeling.emission import numpy_function
-from modeling.model import spatial
-from modeling.regressor import regressor
-from modeling.rig import Convention, Rig, SensorDescription
+from modeling.chain.model import spatial
+from modeling.chain.regressor import regressor
+from modeling.expressions.compilation import numpy_function
+from modeling.rig.rig import Convention, Rig, SensorDescription
 
 Array = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from benchmarks.coverage import RIGS, Setting, silent_recording
-from estimation.contact.calibration import Calibration
-from estimation.contact.contact import compensate
+from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_point import contact_point
+from estimation.contact.contact_wrench import compensate
 from estimation.contact.surface import Capsule, Plane, Sphere, Surface
-from estimation.robust.rereading import reread
+from estimation.recordings.recording import with_readings
 from modeling.errors import InputError
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
@@ -238,8 +238,8 @@ def test_a_finger_on_the_simulated_rig_is_found_where_it_pushes() -> None:
     silent, rig = silent_recording(setting), RIGS[Space.SPACE]
     noise = np.array(rig.noise) * np.random.default_rng(9).standard_normal(silent.wrench.shape)
     theta = np.array([setting.truth[p.name] for p in setting.model.parameters])
-    known = Calibration(setting.model, theta, np.zeros((len(theta),) * 2), np.array(rig.noise), np.zeros(6))
-    contact = compensate(known, reread(silent, silent.wrench + noise), keep_zero=True)
+    known = CalibratedModel(setting.model, theta, np.zeros((len(theta),) * 2), np.array(rig.noise), np.zeros(6))
+    contact = compensate(known, with_readings(silent, silent.wrench + noise), keep_zero=True)
     pushing = slice(310, 690)
     found = contact_point(contact.wrench[pushing], contact.covariance[pushing], tip)
     assert found.found.all()

@@ -26,12 +26,11 @@ from tests import survey_work as stand_in
 from truewrench.command_line import main
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
 from truewrench.surveying import Survey, survey
-from truewrench.surveying.cluster import local_executor
-from truewrench.surveying.fingerprint import fingerprint
-from truewrench.surveying.outcome import Outcome
-from truewrench.surveying.row import Row
-from truewrench.surveying.store import OutcomeStore
-from truewrench.surveying.task import Task, diagnosed_outcome
+from truewrench.surveying.dask_executor import local_executor
+from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
+from truewrench.surveying.survey import OutcomeStore
+from truewrench.surveying.survey_row import SurveyRow
+from truewrench.surveying.survey_task import SurveyTask, diagnosed_outcome, fingerprint
 
 RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
 NAN = "time,q1,q2,q3,fx,fy,tau\n" + "".join(f"{n / 100},0.1,0.2,{'nan' if n == 7 else 0.3},1,2,3\n" for n in range(50))
@@ -99,7 +98,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def without_seconds(row: Row) -> Row:
+def without_seconds(row: SurveyRow) -> SurveyRow:
     return replace(row, outcome=replace(row.outcome, seconds=None))
 
 
@@ -217,7 +216,10 @@ def test_fingerprint(tmp_path: Path) -> None:
 def test_store_keeps_every_field(tmp_path: Path, bench: Path, one: Executor) -> None:
     (row,) = survey([bench / "nan.csv"], rig=bench / "rig.toml", executor=one).rows
     store = OutcomeStore(tmp_path)
-    for key, outcome in (("a", row.outcome), ("b", Outcome(verdict="explained", misfit=0.1 + 0.2, added=("x", "y")))):
+    for key, outcome in (
+        ("a", row.outcome),
+        ("b", DiagnosisOutcome(verdict="explained", misfit=0.1 + 0.2, added=("x", "y"))),
+    ):
         store.put(key, outcome)
         assert store.get(key) == outcome
     assert store.get("c") is None
@@ -253,7 +255,7 @@ def test_dask_client_is_an_executor(tmp_path: Path, cluster: DaskProcesses) -> N
 def test_recording_that_differs_where_it_is_diagnosed(tmp_path: Path, one: Executor) -> None:
     (path,) = files(tmp_path, 1)
 
-    def rewritten(task: Task) -> Outcome:
+    def rewritten(task: SurveyTask) -> DiagnosisOutcome:
         path.write_text("something else")
         return diagnosed_outcome(task)
 
@@ -332,7 +334,7 @@ def test_command(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
         (["--scheduler", "tcp://127.0.0.1:9"], "no scheduler answers"),
         (["--scheduler", "nowhere"], "no scheduler answers: missing port"),
         (["--rig", "missing.toml"], "give the path of a rig file"),
-        (["--out", __file__], "is no folder"),
+        (["--out", __file__], "is not a folder"),
         (["--workers", "0"], "at least one"),
         (["--workers", "2", "--scheduler", "tcp://127.0.0.1:9"], "not allowed with"),
     ],

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modeling.column import Column
-from modeling.compiled_column import CompiledColumn
-from modeling.emitted import Emitted
-from modeling.evaluation import FUNCTIONS, LONGEST, Evaluation
-from modeling.prediction import Prediction
-from modeling.tape import BINARY, UNARY, Tape
+from modeling.chain.prediction import Prediction
+from modeling.evaluation.compiled_vector import CompiledVector
+from modeling.evaluation.tape import BINARY, UNARY, Tape
+from modeling.evaluation.tape_evaluation import LONGEST_BLOCK, NUMPY_OPERATIONS, TapeEvaluation
+from modeling.evaluation.vector_function import VectorFunction
+from modeling.expressions.symbolic_vector import SymbolicVector
 from tests.effects.cases import CASES, Case
 from tests.effects.parts import random_signals
 
@@ -31,7 +31,7 @@ FAINT = 1e-3
 every_case = pytest.mark.parametrize("case", CASES, ids=str)
 
 
-def by_casadi(column: Column, inputs: Array, theta: Array) -> tuple[Array, Array]:
+def by_casadi(column: SymbolicVector, inputs: Array, theta: Array) -> tuple[Array, Array]:
     """Value (samples, p) and derivative (samples, p, k) by CasADi, one sample after the other."""
     u, parameters = ca.SX.sym("u", len(column.inputs)), ca.SX.sym("theta", len(column.parameters))
     graph = column.graph(u, parameters)
@@ -41,10 +41,10 @@ def by_casadi(column: Column, inputs: Array, theta: Array) -> tuple[Array, Array
     return np.array([value[:, 0] for value, _ in found]), np.array([slope for _, slope in found])
 
 
-def parts_of(case: Case) -> list[Emitted]:
+def parts_of(case: Case) -> list[VectorFunction]:
     """Every part of the case's model that can be evaluated."""
     prediction = Prediction(case.model)
-    bent = () if prediction.bend is None else (prediction.bend.load, prediction.bend.equilibrium)
+    bent = () if prediction.deflection is None else (prediction.deflection.load, prediction.deflection.equilibrium)
     load = () if bent else (prediction.load,)
     return [part for part in (*load, prediction.zero, prediction.play, prediction.level, *bent) if part is not None]
 
@@ -81,7 +81,7 @@ def test_a_graph_made_of_a_tape_is_the_one_that_it_was_made_of(case: Case) -> No
 
 
 def test_every_operation_has_a_function() -> None:
-    assert {*UNARY, *BINARY} == set(FUNCTIONS)
+    assert {*UNARY, *BINARY} == set(NUMPY_OPERATIONS)
 
 
 @pytest.mark.parametrize("name", UNARY + BINARY)
@@ -95,7 +95,7 @@ def test_operations_are_casadis(name: str) -> None:
     function = ca.Function("operation", [u, theta], [operation])
     expected = np.array([float(function(row, [])) for row in inputs])
     found = np.full((len(inputs), 1), np.nan)
-    Evaluation(tape).run(list(inputs.T), np.zeros((1, 0)), [found])
+    TapeEvaluation(tape).run(list(inputs.T), np.zeros((1, 0)), [found])
     np.testing.assert_allclose(found[:, 0], expected, rtol=1e-14, atol=0)
 
 
@@ -103,10 +103,10 @@ def test_long_series_and_many_sets_are_taken_in_blocks() -> None:
     """f = a x y + x sin(y), once over several blocks and three sets, and once sample by sample."""
     u, theta = ca.SX.sym("u", 2), ca.SX.sym("theta", 1)
     tape = Tape.of(u, theta, ca.vertcat(theta * u[0] * u[1] + u[0] * ca.sin(u[1]), theta**2, u[0], ca.sin(u[1]), 0, 3))
-    samples, sets = 2 * LONGEST + 17, np.array([[1.0], [-2.0], [0.5]])
+    samples, sets = 2 * LONGEST_BLOCK + 17, np.array([[1.0], [-2.0], [0.5]])
     x, y = np.random.default_rng(6).normal(size=(2, samples))
     found = np.zeros((6, samples, 3))
-    Evaluation(tape).run([x, y], sets, list(found))
+    TapeEvaluation(tape).run([x, y], sets, list(found))
     a, wide = sets[:, 0], np.zeros((samples, 3))
     sine = np.sin(y)[:, None]
     expected = [np.outer(x * y, a) + x[:, None] * sine, a**2 + wide, x[:, None] + wide, sine + wide, wide, 3 + wide]
@@ -126,11 +126,11 @@ def test_sets_that_share_parameters_are_evaluated_as_each_by_itself(seed: int) -
     sets = np.stack([random.normal(size=count)[random.integers(count, size=30)] for count in groups], axis=1)
     if seed % 2:
         sets[:, random.integers(4)] = random.normal(size=30)
-    inputs = list(random.normal(size=(2, LONGEST + 5)))
-    together, alone = np.zeros((8, LONGEST + 5, 30)), np.zeros((8, LONGEST + 5, 30))
-    Evaluation(tape).run(inputs, sets, list(together))
+    inputs = list(random.normal(size=(2, LONGEST_BLOCK + 5)))
+    together, alone = np.zeros((8, LONGEST_BLOCK + 5, 30)), np.zeros((8, LONGEST_BLOCK + 5, 30))
+    TapeEvaluation(tape).run(inputs, sets, list(together))
     for row, own in enumerate(sets):
-        Evaluation(tape).run(inputs, own[None], list(alone[:, :, row, None]))
+        TapeEvaluation(tape).run(inputs, own[None], list(alone[:, :, row, None]))
     np.testing.assert_array_equal(together, alone)
 
 
@@ -179,6 +179,6 @@ def test_what_is_no_tape_is_refused(change: Callable[[dict[str, Any]], None]) ->
 def test_compiled_columns_are_plain_data(case: Case) -> None:
     for emitted in parts_of(case):
         kept = emitted.compiled
-        again = CompiledColumn.from_data(kept.to_data())
+        again = CompiledVector.from_data(kept.to_data())
         assert again.to_data() == kept.to_data()
         assert (again.inputs, again.active, again.rows) == (emitted.inputs, emitted.active, emitted.rows)

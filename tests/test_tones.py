@@ -12,13 +12,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2
 
-from diagnosis.price import frequencies_tried
+from diagnosis.screening.multiplicity import effective_number_of_frequencies
 from estimation.fit import fit
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.tones import find_tones, sinusoids, without
-from modeling.model import planar
-from modeling.rig import Rig
+from estimation.noise.disturbances.tones import find_tones, sinusoids, without_sinusoids
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.model import planar
+from modeling.rig.rig import Rig
 from truewrench.simulated_rig import LineInterference, PlanarRig, simulate
 
 pytest.importorskip("mujoco")
@@ -71,7 +71,7 @@ def test_tones_taken_out_leave_the_noise() -> None:
     recording = recorded()
     tones = [5.13, 17.3]
     loud = noise(1) + 3 * sinusoids(recording, tones).sum(axis=1, keepdims=True)
-    left = without(loud, recording, tones)
+    left = without_sinusoids(loud, recording, tones)
     # Four sinusoids of 1000 samples take 0.4 % of the noise's power, give or take as much.
     assert left.var(axis=0) == pytest.approx(noise(1).var(axis=0), rel=0.02)
 
@@ -96,6 +96,6 @@ def test_search_over_all_frequencies_is_paid_for() -> None:
     rows -= rows.mean(axis=1, keepdims=True)
     power = np.abs(np.fft.rfft(rows, n=16 * n, axis=1)[:, 16:-16]) ** 2 * 2 / n
     supremum = power.max(axis=1)
-    p_values = np.array([frequencies_tried(float(u), n) * chi2.sf(u, 2) for u in supremum])
+    p_values = np.array([effective_number_of_frequencies(float(u), n) * chi2.sf(u, 2) for u in supremum])
     alarms = int((p_values < 0.05).sum())
     assert binom.ppf(0.001, records, 0.02) <= alarms <= binom.ppf(0.999, records, 0.05)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from modeling.effects import catalogue
 from modeling.errors import InputError
+from modeling.formulas.units import DIMENSIONLESS, Dimension, dimension
 from modeling.space import Space
-from modeling.units import NUMBER, Dimension, dimension
 
 
 def powers(**units: int) -> Dimension:
@@ -20,8 +20,8 @@ def powers(**units: int) -> Dimension:
 
 
 MEANINGS = {
-    "1": NUMBER,
-    "rad": NUMBER,
+    "1": DIMENSIONLESS,
+    "rad": DIMENSIONLESS,
     "N": powers(kg=1, m=1, s=-2),
     "N m": powers(kg=1, m=2, s=-2),
     "N s²/m²": powers(kg=1, m=-1),
@@ -48,25 +48,25 @@ def test_products_quotients_and_powers_of_dimensions() -> None:
     assert force * length == dimension("N m") == dimension("J")
     assert force / length**2 == dimension("Pa")
     assert (length**2) ** Fraction(1, 2) == length
-    assert length / length == NUMBER
+    assert length / length == DIMENSIONLESS
 
 
 @pytest.mark.parametrize(
     ("text", "column", "hint"),
     [
-        ("", 1, "a unit was expected"),
+        ("", 1, "expected a unit"),
         ("mm", 1, "use m"),
         ("N/deg", 3, "use rad"),
         ("Newton", 1, "use SI units"),
-        ("N m/s s", 7, "it is not clear whether 's' divides"),
+        ("N m/s s", 7, "it is ambiguous whether 's' divides"),
         ("N//m", 3, "'/' is not expected"),
-        ("rad/(N m", 9, "ends too early"),
+        ("rad/(N m", 9, "is incomplete"),
         ("N)", 2, "'.' is not expected"),
         ("m^13", 1, "power 13"),
         ("m^0", 1, "power 0"),
-        ("N; m", 2, "';' is no part of a unit"),
+        ("N; m", 2, "';' is not allowed in a unit"),
         ("\x1b[31m", 1, r"\\x1b"),
-        ("m" * 61, 1, "a unit was expected"),
+        ("m" * 61, 1, "expected a unit"),
     ],
 )
 def test_what_is_no_unit_is_refused_at_its_column(text: str, column: int, hint: str) -> None:
@@ -90,7 +90,7 @@ FACTORS = st.lists(st.tuples(st.sampled_from(["kg", "m", "s", "K", "A"]), st.int
 
 @given(FACTORS)
 def test_a_dimension_is_read_as_it_is_printed(factors: list[tuple[str, int]]) -> None:
-    total = NUMBER
+    total = DIMENSIONLESS
     for unit, power in factors:
         total *= powers(**{unit: power})
     assert dimension(str(total)) == total

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from modeling.errors import InputError
-from modeling.joint import Joint, JointKind, Placement
-from modeling.rig import Rig
-from modeling.spatial_arm import SpatialArm
-from modeling.urdf import read_urdf
+from modeling.kinematics.joint import Joint, JointKind, Placement
+from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.kinematics.urdf import read_urdf
+from modeling.rig.rig import Rig
 
 FOLDER = Path(__file__).parent / "urdf"
 ELBOW = (FOLDER / "elbow.urdf").read_text()
@@ -102,12 +102,12 @@ WRONG = {
     "no axis": (robot(joint("j1", "base", "tip", BAD_AXIS)), ["joint 'j1'", "axis has no direction"]),
     "huge": (robot(joint("j1", "base", "tip", '<origin xyz="0 0 1e300"/>')), ["3 finite numbers"]),
     "huge axis": (robot(joint("j1", "base", "tip", '<axis xyz="0 0 1e200"/>')), ["axis xyz"]),
-    "fixed only": (robot(joint("j1", "base", "tip", kind="fixed")), ["no joint moves", "'tip'"]),
-    "root": (robot(links="tip"), ["no joint moves"]),
+    "fixed only": (robot(joint("j1", "base", "tip", kind="fixed")), ["no movable joint", "'tip'"]),
+    "root": (robot(links="tip"), ["no movable joint"]),
     "cycle": (robot(joint("j1", "tip", "a"), joint("j2", "a", "b"), joint("j3", "b", "tip")), ["own parent", "tree"]),
     "own parent": (robot(joint("j1", "tip", "tip")), ["link 'tip' is its own parent"]),
     "two parents": (robot(*CHAIN, joint("j4", "base", "b")), ["link 'b'", "'j2'", "'j4'"]),
-    "no such parent": (robot(joint("j1", "elsewhere", "tip")), ["link 'elsewhere'", "'j1' only"]),
+    "no such parent": (robot(joint("j1", "elsewhere", "tip")), ["link 'elsewhere'", "'j1' but not defined"]),
     "no parent": (robot('<joint name="j1" type="revolute"><child link="tip"/></joint>'), ["link ''", "'j1'"]),
 }
 
@@ -211,16 +211,16 @@ def test_limits_that_the_rig_leaves_out_are_the_urdfs(tmp_path: Path) -> None:
 
 
 def test_limits_that_nobody_states_are_asked_for(tmp_path: Path) -> None:
-    assert "limits.acceleration: was expected" in rig_message(tmp_path, RIG + "[limits]\n")
+    assert "limits.acceleration: missing" in rig_message(tmp_path, RIG + "[limits]\n")
     said = rig_message(tmp_path, RIG + "[limits]\nacceleration = [1, 1]")
-    assert "6 joints were expected, and 2 limits came" in said
+    assert "expected 6 joints, got 2 limits" in said
     assert "pan, lift, elbow, roll, bend, turn" in said
     (tmp_path / "arm.urdf").write_text(robot(*CHAIN))
     bare = '[robot]\nurdf = "arm.urdf"\nsensor_frame = "tip"\n[limits]\nacceleration = [1, 1]\n'
-    assert "limits.position: was expected and is missing, as the URDF has none of 'j1'" in rig_message(tmp_path, bare)
+    assert "limits.position: missing, and the URDF has none for 'j1'" in rig_message(tmp_path, bare)
 
 
 def test_a_rig_whose_urdf_is_wrong_is_one_line(tmp_path: Path) -> None:
     assert "robot.sensor_frame is missing" in rig_message(tmp_path, '[robot]\nurdf = "elbow.urdf"\n')
     assert str(tmp_path / "other.urdf") in rig_message(tmp_path, RIG.replace("elbow", "other"))
-    assert "both came" in rig_message(tmp_path, RIG + "link_lengths = [1.0]\n")
+    assert "got both" in rig_message(tmp_path, RIG + "link_lengths = [1.0]\n")

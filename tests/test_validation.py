@@ -14,22 +14,22 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from diagnosis.comparison import comparison_of
+from diagnosis.acceptance.held_out import HeldOut
+from diagnosis.acceptance.recording_disturbance import disturbances_of, with_disturbances
+from diagnosis.comparison.comparison import comparison_of
+from diagnosis.comparison.data_split import non_excited_noise
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.held_out import HeldOut
-from diagnosis.own_effect import own_effects, with_own
-from diagnosis.part import between
-from diagnosis.verdict import RecordVerdict
-from estimation.fit import Fit, Problem, first_noise, fit
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from modeling.chain import Chain, Stage
-from modeling.effect import Effect
+from diagnosis.verdict.verdict import RecordVerdict
+from estimation.fit import Fit, WhitenedProblem, fit, initial_noise
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.chain import Chain, Stage
+from modeling.chain.effect import Effect
+from modeling.chain.model import planar
 from modeling.effects import BiasDrift as DriftEffect
 from modeling.effects import named, viscous_drag
-from modeling.model import planar
 from modeling.parameter import Parameter
-from modeling.rig import Rig
+from modeling.rig.rig import Rig
 from modeling.space import Space, signals
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
@@ -43,7 +43,7 @@ from truewrench.simulated_rig import (
     ViscousDrag,
     simulate,
 )
-from truewrench.summary import summary
+from truewrench.text.diagnosis_text import diagnosis_text
 
 pytest.importorskip("mujoco")
 
@@ -119,9 +119,9 @@ def test_a_drift_in_the_other_recording_alone_is_no_missing_physics_and_is_said(
     assert result.added == ()
     assert result.verdict is RecordVerdict.NOTHING_MISSING
     assert owned(result) == {"bias_drift", "contact_event"}
-    for told in (summary(result), str(result)):
-        assert "other.csv drifts by itself" in told
-        assert "other.csv is pushed by itself" in told
+    for told in (diagnosis_text(result), str(result)):
+        assert "other.csv has a recording-specific drift: " in told
+        assert "other.csv has a recording-specific contact: " in told
 
 
 def test_own_drift_and_push_have_the_size_that_was_put_in() -> None:
@@ -147,7 +147,7 @@ def test_result_names_what_the_validation_has_of_its_own() -> None:
 
 
 def held_out(recording: Recording) -> HeldOut:
-    return HeldOut(recording, first_noise(planar(RIG), (recording,))[0])
+    return HeldOut(recording, initial_noise(planar(RIG), (recording,))[0])
 
 
 @cache
@@ -157,7 +157,7 @@ def trained() -> Fit:
 
 def test_own_drift_does_not_stand_in_for_what_the_model_lacks() -> None:
     """Missing physics that repeats stays as large when the drift is taken out: that is estimated on other lines."""
-    drifting = with_own(held_out(recorded("other.csv", 501, Buoyancy(), DRIFT)), trained())
+    drifting = with_disturbances(held_out(recorded("other.csv", 501, Buoyancy(), DRIFT)), trained())
     assert [e.id for e in drifting.own] == ["bias_drift"]
     left, clean = (
         comparison_of(other.carried(trained()), 0).explainable_rms
@@ -171,7 +171,7 @@ def test_own_drift_does_not_stand_in_for_what_the_model_lacks() -> None:
 
 
 def test_warm_up_of_an_unlogged_sensor_is_its_own_drift() -> None:
-    other = with_own(held_out(recorded("other.csv", 501, ThermalDrift(force=0.5, torque=0.02))), trained())
+    other = with_disturbances(held_out(recorded("other.csv", 501, ThermalDrift(force=0.5, torque=0.02))), trained())
     assert [e.id for e in other.own] == ["bias_drift"]
     assert comparison_of(other.carried(trained()), 0).lack_of_fit > 0.001  # chance fails one in a thousand
 
@@ -180,15 +180,15 @@ def test_warm_up_of_an_unlogged_sensor_is_its_own_drift() -> None:
 def test_recording_in_which_nothing_passed_has_nothing_of_its_own(noise: NoiseModel | str) -> None:
     """At 1 % each, one of these two tests fails for another choice of seeds 1 time in 50."""
     other = recorded("other.csv", 502, noise=noise)
-    assert with_own(held_out(other), trained()).own == ()
+    assert with_disturbances(held_out(other), trained()).own == ()
 
 
 def test_push_between_two_samples_is_found_in_slow_noise() -> None:
     """In noise of AR(0.95) half a sample at each edge is a shock of 40 standard deviations, and once hid a quarter of
     the push; the wrench is within 4 of its own, the fit no worse than chance makes one in a thousand."""
     other = held_out(recorded("other.csv", 2504, PUSH, noise=AutoregressiveNoise(rho=0.95)))
-    known = with_own(other, trained())
-    (push,) = own_effects(known, trained())
+    known = with_disturbances(other, trained())
+    (push,) = disturbances_of(known, trained())
     for name, value in {"fcx": 4.0, "fcy": 2.0, "tauc": 0.3}.items():
         assert abs(push.parameters[name].value - value) < 4 * push.parameters[name].std
     assert comparison_of(known.carried(trained()), 0).lack_of_fit > 0.001
@@ -196,7 +196,7 @@ def test_push_between_two_samples_is_found_in_slow_noise() -> None:
 
 def test_between_the_lines_nothing_that_repeats_is_seen() -> None:
     other = held_out(recorded("other.csv", 501))
-    noise = between(other.noise)
+    noise = non_excited_noise(other.noise)
     assert noise is not None
     periodic = np.tile(np.random.default_rng(0).standard_normal((250, 3)), (4, 1))
     size = np.linalg.norm(other.noise.whitener.series(periodic))
@@ -218,7 +218,7 @@ def test_own_drift_is_a_least_squares_minimum_between_the_lines() -> None:
     """The whitened residual there is square to every column of the drift, to rounding."""
     other = replace(held_out(recorded("other.csv", 501, DRIFT)), own=(DriftEffect(),))
     passing = other.passing(trained())
-    residual, derivative = Problem(passing.layout, passing.recordings, passing.noise).evaluate(passing.theta)
+    residual, derivative = WhitenedProblem(passing.layout, passing.recordings, passing.noise).evaluate(passing.theta)
     columns = derivative[:, [n.startswith("bias_drift") for n in passing.values]]
     along = columns.T @ residual / np.linalg.norm(columns, axis=0)
     np.testing.assert_allclose(along, 0.0, atol=1e-6)
@@ -249,8 +249,8 @@ def test_effects_of_ones_own_are_sought_there_too() -> None:
     wrench = other.wrench.copy()
     time = 0.02 * np.arange(len(wrench))
     wrench[(time > 3) & (time < 4), 0] += 1.0
-    known = with_own(held_out(replace(other, wrench=wrench)), trained(), (Bump(),))
-    (own,) = own_effects(known, trained())
+    known = with_disturbances(held_out(replace(other, wrench=wrench)), trained(), (Bump(),))
+    (own,) = disturbances_of(known, trained())
     assert own.effect.id == "bump"
     assert abs(own.parameters["height"].value - 1.0) < 4 * own.parameters["height"].std
-    assert str(own).startswith("other.csv has an effect of its own (a bump) by itself: fx by")
+    assert str(own).startswith("other.csv has a recording-specific effect (a bump): fx by")

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
-from estimation.noise import Noise, NoiseSource
-from estimation.noise_source import noise_of
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.response import Response
-from estimation.whitening import LineWhitener, RegressionWhitener, Whitener, inverse_root
-from modeling.rig import PLANAR_CHANNELS, Rig, SensorDescription
+from estimation.model_response import ModelResponse
+from estimation.noise.noise_estimation import estimate_noise
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener, inverse_cholesky_factor
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.rig.rig import PLANAR_CHANNELS, Rig, SensorDescription
 from truewrench.simulated_rig import NOISE_MODELS
 
 Array = NDArray[np.float64]
@@ -44,17 +44,17 @@ def levels(samples: int) -> Array:
     return np.asarray(0.3 + np.array([3.0, 0.1, 1.0]) / (0.05 + line * np.array([1.0, 3.0, 0.2])))
 
 
-def line_whitener(samples: int, repeats: int) -> tuple[LineWhitener, Array]:
+def line_whitener(samples: int, repeats: int) -> tuple[FourierLineWhitener, Array]:
     """The whitener of circular noise, coloured and correlated, and that noise's covariance (n P, n P)."""
     index = np.arange(samples // 2 + 1)
     motion, between = index[index % repeats == 0], index[index % repeats != 0]
     spectra = np.einsum("ij,lj,kj->lik", MIXING, levels(samples), MIXING)
-    root = np.stack([inverse_root(spectra[i]) for i in np.concatenate([motion, between])]).astype(complex)
+    root = np.stack([inverse_cholesky_factor(spectra[i]) for i in np.concatenate([motion, between])]).astype(complex)
     # covariance at lag t: (1/n) sum over all lines of S exp(2 pi i k t / n)
     lags = np.fft.irfft(spectra, n=samples, axis=0)
     shift = (np.arange(samples)[:, None] - np.arange(samples)) % samples
     covariance = lags[shift].transpose(0, 2, 1, 3).reshape(samples * P, samples * P)
-    return LineWhitener(samples, repeats, motion, between, root), covariance
+    return FourierLineWhitener(samples, repeats, motion, between, root), covariance
 
 
 @pytest.mark.parametrize(("samples", "repeats"), [(24, 3), (30, 2), (27, 3), (21, 1)])
@@ -87,7 +87,7 @@ def test_parseval(repeats: int, once: int, seed: int) -> None:
     motion, between = index[index % repeats == 0], index[index % repeats != 0]
     root = np.broadcast_to(np.eye(P, dtype=complex), (len(index), P, P))
     values = rng.standard_normal((samples, P))
-    rows = LineWhitener(samples, repeats, motion, between, root).series(values)
+    rows = FourierLineWhitener(samples, repeats, motion, between, root).series(values)
     assert rows @ rows == pytest.approx((values**2).sum(), rel=1e-12)  # rounding
 
 
@@ -120,8 +120,8 @@ def autoregressive_covariance(samples: int, innovations: Array) -> Array:
 @pytest.mark.parametrize("samples", [12, 25])
 def test_innovations_of_known_noise_are_white(samples: int) -> None:
     innovations = MIXING @ MIXING.T
-    root = np.real(inverse_root(innovations))
-    whitener = RegressionWhitener(samples=samples, block=1, coefficients=COEFFICIENTS, root=root)
+    root = np.real(inverse_cholesky_factor(innovations))
+    whitener = AutoregressiveWhitener(samples=samples, block=1, coefficients=COEFFICIENTS, root=root)
     w = matrix_of(whitener, samples)
     assert w.shape == (whitener.rows, samples * P) == ((samples - 2) * P, samples * P)
     rows = w @ autoregressive_covariance(samples, innovations) @ w.T
@@ -131,8 +131,8 @@ def test_innovations_of_known_noise_are_white(samples: int) -> None:
 @pytest.mark.parametrize("block", [2, 5])
 def test_block_means_of_white_noise_are_white(block: int) -> None:
     samples = 23
-    root = np.real(inverse_root(MIXING @ MIXING.T / block))
-    whitener = RegressionWhitener(samples=samples, block=block, coefficients=np.zeros((0, P)), root=root)
+    root = np.real(inverse_cholesky_factor(MIXING @ MIXING.T / block))
+    whitener = AutoregressiveWhitener(samples=samples, block=block, coefficients=np.zeros((0, P)), root=root)
     w = matrix_of(whitener, samples)
     assert len(w) == whitener.rows == samples // block * P
     covariance = np.kron(np.eye(samples), MIXING @ MIXING.T)
@@ -144,8 +144,8 @@ def test_events_count_with_their_own_noise_and_teach_nothing_after(event: tuple[
     """Inside, samples by themselves, ten times less sure; outside as without the event, save the two that follow it."""
     samples, order = 20, len(COEFFICIENTS)
     start, end = event
-    plain = RegressionWhitener(samples=samples, block=1, coefficients=COEFFICIENTS, root=np.eye(P))
-    marked = RegressionWhitener(
+    plain = AutoregressiveWhitener(samples=samples, block=1, coefficients=COEFFICIENTS, root=np.eye(P))
+    marked = AutoregressiveWhitener(
         samples=samples, block=1, coefficients=COEFFICIENTS, root=np.eye(P), events=(event,), event_root=0.1 * np.eye(P)
     )
     values = np.random.default_rng(0).normal(size=(samples, P))
@@ -162,8 +162,8 @@ def test_events_count_with_their_own_noise_and_teach_nothing_after(event: tuple[
 
 def test_a_channel_by_itself_is_whitened_as_among_others_that_are_silent() -> None:
     samples, event = 20, (8, 13)
-    root = np.real(inverse_root(MIXING @ MIXING.T))
-    whitener = RegressionWhitener(
+    root = np.real(inverse_cholesky_factor(MIXING @ MIXING.T))
+    whitener = AutoregressiveWhitener(
         samples=samples, block=2, coefficients=COEFFICIENTS, root=root, events=(event,), event_root=0.1 * np.eye(P)
     )
     values = np.random.default_rng(1).normal(size=(samples, 4))
@@ -188,9 +188,9 @@ def test_steady_rows_are_those_of_the_tiled_series(once: int, repeats: int) -> N
     for part in (motion_only(once), motion_only(once, 4)):
         rows = whitener.series(np.concatenate([part] * repeats))
         steady = whitener.steady(part)
-        assert len(steady) == whitener.steady_rows
-        np.testing.assert_allclose(rows[: whitener.steady_rows], steady, atol=1e-12)  # rounding
-        np.testing.assert_allclose(rows[whitener.steady_rows :], 0.0, atol=1e-12)
+        assert len(steady) == whitener.periodic_rows
+        np.testing.assert_allclose(rows[: whitener.periodic_rows], steady, atol=1e-12)  # rounding
+        np.testing.assert_allclose(rows[whitener.periodic_rows :], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("passing", [False, True])
@@ -198,7 +198,7 @@ def test_rows_of_a_response_are_those_of_its_series(passing: bool) -> None:
     once, repeats, k = 8, 3, 4
     whitener, _ = line_whitener(once * repeats, repeats)
     whole = (motion_only(once * repeats), motion_only(once * repeats, k)) if passing else None
-    response = Response((motion_only(once), motion_only(once, k)), whole, repeats)
+    response = ModelResponse((motion_only(once), motion_only(once, k)), whole, repeats)
     value, derivative = whitener.response(response)
     np.testing.assert_allclose(value, whitener.series(response.value), atol=1e-12)  # rounding
     np.testing.assert_allclose(derivative, whitener.series(response.derivative), atol=1e-12)
@@ -225,19 +225,19 @@ def recording_of(wrench: Array, repeats: int, *, separate: bool = False, rig: Ri
     return from_columns(columns, rig=rig)
 
 
-def by_repeats(noise: Array) -> Noise:
-    return noise_of(recording_of(noise, 6), noise)
+def by_repeats(noise: Array) -> RecordingNoise:
+    return estimate_noise(recording_of(noise, 6), noise)
 
 
-def by_separate_runs(noise: Array) -> Noise:
-    return noise_of(recording_of(noise, 6, separate=True), noise)
+def by_separate_runs(noise: Array) -> RecordingNoise:
+    return estimate_noise(recording_of(noise, 6, separate=True), noise)
 
 
-def by_residual(noise: Array) -> Noise:
-    return noise_of(recording_of(noise, 1), noise)
+def by_residual(noise: Array) -> RecordingNoise:
+    return estimate_noise(recording_of(noise, 1), noise)
 
 
-def rows_of(noise: Noise, values: Array) -> Array:
+def rows_of(noise: RecordingNoise, values: Array) -> Array:
     """(rows / P, P) of fresh noise, less those that are nothing by construction."""
     rows = noise.whitener.series(values).reshape(-1, P)
     return np.asarray(rows[np.abs(rows).max(axis=1) > 0])
@@ -249,7 +249,7 @@ def rows_of(noise: Noise, values: Array) -> Array:
     [(by_repeats, NoiseSource.REPEATS), (by_separate_runs, NoiseSource.REPEATS), (by_residual, NoiseSource.RESIDUAL)],
 )
 def test_estimated_noise_whitens_fresh_noise(
-    kind: str, estimated: Callable[[Array], Noise], source: NoiseSource
+    kind: str, estimated: Callable[[Array], RecordingNoise], source: NoiseSource
 ) -> None:
     """Learnt from one draw, tried on another.
 
@@ -277,7 +277,7 @@ def test_motions_lines_are_as_white_as_those_between(kind: str) -> None:
     squares = []
     for seed in range(6):
         noise = by_repeats(drawn(kind, 6000, 100 + seed))
-        squares.append(noise.whitener.series(drawn(kind, 6000, 200 + seed))[: noise.whitener.steady_rows] ** 2)
+        squares.append(noise.whitener.series(drawn(kind, 6000, 200 + seed))[: noise.whitener.periodic_rows] ** 2)
     rows = np.concatenate(squares)
     assert rows.mean() == pytest.approx(1.0, abs=0.03 + 4.5 * np.sqrt(2 / len(rows)))  # 1 in 1e5
 
@@ -286,7 +286,7 @@ def test_noise_that_the_rig_states_is_divided_by() -> None:
     stated = {"fx": 0.5, "fy": 2.0, "tau": 0.01}
     rig = Rig(sensor=SensorDescription(noise=stated))
     values = drawn("white", 200, 5)
-    noise = noise_of(recording_of(values, 1, rig=rig), values)
+    noise = estimate_noise(recording_of(values, 1, rig=rig), values)
     assert noise.source is NoiseSource.RIG
     rows = noise.whitener.series(values).reshape(-1, P)
     np.testing.assert_allclose(rows, values / np.array(list(stated.values())), rtol=1e-14)  # rounding

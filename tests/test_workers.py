@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.workers import MOST_AT_ONCE, Task, Workers, in_step
+from diagnosis.parallel.workers import MAX_BATCH, Workers, WorkItem, run_spmd
 
 MANY = list(range(40))
 Function = Callable[[Any], Any]
@@ -22,7 +22,7 @@ Function = Callable[[Any], Any]
 
 def mapped(count: int, function: Function, items: Sequence[Any] = MANY, **options: Any) -> list[Any]:
     """One batch, by so many processes in step."""
-    return in_step(count, lambda team: team.map(function, items, **options))
+    return run_spmd(count, lambda team: team.map(function, items, **options))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 100])
@@ -31,7 +31,7 @@ def test_results_come_in_the_order_of_the_items(count: int) -> None:
 
 
 def test_more_items_than_a_batch_takes() -> None:
-    items = list(range(MOST_AT_ONCE + 1))
+    items = list(range(MAX_BATCH + 1))
     assert mapped(2, lambda n: -n, items) == [-n for n in items]
 
 
@@ -74,7 +74,7 @@ def test_a_process_has_the_items_of_a_label_again() -> None:
     def program(team: Workers) -> tuple[list[int], list[int]]:
         return team.map(meet, ["a", "b"], label=str), team.map(meet, ["b", "a"], label=str)
 
-    first, second = in_step(2, program)
+    first, second = run_spmd(2, program)
     assert second == first[::-1]
     assert len(set(first)) == 2
 
@@ -87,12 +87,12 @@ def test_every_process_has_all_results() -> None:
         return team.map(lambda n: squares[n] + sum(squares), MANY)
 
     total = sum(n * n for n in MANY)
-    assert in_step(4, program) == [n * n + total for n in MANY]
+    assert run_spmd(4, program) == [n * n + total for n in MANY]
 
 
 def test_tasks_of_several_kinds_are_one_batch() -> None:
-    tasks = [Task("one", lambda: 1), Task("pi", lambda: "3.14"), Task("none", lambda: None)]
-    assert in_step(2, lambda team: team.run(tasks)) == [1, "3.14", None]
+    tasks = [WorkItem("one", lambda: 1), WorkItem("pi", lambda: "3.14"), WorkItem("none", lambda: None)]
+    assert run_spmd(2, lambda team: team.run(tasks)) == [1, "3.14", None]
 
 
 def test_an_exception_leaves_the_processes_in_step() -> None:
@@ -105,7 +105,7 @@ def test_an_exception_leaves_the_processes_in_step() -> None:
         return team.map(lambda n: -n, MANY)
 
     barrier = get_context("fork").Barrier(3)
-    assert in_step(3, program) == [-n for n in MANY]
+    assert run_spmd(3, program) == [-n for n in MANY]
 
 
 def test_a_copy_out_of_step_is_let_go() -> None:
@@ -115,7 +115,7 @@ def test_a_copy_out_of_step_is_let_go() -> None:
         own = [n + 100 for n in MANY] if team.rank == 1 else MANY
         return [sum(team.map(lambda n: n, own, label=str)), sum(team.map(lambda n: 2 * n, MANY))]
 
-    assert in_step(3, program) == [sum(MANY), 2 * sum(MANY)]
+    assert run_spmd(3, program) == [sum(MANY), 2 * sum(MANY)]
 
 
 def test_copies_are_not_heard(capfd: pytest.CaptureFixture[str]) -> None:
@@ -123,7 +123,7 @@ def test_copies_are_not_heard(capfd: pytest.CaptureFixture[str]) -> None:
         print("at", team.rank)
         return sum(team.map(lambda n: n, MANY))
 
-    assert in_step(3, program) == sum(MANY)
+    assert run_spmd(3, program) == sum(MANY)
     assert capfd.readouterr().out == "at 0\n"
 
 
@@ -158,7 +158,7 @@ def test_a_killed_worker_costs_no_result() -> None:
     def program(team: Workers) -> list[list[int]]:
         return [team.map(fragile, MANY) for _ in range(2)]
 
-    assert in_step(4, program) == [MANY, MANY]
+    assert run_spmd(4, program) == [MANY, MANY]
 
 
 def test_shared_objects_come_back_as_themselves() -> None:
@@ -172,7 +172,7 @@ def test_work_within_work_is_done_there() -> None:
     def program(team: Workers) -> list[int]:
         return team.map(lambda n: sum(team.map(lambda m: m, range(n))), [2, 3, 4])
 
-    assert in_step(3, program) == [1, 3, 6]
+    assert run_spmd(3, program) == [1, 3, 6]
 
 
 def test_no_copy_outlives_what_ends_the_work() -> None:

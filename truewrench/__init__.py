@@ -1,4 +1,4 @@
-"""truewrench: what a wrist force/torque sensor reads, what the model of its tool misses, and what that is called."""
+"""Force/torque sensor models: identification, residual diagnosis and experiment design (public names)."""
 
 from __future__ import annotations
 
@@ -7,95 +7,95 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from design.bound import upper_bound
-    from design.criterion import AOptimal, DOptimal, EOptimal, Subset
+    from design.criteria import AOptimal, DOptimal, EOptimal, Subset
     from design.discrimination import tell_apart
     from design.information import ColouredNoise, WhiteNoise
-    from design.motion.fourier import FreeSeries, PaperSeries
-    from design.motion.rest_to_rest import RestToRest
-    from design.motion.spline import SplineSeries
-    from design.planning import design
-    from diagnosis.comparison import compare
+    from design.trajectories.fourier import FreeSeries, PaperSeries
+    from design.trajectories.rest_to_rest import RestToRest
+    from design.trajectories.spline import SplineSeries
+    from design.trajectory_design import design
+    from diagnosis.comparison.comparison import compare
     from diagnosis.diagnosis import diagnose
-    from estimation.constrained import Bounds, Constraints, Prior
-    from estimation.contact.contact import compensate
+    from estimation.confidence_intervals import intervals
     from estimation.contact.contact_filter import ContactFilter
     from estimation.contact.contact_point import contact_point
+    from estimation.contact.contact_wrench import compensate
     from estimation.contact.local_polynomial import LocalPolynomial
     from estimation.contact.surface import Capsule, Plane, Sphere
+    from estimation.errors_in_variables.errors_in_variables_fit import errors_in_variables_fit
+    from estimation.errors_in_variables.input_noise import InputNoise
     from estimation.fit import fit
-    from estimation.interval import intervals
-    from estimation.noisy_motion.errors_in_variables import errors_in_variables_fit
-    from estimation.noisy_motion.input_noise import InputNoise
-    from estimation.reading import read
-    from estimation.recording import Recording
-    from estimation.repeats.bootstrap import bootstrap
-    from estimation.repeats.repeat_table import RepeatTable
-    from estimation.rest.centre_of_mass import CentreOfMass
-    from estimation.rest.pose_advice import PoseAdvice
-    from estimation.robust.loss import Huber, StudentT
+    from estimation.least_squares.constrained import Bounds, Constraints, Prior
+    from estimation.noise.autoregression import NoiseModel
+    from estimation.recordings.reading import read
+    from estimation.recordings.recording import Recording
+    from estimation.repeatability.bootstrap import bootstrap
+    from estimation.repeatability.repeat_table import RepeatTable
     from estimation.robust.robust_fit import robust_fit
-    from estimation.stream.chunk import Chunk, chunks
-    from estimation.stream.long_log import read_chunks
-    from estimation.stream.noise_model import NoiseModel
+    from estimation.robust.robust_loss import Huber, StudentT
+    from estimation.static.centre_of_mass import CentreOfMass
+    from estimation.static.pose_advice import PoseAdvice
+    from estimation.streaming.chunk import Chunk, chunks
+    from estimation.streaming.long_log import read_chunks
     from modeling import effects
+    from modeling.chain.model import WrenchModel, planar, spatial
     from modeling.errors import InputError, TruewrenchError
-    from modeling.model import WrenchModel, planar, spatial
-    from modeling.own.writing import own_effect
-    from modeling.rig import Rig
+    from modeling.formulas.custom_effects.python_definition import own_effect
+    from modeling.rig.rig import Rig
     from modeling.space import signals
-    from truewrench.effects_file import read_effects
+    from truewrench.files.effects_file import read_effects
     from truewrench.surveying.survey import survey
 
-_HOMES = {
-    "AOptimal": "design.criterion",
-    "Bounds": "estimation.constrained",
+_MODULE_OF = {
+    "AOptimal": "design.criteria",
+    "Bounds": "estimation.least_squares.constrained",
     "Capsule": "estimation.contact.surface",
-    "CentreOfMass": "estimation.rest.centre_of_mass",
-    "Chunk": "estimation.stream.chunk",
+    "CentreOfMass": "estimation.static.centre_of_mass",
+    "Chunk": "estimation.streaming.chunk",
     "ColouredNoise": "design.information",
-    "Constraints": "estimation.constrained",
+    "Constraints": "estimation.least_squares.constrained",
     "ContactFilter": "estimation.contact.contact_filter",
-    "DOptimal": "design.criterion",
-    "EOptimal": "design.criterion",
-    "FreeSeries": "design.motion.fourier",
-    "Huber": "estimation.robust.loss",
+    "DOptimal": "design.criteria",
+    "EOptimal": "design.criteria",
+    "FreeSeries": "design.trajectories.fourier",
+    "Huber": "estimation.robust.robust_loss",
     "InputError": "modeling.errors",
-    "InputNoise": "estimation.noisy_motion.input_noise",
+    "InputNoise": "estimation.errors_in_variables.input_noise",
     "LocalPolynomial": "estimation.contact.local_polynomial",
-    "NoiseModel": "estimation.stream.noise_model",
-    "PaperSeries": "design.motion.fourier",
+    "NoiseModel": "estimation.noise.autoregression",
+    "PaperSeries": "design.trajectories.fourier",
     "Plane": "estimation.contact.surface",
-    "PoseAdvice": "estimation.rest.pose_advice",
-    "Prior": "estimation.constrained",
-    "Recording": "estimation.recording",
-    "RepeatTable": "estimation.repeats.repeat_table",
-    "RestToRest": "design.motion.rest_to_rest",
-    "Rig": "modeling.rig",
+    "PoseAdvice": "estimation.static.pose_advice",
+    "Prior": "estimation.least_squares.constrained",
+    "Recording": "estimation.recordings.recording",
+    "RepeatTable": "estimation.repeatability.repeat_table",
+    "RestToRest": "design.trajectories.rest_to_rest",
+    "Rig": "modeling.rig.rig",
     "Sphere": "estimation.contact.surface",
-    "SplineSeries": "design.motion.spline",
-    "StudentT": "estimation.robust.loss",
-    "Subset": "design.criterion",
+    "SplineSeries": "design.trajectories.spline",
+    "StudentT": "estimation.robust.robust_loss",
+    "Subset": "design.criteria",
     "TruewrenchError": "modeling.errors",
     "WhiteNoise": "design.information",
-    "WrenchModel": "modeling.model",
-    "bootstrap": "estimation.repeats.bootstrap",
-    "chunks": "estimation.stream.chunk",
-    "compare": "diagnosis.comparison",
-    "compensate": "estimation.contact.contact",
+    "WrenchModel": "modeling.chain.model",
+    "bootstrap": "estimation.repeatability.bootstrap",
+    "chunks": "estimation.streaming.chunk",
+    "compare": "diagnosis.comparison.comparison",
+    "compensate": "estimation.contact.contact_wrench",
     "contact_point": "estimation.contact.contact_point",
-    "design": "design.planning",
+    "design": "design.trajectory_design",
     "diagnose": "diagnosis.diagnosis",
-    "errors_in_variables_fit": "estimation.noisy_motion.errors_in_variables",
-    "fit": "estimation.fitting",
-    "intervals": "estimation.interval",
-    "own_effect": "modeling.own.writing",
-    "planar": "modeling.model",
-    "read": "estimation.reading",
-    "read_chunks": "estimation.stream.long_log",
-    "read_effects": "truewrench.effects_file",
+    "errors_in_variables_fit": "estimation.errors_in_variables.errors_in_variables_fit",
+    "fit": "estimation.fit_dispatch",
+    "intervals": "estimation.confidence_intervals",
+    "own_effect": "modeling.formulas.custom_effects.python_definition",
+    "planar": "modeling.chain.model",
+    "read": "estimation.recordings.reading",
+    "read_chunks": "estimation.streaming.long_log",
+    "read_effects": "truewrench.files.effects_file",
     "robust_fit": "estimation.robust.robust_fit",
     "signals": "modeling.space",
-    "spatial": "modeling.model",
+    "spatial": "modeling.chain.model",
     "survey": "truewrench.surveying.survey",
     "tell_apart": "design.discrimination",
     "upper_bound": "design.bound",
@@ -159,11 +159,11 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used, so that importing truewrench stays fast."""
+    """Import the module of a public name at its first use, so that importing truewrench stays fast."""
     if name == "__version__":
         return import_module("importlib.metadata").version("truewrench")
     if name == "effects":
         return import_module("modeling.effects")
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+    if name in _MODULE_OF:
+        return getattr(import_module(_MODULE_OF[name]), name)
     raise AttributeError(f"module 'truewrench' has no attribute '{name}'")

@@ -11,8 +11,8 @@ from scipy.optimize import minimize
 from benchmarks.rivals.objective import Objective
 from benchmarks.rivals.reference import CHAPTER, LIMITS
 from benchmarks.rivals.trace import Recorder, Trace
-from design.limit_use import LimitUse
-from design.motion.series import Motion
+from design.limits.limit_use import LimitUse
+from design.trajectories.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def as_the_chapter(seed: int) -> Trace:
         return -float(objective.score(x[None]).logdet[0])
 
     found = minimize(unlimited, start, method="Nelder-Mead", options=options)
-    motion = Motion(CHAPTER, found.x * objective.unit)
+    motion = Trajectory(CHAPTER, found.x * objective.unit)
     fitting = motion.scaled(1 / LimitUse.of(motion, LIMITS).worst.use)
     recorder.evaluations += int(found.nfev)
     recorder.cost(fitting.coefficients / objective.unit)

@@ -15,11 +15,11 @@ import numpy.typing as npt
 import sympy as sp
 
 from benchmarks.rivals.reference import ARM, LARGEST, SAMPLES
-from design.motion.series import Series
-from modeling.arm import joint_symbols
-from modeling.emission import numpy_function
-from modeling.model import planar
-from modeling.regressor import regressor
+from design.trajectories.trajectory import TrajectorySeries
+from modeling.chain.model import planar
+from modeling.chain.regressor import regressor
+from modeling.expressions.compilation import numpy_function
+from modeling.kinematics.planar_arm import joint_symbols
 
 Array = npt.NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class Objective:
     Without that scaling every rival ends lower: an acceleration asks for coefficients that fall with h².
     """
 
-    series: Series
+    series: TrajectorySeries
 
     @cached_property
     def unit(self) -> Array:

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from benchmarks.rivals.objective import Objective, Score
 from benchmarks.rivals.reference import LIMITS
-from design.limit_use import LimitUse
-from design.motion.series import Motion
+from design.limits.limit_use import LimitUse
+from design.trajectories.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Trace:
     seconds: Array
     evaluations: Array
     logdet: Array
-    motion: Motion | None
+    motion: Trajectory | None
     total_seconds: float
     total_evaluations: int
 
@@ -106,7 +106,7 @@ class Recorder:
             seconds=notes[:, 0],
             evaluations=notes[:, 1],
             logdet=notes[:, 2],
-            motion=None if scaled is None else Motion(series, scaled * self.objective.unit),
+            motion=None if scaled is None else Trajectory(series, scaled * self.objective.unit),
             total_seconds=total,
             total_evaluations=self.evaluations,
         )

@@ -1,4 +1,4 @@
-"""DualFunction: what has to stay below the number of parameters in every viable state."""
+"""Dual variables (D, c), and the dual function F that must not exceed k in any viable state."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.bound.conditions import Conditions
-from design.bound.vectorised import Vectorised
-from design.bound.viability import ViableStates
+from design.bound.periodicity_conditions import PeriodicityConditions
+from design.bound.vectorised_function import VectorisedFunction
+from design.bound.viable_states import ViableStates
 from design.information import Experiment
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]
-SHARED = [1, 2]
+SHARED_ARGUMENTS = [1, 2]
 """The arguments of the compiled functions, R and c, that are the same for all points."""
-FEW, MANY = 32, 600
-"""Points that CasADi takes at a time, and from how many on NumPy is faster."""
+BATCH_POINTS, VECTORISED_FROM = 32, 600
+"""Points per CasADi call, and the number of points from which NumPy is faster."""
 
 
 @dataclass(frozen=True, eq=False)
-class Dual:
-    """The multipliers: D (k, k) positive definite, and c (K,) of the conditions."""
+class DualVariables:
+    """The dual variables: D (k, k) positive definite, and c (K,) of the periodicity conditions."""
 
     D: Array
     c: Array
@@ -39,9 +39,9 @@ class Dual:
         """-ln det D."""
         return -float(np.linalg.slogdet(self.D)[1])
 
-    def scaled(self, factor: float) -> Dual:
-        """The dual whose F is `factor` times as large."""
-        return Dual(self.D * factor, self.c * factor)
+    def scaled(self, factor: float) -> DualVariables:
+        """The dual variables whose F is `factor` times as large."""
+        return DualVariables(self.D * factor, self.c * factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class DualFunction:
     """
 
     experiment: Experiment
-    conditions: Conditions
+    conditions: PeriodicityConditions
 
     def __post_init__(self) -> None:
         import casadi as ca
@@ -69,12 +69,12 @@ class DualFunction:
             )
 
     def __getstate__(self) -> dict[str, Any]:
-        # CasADi's functions can be sent to the workers of a pool, its symbols cannot.
+        # CasADi's functions can be pickled for the workers of a pool, its symbols cannot.
         return {name: value for name, value in vars(self).items() if name != "_symbols"}
 
     @property
     def viable(self) -> ViableStates:
-        """The states that are admitted."""
+        """The viable states."""
         return self.conditions.viable
 
     @property
@@ -87,18 +87,18 @@ class DualFunction:
         """The number of parameters k."""
         return self.experiment.size
 
-    # ------------------------------------------------------------------------------------- in numbers
+    # ------------------------------------------------------------------------------------- numerically
 
     def moments(self, states: Array) -> tuple[Array, Array]:
         """Phi'Phi (N, k, k) and L h (N, K) in states (N, 3n)."""
         gram, rates = self._moments.map(len(states))(states.T)
         return np.array(gram).T.reshape(-1, self.size, self.size), np.array(rates).T
 
-    def values(self, points: Array, dual: Dual) -> Array:
+    def values(self, points: Array, dual: DualVariables) -> Array:
         """F (N, 2^n) at points (N, 2n) of the cube and every vertex of ddq."""
         return _evaluated(self.at_vertices, self._many[0], [points.T, dual.root, dual.c])[0].T
 
-    def slopes(self, points: Array, ddq: Array, dual: Dual) -> tuple[Array, Array]:
+    def slopes(self, points: Array, ddq: Array, dual: DualVariables) -> tuple[Array, Array]:
         """F (N,) and its derivative (N, 2n) by the points (N, 2n) of the cube, ddq (N, n) given."""
         value, slope = _evaluated(self.gradient, self._many[1], [points.T, dual.root, dual.c, ddq.T])
         return value[0], slope.T
@@ -126,9 +126,9 @@ class DualFunction:
         return _function([point, root, c, ddq], [value, ca.gradient(value, point)])
 
     @cached_property
-    def _many(self) -> tuple[Vectorised, Vectorised]:
+    def _many(self) -> tuple[VectorisedFunction, VectorisedFunction]:
         """`at_vertices` and `gradient` for many points."""
-        return Vectorised(self.at_vertices), Vectorised(self.gradient)
+        return VectorisedFunction(self.at_vertices), VectorisedFunction(self.gradient)
 
     @cached_property
     def _symbols(self) -> tuple[Any, Any, Any, Any]:
@@ -156,9 +156,9 @@ class DualFunction:
         q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
         c = ca.SX.sym("c", len(self.conditions))
         columns, H = self._columns(q, dq, ddq), ca.dot(c, self.conditions.graph(q, dq))
-        still = ca.substitute(columns, ddq, ca.SX.zeros(self.joints))
+        constant = ca.substitute(columns, ddq, ca.SX.zeros(self.joints))
         return _function(
-            [q, dq, c], [still, ca.jacobian(columns, ddq), ca.dot(ca.gradient(H, q), dq), ca.gradient(H, dq)]
+            [q, dq, c], [constant, ca.jacobian(columns, ddq), ca.dot(ca.gradient(H, q), dq), ca.gradient(H, dq)]
         )
 
     @cached_property
@@ -171,29 +171,33 @@ class DualFunction:
         return _function([ca.vertcat(q, dq, ddq)], [ca.vec(columns.T @ columns), rates])
 
 
-def _evaluated(function: Any, many: Vectorised, arguments: list[Array]) -> list[Array]:
-    """The results (elements, N) at points (elements, N); the `SHARED` arguments stay as they are."""
+def _evaluated(function: Any, many: VectorisedFunction, arguments: list[Array]) -> list[Array]:
+    """The results (elements, N) at points (elements, N); the `SHARED_ARGUMENTS` are common to all points."""
     count, mapped = arguments[0].shape[1], _mapped(function)
-    if count >= MANY and many.possible:
-        return many([a.ravel(order="F") if place in SHARED else a for place, a in enumerate(arguments)])
-    batches = np.minimum(np.arange(-(-count // FEW) * FEW), count - 1).reshape(-1, FEW)  # the last one is filled up
-    results = [mapped.call([a if p in SHARED else a[:, batch] for p, a in enumerate(arguments)]) for batch in batches]
+    if count >= VECTORISED_FROM and many.possible:
+        return many([a.ravel(order="F") if i in SHARED_ARGUMENTS else a for i, a in enumerate(arguments)])
+    batches = np.minimum(np.arange(-(-count // BATCH_POINTS) * BATCH_POINTS), count - 1).reshape(
+        -1, BATCH_POINTS
+    )  # the last one is filled up
+    results = [
+        mapped.call([a if p in SHARED_ARGUMENTS else a[:, batch] for p, a in enumerate(arguments)]) for batch in batches
+    ]
     return [np.hstack([np.array(r[i]) for r in results])[:, :count] for i in range(function.n_out())]
 
 
 @lru_cache(maxsize=16)
 def _mapped(function: Any) -> Any:
-    """The function mapped over `FEW` points; a map for each number of points would take longer to make than to call."""
-    return function.map("mapped", "serial", FEW, SHARED, [])
+    """The function mapped over `BATCH_POINTS` points: a map for each number takes longer to compile than to call."""
+    return function.map("mapped", "serial", BATCH_POINTS, SHARED_ARGUMENTS, [])
 
 
 def _value(parts: Any, ddq: Any, root: Any) -> Any:
     """F from the parts of it that do not depend on ddq: |(Phi_0 + sum_j Phi_j ddq_j) R|² + H_q dq + H_dq ddq."""
     import casadi as ca
 
-    still, slope, drift, push = parts
-    columns = still + ca.reshape(slope @ ddq, *still.shape)
-    return ca.sumsqr(columns @ root) + drift + ca.dot(push, ddq)
+    constant, slope, velocity_term, acceleration_slope = parts
+    columns = constant + ca.reshape(slope @ ddq, *constant.shape)
+    return ca.sumsqr(columns @ root) + velocity_term + ca.dot(acceleration_slope, ddq)
 
 
 def _column(values: list[Any]) -> Any:

@@ -1,4 +1,4 @@
-"""upper_bound: how good any periodic motion of an arm within its limits can be."""
+"""Upper bound by duality: assembly, column generation and proof."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from math import log
 
 import numpy as np
 
-from design.bound.bound import Bound, Kind
-from design.bound.conditions import Conditions, Degrees
-from design.bound.dual_function import Dual, DualFunction
-from design.bound.generation import Generated, Generation, Progress
-from design.bound.proof import Proof, proof
-from design.bound.symmetry import Symmetry, symmetries, with_images
-from design.bound.viability import ViableStates
+from design.bound.branch_and_bound import BranchAndBoundResult, branch_and_bound
+from design.bound.column_generation import ColumnGeneration, ColumnGenerationResult, GenerationProgress
+from design.bound.dual_function import DualFunction, DualVariables
+from design.bound.duality_bound import BoundKind, DualityBound
+from design.bound.periodicity_conditions import PeriodicityConditions, PolynomialDegrees
+from design.bound.symmetry import Symmetry, symmetries, symmetrised_measure
+from design.bound.viable_states import ViableStates
 from design.information import Experiment, WhiteNoise
-from design.information.values import Values
+from design.information.parameter_values import ParameterValues
+from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
-from modeling.kinematics import Arm
-from modeling.model import WrenchModel
-from modeling.rig import Limits
+from modeling.kinematics.arm import Arm
+from modeling.rig.rig import Limits
 from modeling.space import Space
 
-MOST_JOINTS = 4
-"""2n dimensions are searched at 2^n vertices; beyond, random starts no longer see enough of them to check a bound."""
+MOST_BOUNDED_JOINTS = 4
+"""2n dimensions are searched at 2^n vertices; beyond, random starts are too sparse to check a bound."""
 PROOF_SECONDS = 20.0
-"""Ten times what the proof for one joint takes; for two and more joints it closes in no such time."""
+"""Ten times the duration of the proof for one joint; for more joints it does not close in such a time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """How much is done for a bound.
+    """Computational effort for a bound.
 
-    tolerance      ln det by which the bound may exceed the least that its conditions can give
+    tolerance      optimality gap in ln det
     rounds         of column generation, at most; the reference problem takes some 20
-    starts         at random, from which the largest F of a dual that seems good enough is looked for
+    starts         random starts of the search for the largest F of a promising dual
     proof_margin   share by which the proven largest F may exceed the one found: 0.002 costs 0.002 k in ln det
     proof_seconds  of branch and bound, 0 for no proof; None for `PROOF_SECONDS` with one joint, none with more
     """
@@ -58,61 +58,64 @@ def upper_bound(
     limits: Limits,
     *,
     samples: int,
-    values: Values | None = None,
+    values: ParameterValues | None = None,
     noise: WhiteNoise | None = None,
-    degrees: Degrees | None = None,
+    degrees: PolynomialDegrees | None = None,
     effort: Effort | None = None,
     seed: int = 0,
     executor: Executor | None = None,
-    progress: Progress | None = None,
-) -> Bound:
-    """An upper bound on ln det of the information of `samples` samples of any periodic motion within the limits.
+    progress: GenerationProgress | None = None,
+) -> DualityBound:
+    """An upper bound on ln det of the information of `samples` samples of any periodic trajectory within the limits.
 
-    The D-optimal measure on the viable states, under conditions that every periodic motion meets (`Conditions`), by
-    column generation on its dual; then a search for the largest F that starts afresh, and a proof if it is asked for.
+    The D-optimal measure on the viable states, under conditions that every periodic trajectory meets
+    (`PeriodicityConditions`), by column generation on its dual; then a search for the largest F from fresh starts, and
+    a proof if requested.
 
     values    of the parameters by name, for effects whose columns depend on them (nominal where not named)
     noise     weights of the readings; None for unweighted SI
     degrees   of the conditions: higher ones are tighter and take longer
     progress  is called after every round
 
-    Raises InputError for an arm that is not planar or has more than 4 joints, limits of other joints or without zero
-    inside, and models whose columns are not affine in ddq or do not follow from the state alone.
+    Raises InputError for an arm that is not planar or has more than 4 joints, limits of another number of joints or
+    without zero inside, and models whose columns are not affine in ddq or do not follow from the state alone.
     """
     _require_planar(arm, limits)
     effort, rng = effort or Effort(), np.random.default_rng(seed)
     experiment = Experiment.of(model, arm, values, noise=noise)
-    function, found = dual_function(experiment, ViableStates(limits), degrees or Degrees(), seed)
-    generation = Generation(function, found, rng, effort.tolerance, effort.starts, executor, progress)
+    function, found = dual_function(experiment, ViableStates(limits), degrees or PolynomialDegrees(), seed)
+    generation = ColumnGeneration(function, found, rng, effort.tolerance, effort.starts, executor, progress)
     return _bound(function, generation.run(effort.rounds), found, effort, samples)
 
 
 def dual_function(
-    experiment: Experiment, viable: ViableStates, degrees: Degrees, seed: int
+    experiment: Experiment, viable: ViableStates, degrees: PolynomialDegrees, seed: int
 ) -> tuple[DualFunction, tuple[Symmetry, ...]]:
-    """F with the conditions that the symmetries leave, and the symmetries."""
-    plain = DualFunction(experiment, Conditions(viable=viable, degrees=Degrees(each=0, pair=0, more=0)))
+    """F with the periodicity conditions that are useful under the symmetries, and the symmetries."""
+    plain = DualFunction(
+        experiment, PeriodicityConditions(viable=viable, degrees=PolynomialDegrees(each=0, pair=0, more=0))
+    )
     found = symmetries(lambda states: plain.moments(states)[0], viable, seed)
     changes = tuple(symmetry.change for symmetry in found)
-    return DualFunction(experiment, Conditions(viable=viable, degrees=degrees, changes=changes)), found
+    return DualFunction(experiment, PeriodicityConditions(viable=viable, degrees=degrees, changes=changes)), found
 
 
 def _bound(
-    function: DualFunction, generated: Generated, found: tuple[Symmetry, ...], effort: Effort, samples: int
-) -> Bound:
-    """The bound of the best dual, proven where asked for."""
+    function: DualFunction, generated: ColumnGenerationResult, found: tuple[Symmetry, ...], effort: Effort, samples: int
+) -> DualityBound:
+    """The bound of the best dual, proven where requested."""
     k, many, dual = function.size, function.size * log(samples), generated.dual
     proven = _proven(function, dual, effort)
     checked = dual.value + many
     enclosed = None if proven is None else checked + k * log(proven.upper / k)
     closed = proven is not None and proven.closed
-    states, weights = with_images(*generated.measure.support(function), found)
-    return Bound(
+    states, weights = symmetrised_measure(*generated.measure.support(function), found)
+    return DualityBound(
         logdet=checked if enclosed is None or not closed else enclosed,
-        kind=Kind.PROVEN if closed else Kind.CHECKED,
+        kind=BoundKind.PROVEN if closed else BoundKind.CHECKED,
         checked=checked,
         proven=enclosed,
-        reachable=generated.measure.lower + many,
+        primal_value=generated.measure.lower + many,
         samples=samples,
         function=function,
         dual=dual,
@@ -124,18 +127,18 @@ def _bound(
     )
 
 
-def _proven(function: DualFunction, dual: Dual, effort: Effort) -> Proof | None:
+def _proven(function: DualFunction, dual: DualVariables, effort: Effort) -> BranchAndBoundResult | None:
     default = PROOF_SECONDS if function.joints == 1 else 0.0
     seconds = default if effort.proof_seconds is None else effort.proof_seconds
     if seconds <= 0:
         return None
-    return proof(function, dual, target=function.size * (1 + effort.proof_margin), seconds=seconds)
+    return branch_and_bound(function, dual, target=function.size * (1 + effort.proof_margin), seconds=seconds)
 
 
 def _require_planar(arm: Arm, limits: Limits) -> None:
-    if arm.space is not Space.PLANE or arm.joints > MOST_JOINTS:
-        what = f"the bound is for planar arms of at most {MOST_JOINTS} joints"
-        raise InputError(what=what, where="bound", remedy="design without it: only the efficiency stays unknown")
+    if arm.space is not Space.PLANE or arm.joints > MOST_BOUNDED_JOINTS:
+        what = f"the bound is for planar arms of at most {MOST_BOUNDED_JOINTS} joints"
+        raise InputError(what=what, where="bound", remedy="design without it (`--no-bound`): no efficiency is given")
     if limits.joints != arm.joints:
         what = f"limits of {arm.joints} joints were expected, and of {limits.joints} came"
-        raise InputError(what=what, where="limits", remedy="give the limits of the arm that moves")
+        raise InputError(what=what, where="limits", remedy="give the limits of this arm")

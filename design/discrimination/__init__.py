@@ -1,30 +1,30 @@
-"""Discrimination: motions along which rival models of one rig predict different readings."""
+"""Model discrimination: T-optimal trajectories for rival models."""
 
 from __future__ import annotations
 
-from design.discrimination.direction import Direction
-from design.discrimination.distinction import Distinction
-from design.discrimination.hypothesis import Hypothesis, in_place_of, opponents
-from design.discrimination.imitation import Imitation, imitate
-from design.discrimination.pair import Pair, Separation, Verdict
-from design.discrimination.search import Round
-from design.discrimination.setting import Setting
-from design.discrimination.telling import tell_apart
-from design.discrimination.view import View
+from design.discrimination.design_setting import DesignSetting
+from design.discrimination.directed_pair import DirectedPair
+from design.discrimination.discriminating_trajectory import tell_apart
+from design.discrimination.discrimination_design import DiscriminationDesign
+from design.discrimination.exchange_algorithm import ExchangeRound
+from design.discrimination.hypothesis import Hypothesis, rival_models, with_effect_replaced
+from design.discrimination.model_pair import ModelPair, Separability, Separation
+from design.discrimination.rival_fit import RivalFit, fit_rival
+from design.discrimination.whitened_prediction import WhitenedPrediction
 
 __all__ = [
-    "Direction",
-    "Distinction",
+    "DesignSetting",
+    "DirectedPair",
+    "DiscriminationDesign",
+    "ExchangeRound",
     "Hypothesis",
-    "Imitation",
-    "Pair",
-    "Round",
+    "ModelPair",
+    "RivalFit",
+    "Separability",
     "Separation",
-    "Setting",
-    "Verdict",
-    "View",
-    "imitate",
-    "in_place_of",
-    "opponents",
+    "WhitenedPrediction",
+    "fit_rival",
+    "rival_models",
     "tell_apart",
+    "with_effect_replaced",
 ]

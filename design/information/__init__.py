@@ -1,26 +1,26 @@
-"""Information: what readings along a motion say of a model's parameters."""
+"""Fisher information of a model's parameters along a trajectory."""
 
 from __future__ import annotations
 
+from design.information.discrete_prior import DiscretePrior
 from design.information.experiment import Experiment
-from design.information.noise import ColouredNoise, SensorNoise, WhiteNoise
-from design.information.prior import Prior
-from design.information.probe import magnitudes
+from design.information.random_sensitivities import noise_equivalent_sizes
 from design.information.sampling import Sampling
-from design.information.term import Term, prediction_terms, sensitivity_terms
-from design.information.unseen import UnseenCombination, unseen
+from design.information.sensitivity_term import SensitivityTerm, prediction_terms, sensitivity_terms
+from design.information.sensor_noise import ColouredNoise, SensorNoise, WhiteNoise
+from design.information.unidentifiable import UnidentifiableCombination, unidentifiable_combinations
 
 __all__ = [
     "ColouredNoise",
+    "DiscretePrior",
     "Experiment",
-    "Prior",
     "Sampling",
+    "SensitivityTerm",
     "SensorNoise",
-    "Term",
-    "UnseenCombination",
+    "UnidentifiableCombination",
     "WhiteNoise",
-    "magnitudes",
+    "noise_equivalent_sizes",
     "prediction_terms",
     "sensitivity_terms",
-    "unseen",
+    "unidentifiable_combinations",
 ]

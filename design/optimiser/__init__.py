@@ -1,1 +1,1 @@
-"""Optimiser: the best motion of a series within its limits, by an interior point with exact derivatives."""
+"""Optimiser: multistart local optimisation of a trajectory within its limits, by interior-point methods."""

@@ -1,4 +1,4 @@
-"""Objective: the criterion of an experiment as a function of a motion's coefficients, with exact derivatives."""
+"""Objective: the criterion of an experiment as a function of a trajectory's coefficients, with exact derivatives."""
 
 from __future__ import annotations
 
@@ -9,67 +9,67 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from design.criterion.criterion import Criterion
+from design.criteria.criterion import Criterion
 from design.information.experiment import Experiment
-from design.motion.series import Motion, Series
+from design.trajectories.trajectory import Trajectory, TrajectorySeries
 
 Array = NDArray[np.float64]
-ORDERS = (0, 1, 2)
+DERIVATIVE_ORDERS = (0, 1, 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Objective:
-    """criterion(M(z)) of the motions of a series, read at `samples` instants.
+    """criterion(M(z)) of the trajectories of a series, sampled at `samples` instants.
 
-    The states x_t = B_t z are linear in the coefficients z (k,), and M = sum_t m(x_t) as long as nothing remembers. So
-    with w = d criterion / d m and C its second derivative
+    The states x_t = B_t z are linear in the coefficients z (k,), and M = sum_t m(x_t) as long as all effects are
+    static. So with w = d criterion / d m and C its second derivative
 
         gradient = sum_t B_t' m'(x_t)' w,      Hessian = sum_t B_t' [w m''(x_t)] B_t + J' C J,   J = sum_t m'(x_t) B_t,
 
-    m running over the entries of the upper triangle that the criterion reads. Each piece is a CasADi function of one
-    state, mapped over the samples. With memory, coloured noise or time there is a gradient only.
+    m running over the entries of the upper triangle that the criterion depends on. Each part is a CasADi function of
+    one state, mapped over the samples. With dynamic effects, coloured noise or time there is a gradient only.
     """
 
     experiment: Experiment
     criterion: Criterion
-    series: Series
+    series: TrajectorySeries
     samples: int
 
     def __getstate__(self) -> dict[str, Any]:
-        # What was compiled stays behind: it does not travel between processes, and is soon made again.
+        # Compiled functions are not pickled: they are soon compiled again.
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def value(self, coefficients: Array) -> float:
-        """The criterion (larger is better) at z (k,), in NumPy; minus infinity when a parameter is not seen."""
-        return self.criterion.value(self.experiment.information(Motion(self.series, coefficients), self.samples))
+        """The criterion (larger is better) at z (k,), in NumPy; minus infinity when a parameter is unidentifiable."""
+        return self.criterion.value(self.experiment.information(Trajectory(self.series, coefficients), self.samples))
 
     def thinned(self, samples: int) -> Self:
-        """The same with another number of samples; its value differs by degree ln(samples / before) and quadrature."""
+        """The same with another number of samples: differs by degree ln(samples / before) and quadrature error."""
         return replace(self, samples=samples)
 
     @property
     def exact(self) -> bool:
         """Whether there is an exact Hessian."""
-        return not (self.experiment.remembers or self.experiment.timed)
+        return not (self.experiment.has_memory or self.experiment.timed)
 
     @cached_property
     def states(self) -> Array:
         """B (N, 3n, k): position, velocity and acceleration of all joints at every sample by coefficient."""
         instants = self.series.instants(self.samples)
-        return np.concatenate([self.series.basis(instants, order) for order in ORDERS], axis=1)
+        return np.concatenate([self.series.basis(instants, order) for order in DERIVATIVE_ORDERS], axis=1)
 
-    # ----------------------------------------------------------------------- pieces of one state, CasADi SX
+    # ------------------------------------------------------------------------ parts of one state, CasADi SX
 
     @cached_property
     def _entries(self) -> list[tuple[int, int]]:
-        """Rows and columns of the entries of M that the criterion reads, in its upper triangle."""
+        """Rows and columns of the entries of M that the criterion depends on, in its upper triangle."""
         import casadi as ca
 
         size = self.experiment.size
         matrix = ca.MX.sym("M", size, size)
         score = ca.Function("score", [matrix], [self.criterion.graph(matrix)])
-        read = {divmod(int(entry), size) for entry in score.jac_sparsity(0, 0).get_triplet()[1]}
-        return sorted((i, j) for j, i in read if i <= j)
+        used = {divmod(int(entry), size) for entry in score.jac_sparsity(0, 0).get_triplet()[1]}
+        return sorted((i, j) for j, i in used if i <= j)
 
     @cached_property
     def sample(self) -> tuple[Any, Any, Any]:
@@ -117,11 +117,11 @@ class Objective:
 
         count, states = self.samples, self._states_of(z)
         _, slopes, curvature = self.sample
-        _, weight, bend = self.score(self._mean(z))
-        through = slopes.map(count)(states) @ self._basis / count
+        _, weight, score_hessian = self.score(self._mean(z))
+        jacobian = slopes.map(count)(states) @ self._basis / count
         blocks = curvature.map(count)(states, ca.repmat(weight / count, 1, count))
-        own = ca.diagcat(*ca.horzsplit(blocks, 3 * self.experiment.joints))
-        return self._basis.T @ own @ self._basis + through.T @ bend @ through
+        state_hessian = ca.diagcat(*ca.horzsplit(blocks, 3 * self.experiment.joints))
+        return self._basis.T @ state_hessian @ self._basis + jacobian.T @ score_hessian @ jacobian
 
     def _mean(self, z: Any) -> Any:
         """The entries of M / N."""

@@ -1,4 +1,4 @@
-"""Polytope: the coefficients of a series that keep the joints' limits at chosen instants."""
+"""Linear joint-limit constraints as a polytope of coefficients."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from design.optimiser.rows import Rows, middle_and_half
+from design.optimiser.limit_constraints import LimitConstraints, middle_and_half
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """The rows of one joint: the coefficients (c,) that move it, A (R, c), middles (R,), and their place among all."""
+class JointBlock:
+    """The rows of one joint: indices (c,) of its coefficients, A (R, c), middles (R,), and their slice of all rows."""
 
     own: NDArray[np.intp]
     matrix: Array
@@ -25,18 +25,18 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Polytope:
-    """-1 <= A z - middle <= 1 of `rows`, without their tip: one full block of A for each joint."""
+    """-1 <= A z - middle <= 1 of the joint limits in `rows`: one dense block of A for each joint."""
 
-    rows: Rows
+    rows: LimitConstraints
 
     @cached_property
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[JointBlock, ...]:
         """One for each joint."""
-        found, at = list[Block](), 0
+        found, at = list[JointBlock](), 0
         for joint in range(self.rows.series.joints):
             own = np.flatnonzero(self.rows.series.mixing[joint].any(axis=0))
             matrix, middle = self._of(joint, own)
-            found.append(Block(own, matrix, middle, slice(at, at + len(middle))))
+            found.append(JointBlock(own, matrix, middle, slice(at, at + len(middle))))
             at += len(middle)
         return tuple(found)
 
@@ -44,11 +44,11 @@ class Polytope:
         return int(self.blocks[-1].place.stop)
 
     def change(self, step: Array) -> Array:
-        """A step (R,): by how much a step (k,) of the coefficients moves the rows."""
+        """A step (R,): the change of the rows by a step (k,) of the coefficients."""
         return np.concatenate([block.matrix @ step[block.own] for block in self.blocks])
 
     def slack(self, z: Array) -> Array:
-        """(2, R): what is left to the high and to the low ends at z (k,); positive inside."""
+        """(2, R): the slacks to the high and to the low limits at z (k,); positive inside."""
         value = self.change(z) - np.concatenate([block.middle for block in self.blocks])
         return np.stack([1 - value, 1 + value])
 
@@ -68,15 +68,15 @@ class Polytope:
             total[np.ix_(block.own, block.own)] += scaled.T @ scaled
         return total
 
-    def reach(self, still: Array, z: Array, margin: float) -> float | None:
-        """The largest f up to 1 for which still + f (z - still) leaves a share `margin` of what `still` leaves.
+    def reach(self, static: Array, z: Array, margin: float) -> float | None:
+        """The largest f up to 1 for which static + f (z - static) leaves a share `margin` of the slacks of `static`.
 
-        None where `still` (k,) is not inside itself.
+        None where `static` (k,) is not inside itself.
         """
-        room, there = self.slack(still), self.slack(z)
-        if room.min() <= 0:
+        slack = self.slack(static)
+        if slack.min() <= 0:
             return None
-        used = (room - there) / room
+        used = (slack - self.slack(z)) / slack
         return float(min(1.0, (1 - margin) / max(float(used.max()), 1 - margin)))
 
     def _of(self, joint: int, own: NDArray[np.intp]) -> tuple[Array, Array]:

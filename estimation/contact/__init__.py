@@ -1,1 +1,1 @@
-"""What the environment does to the tool: its wrench, when, how sure, and sample by sample."""
+"""Contact of the tool with the environment: wrench with covariance, detection, location, and a real-time filter."""

@@ -1,4 +1,4 @@
-"""ContactFilter: the contact wrench sample by sample, of a time that is exactly so long ago."""
+"""Real-time filter for the contact wrench, sample by sample, with a constant known delay."""
 
 from __future__ import annotations
 
@@ -10,40 +10,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimation.contact.calibration import Calibration
+from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.local_polynomial import LocalPolynomial
-from estimation.contact.row_motion import RowMotion, Tap
+from estimation.contact.row_signals import ColumnDerivative, RowSignals
 from estimation.fit import Fit
-from estimation.linear.estimate import table
+from estimation.least_squares.estimates import table
 from modeling import symbolic as sp
-from modeling.contact import components
-from modeling.contact_gain import contact_gain_at, lateness
+from modeling.chain.contact_gain import contact_gain_at, group_delay
+from modeling.dynamics.discrete_transfer_function import TransferFunctionFilter
+from modeling.dynamics.transfer_function import SymbolicTransferFunction
 from modeling.errors import InputError
-from modeling.memory import Memory
-from modeling.rig import Rig
-from modeling.running_memory import RunningMemory
+from modeling.rig.rig import Rig
+from modeling.tool.wrench_components import contact_components
 
 Array = NDArray[np.float64]
-Row = Mapping[str, float] | ArrayLike
+FilterRow = Mapping[str, float] | ArrayLike
 
 
 class ContactFilter:
-    """Row by row, what `compensate` gives for a whole recording.
+    """Contact wrench row by row, the real-time counterpart of `compensate`.
 
-    At each tick `update` takes the motion and the reading of now and gives the contact wrench (p,), of the environment
-    on the tool with the signs and axes of `modeling.contact`, of `delay` seconds ago. One local polynomial moves over
-    all columns: it gives the motion's value, rate and acceleration and smooths the reading, so that prediction and
-    reading are equally late. The prediction passes the sensor's memory before the reading is compared with it. What
-    the memory does to the contact itself is left as it is: the contact is `late` by that on top of `delay`, with the
-    motion's clock as the reference and for slow changes. A sensor that leads the motion makes `delay` longer.
+    At each sample `update` takes the current motion and reading and gives the contact wrench (p,), of the environment
+    on the tool with the signs and axes of `modeling.tool.wrench_components`, of `delay` seconds ago. One Savitzky-Golay
+    window over all columns gives the motion's value, rate and acceleration and smooths the reading, so that prediction
+    and reading have the same delay. The prediction passes the sensor's transfer function before it is subtracted from
+    the reading. The contact itself is not deconvolved: the sensor's group delay `late`, relative to the motion's clock,
+    adds to `delay`. A sensor that leads the motion makes `delay` longer.
 
-    There is no result (None) until every sample in use was measured and the memory's start is forgotten: `warm_up`
-    rows. A row with a missing value begins this anew.
+    The result is None for the first rows, until the window is full and the transfer function's initial transient has
+    decayed (`warm_up`). A row with a missing value restarts the filter.
     """
 
     def __init__(
         self,
-        fitted: Fit | Calibration,
+        fitted: Fit | CalibratedModel,
         *,
         columns: Sequence[str],
         window: LocalPolynomial,
@@ -53,10 +53,10 @@ class ContactFilter:
         """A filter for rows of `columns` (motion and auxiliary, named as in FORMATS) and the model's channels.
 
         `zero` (p,) is the readings' zero of this session in the channels' units, by default the calibration's biases;
-        a drift that follows a recorded column comes on top. `rig` gives the kinematics that joint angles need.
-        Raises InputError when the model takes signals that such rows do not give, or has a memory that cannot be run.
+        drift that depends on a recorded column is added. `rig` gives the kinematics that joint angles need.
+        Raises InputError when the model needs other signals, or its transfer function cannot be run sample by sample.
         """
-        self.calibration = (fitted if isinstance(fitted, Calibration) else Calibration.of(fitted)).lasting
+        self.calibration = (fitted if isinstance(fitted, CalibratedModel) else CalibratedModel.of(fitted)).lasting
         self.window = window
         model, theta = self.calibration.model, self.calibration.theta
         model.require_direct("contact filter")
@@ -65,49 +65,49 @@ class ContactFilter:
         if self.zero.shape != (biases,) or not np.isfinite(self.zero).all():
             raise _error(f"a zero {self.zero.tolist()} for {biases} channels", "give one number for each channel")
         self._shift = self.zero - theta[:biases]
-        self.motion = RowMotion.of(columns, model.channels, rig)
+        self.motion = RowSignals.of(columns, model.channels, rig)
         self.columns = (*self.motion.columns, *model.channels)
-        self._taps, self._function = self._compiled()
+        self._derivatives, self._function = self._compiled()
         values = dict(zip((p.symbol for p in model.parameters), theta, strict=True))
-        self._transfer = Memory.of(model.memory).at(values)
+        self._transfer = SymbolicTransferFunction.of(model.memory).at(values)
         self._inverse = np.linalg.inv(contact_gain_at(model, theta)[0])
-        order = np.array([tap.order for tap in self._taps], dtype=np.intp)
-        place = np.array([self.columns.index(tap.column) for tap in self._taps], dtype=np.intp)
-        self._taken = order, place
+        order = np.array([d.order for d in self._derivatives], dtype=np.intp)
+        place = np.array([self.columns.index(d.column) for d in self._derivatives], dtype=np.intp)
+        self._order_and_column = order, place
         self.restart()
 
-    def _compiled(self) -> tuple[tuple[Tap, ...], Any]:
-        """The taps of a row's motion that the model takes, and the CasADi function of them to load and zero (2p)."""
+    def _compiled(self) -> tuple[tuple[ColumnDerivative, ...], Any]:
+        """Column derivatives that the model needs, and the CasADi function from them to load and zero (2p,)."""
         model = self.calibration.model
-        expression = self.motion.put_into(sp.Matrix.vstack(model.load, model.zero), model)
+        expression = self.motion.substituted(sp.Matrix.vstack(model.load, model.zero), model)
         return self.motion.function(expression, [p.symbol for p in model.parameters])
 
     # ---------------------------------------------------------------------------------------- running
 
     def restart(self) -> None:
-        """Forget all rows."""
+        """Clear all rows and states."""
         self._predict = _direct(self._function, self.calibration.theta)
-        self._memory = RunningMemory(self._transfer, self.window.dt)
+        self._dynamics = TransferFunctionFilter(self._transfer, self.window.dt)
         self._rows = np.zeros((self.window.samples, len(self.columns)))
-        self._seen = 0
-        self._readings: deque[Array] = deque(maxlen=self._memory.wait + 1)
+        self._row_count = 0
+        self._readings: deque[Array] = deque(maxlen=self._dynamics.wait + 1)
 
-    def update(self, row: Row) -> Array | None:
-        """The contact wrench (p,), N and N m, `delay` seconds before this row; None while it is not known.
+    def update(self, row: FilterRow) -> Array | None:
+        """The contact wrench (p,), N and N m, `delay` seconds before this row; None during `warm_up`.
 
-        The row is a mapping by name (more names do no harm) or an array in the order of `columns`, SI.
+        The row is a mapping by name (further names are ignored) or an array in the order of `columns`, SI.
         Raises InputError when a column is missing.
         """
         residual = self._residual(row)
         return None if residual is None else self._inverse @ residual
 
-    def rezero(self, rows: Iterable[Row]) -> ContactFilter:
-        """A filter, not started, with the zero that these rows, in which nothing touches the tool, have on the average.
+    def rezero(self, rows: Iterable[FilterRow]) -> ContactFilter:
+        """A new filter with the mean zero of these rows, which must be contact-free.
 
         Raises InputError when they are too few for one result.
         """
-        fresh = self._with_zero(self.zero)
-        residuals = [r for r in map(fresh._residual, rows) if r is not None]
+        restarted = self._with_zero(self.zero)
+        residuals = [r for r in map(restarted._residual, rows) if r is not None]
         if not residuals:
             raise _error(f"no result before row {self.warm_up}", "give more rows without contact")
         return self._with_zero(self.zero + np.mean(residuals, axis=0))
@@ -118,24 +118,24 @@ class ContactFilter:
         other.restart()
         return other
 
-    def _residual(self, row: Row) -> Array | None:
-        """Measured less predicted (p,), in the channels' units."""
+    def _residual(self, row: FilterRow) -> Array | None:
+        """Residual (p,), measured minus predicted, in the channels' units."""
         values = self._values(row)
         if not np.isfinite(values).all():
             self.restart()
             return None
         self._rows[:-1] = self._rows[1:]
-        self._rows[-1] = self.motion.continued(values, self._rows[-2] if self._seen else values)
-        self._seen += 1
-        if self._seen < self.window.samples:
+        self._rows[-1] = self.motion.unwrapped(values, self._rows[-2] if self._row_count else values)
+        self._row_count += 1
+        if self._row_count < self.window.samples:
             return None
         moments = self.window.kernels @ self._rows
-        load, zero = self._predict(moments[self._taken]).reshape(2, -1)
+        load, zero = self._predict(moments[self._order_and_column]).reshape(2, -1)
         self._readings.append(moments[0, len(self.motion.columns) :] - zero - self._shift)
-        remembered = self._memory.step(load)
-        return self._readings[0] - remembered if self._seen >= self.warm_up else None
+        filtered_load = self._dynamics.step(load)
+        return self._readings[0] - filtered_load if self._row_count >= self.warm_up else None
 
-    def _values(self, row: Row) -> Array:
+    def _values(self, row: FilterRow) -> Array:
         if isinstance(row, Mapping):
             missing = [name for name in self.columns if name not in row]
             if missing:
@@ -146,31 +146,31 @@ class ContactFilter:
             raise _error(f"a row of shape {values.shape}", f"give {', '.join(self.columns)}")
         return values
 
-    # --------------------------------------------------------------------------------- what it does
+    # --------------------------------------------------------------------------------- properties
 
     @property
     def delay(self) -> float:
-        """Seconds between a reading and the contact wrench that is its own: half the window and the wait for a lead."""
-        return self.window.delay + self._memory.wait * self.window.dt
+        """Delay (s) of the contact wrench after its reading: half the window, and the wait for a leading sensor."""
+        return self.window.delay + self._dynamics.wait * self.window.dt
 
     @property
     def late(self) -> float:
-        """Seconds by which the sensor's own memory shows slow changes late, after the motion's clock."""
-        return lateness(self.calibration.model, self.calibration.theta)
+        """Group delay (s) of the sensor at low frequency, relative to the motion's clock."""
+        return group_delay(self.calibration.model, self.calibration.theta)
 
     @property
     def warm_up(self) -> int:
-        """Rows until the first result, itself included."""
-        return self.window.samples + max(self._memory.wait, self._memory.settling)
+        """Rows up to and including the first result."""
+        return self.window.samples + max(self._dynamics.wait, self._dynamics.settling)
 
     @property
     def bandwidth(self) -> float:
-        """Frequency (Hz) of a contact of which 1/sqrt(2) of the amplitude is left by the window."""
+        """Frequency (Hz) at which the window's gain is 1/sqrt(2) (-3 dB)."""
         return self.window.bandwidth
 
     @property
     def covariance(self) -> Array:
-        """Covariance (p, p) of one result under white noise of the calibration's floor; the motion counts as exact.
+        """Covariance (p, p) of one result under white noise of the calibration's std; the motion is taken as exact.
 
         Results within one window of each other are correlated.
         """
@@ -183,28 +183,31 @@ class ContactFilter:
         return np.sqrt(np.diag(self.covariance))
 
     def unfollowed(self, frequency: ArrayLike) -> Array:
-        """Share (k,) of an inertial load at these frequencies (Hz) that is taken for contact.
+        """Share (k,) of an inertial load at these frequencies (Hz) that leaks into the contact wrench.
 
-        The reading keeps the window's gain for values, a derived acceleration that for accelerations (for rates when it
-        is derived from a rate): the difference, for the column that is derived most often. Nothing when none is.
+        The difference of the window's gains for the reading (value) and for the highest derivative in use (acceleration
+        or rate). Zero when no column is differentiated.
         """
         value = self.window.gain(frequency)
-        return np.asarray(value - self.window.gain(frequency, max((tap.order for tap in self._taps), default=0)))
+        return np.asarray(value - self.window.gain(frequency, max((d.order for d in self._derivatives), default=0)))
 
     def rows(self) -> list[tuple[str, ...]]:
-        """What, and how much of it, as text."""
-        names = components(self.calibration.model.space)
+        """Delay, bandwidth, noise and leakage of inertial loads, as text."""
+        names = contact_components(self.calibration.model.space)
         units = self.calibration.model.space.units
         noise = ", ".join(f"{n} {s:.3g} {u}" for n, s, u in zip(names, self.std, units, strict=True))
         share = 100 * abs(float(self.unfollowed(self.bandwidth / 4)[0]))
         return [
             ("delay", f"{self.delay:.6g} s"),
-            ("sensor's own lateness", f"{self.late:.6g} s"),
+            ("sensor's group delay", f"{self.late:.6g} s"),
             ("first result at row", f"{self.warm_up}"),
             ("bandwidth (-3 dB)", f"{self.bandwidth:.4g} Hz"),
             ("noise (std)", noise),
-            ("acceleration's noise", f"{self.window.norms[2]:.3g} /s² times that of a column it is derived from"),
-            ("inertial load taken for contact", f"{share:.2g} % at {self.bandwidth / 4:.3g} Hz"),
+            (
+                "noise of derived accelerations",
+                f"{self.window.norms[2]:.3g} /s² times that of the differentiated column",
+            ),
+            ("inertial load leaking into contact", f"{share:.2g} % at {self.bandwidth / 4:.3g} Hz"),
         ]
 
     def __str__(self) -> str:
@@ -212,12 +215,12 @@ class ContactFilter:
 
 
 def _direct(function: Any, theta: Array) -> Callable[[Array], Array]:
-    """A CasADi function of (u, theta) as a function of u (m,) alone, without a copy but that of its result."""
+    """A CasADi function of (u, theta) as a function of u (m,) alone; only its result is copied."""
     buffer, evaluate = function.buffer()
     result = np.zeros(function.size1_out(0))
 
     def run(values: Array) -> Array:
-        # Set anew every time: the buffer holds no reference to what it points at, this function does.
+        # Set at every call: the buffer holds no reference to its arguments.
         for place, argument in enumerate((values, theta)):
             if argument.size:
                 buffer.set_arg(place, memoryview(argument))  # type: ignore[arg-type]

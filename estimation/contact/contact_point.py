@@ -1,4 +1,4 @@
-"""ContactPoint: where on a known surface the environment touches the tool, from the contact wrench."""
+"""Contact point on a known tool surface from the contact wrench, with its covariance."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.contact.surface import Surface
-from estimation.linear.estimate import table
+from estimation.least_squares.estimates import table
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+SampleMask = NDArray[np.bool_]
 
-CLEAR = 2.0
-"""Standard deviations that a force is at least, for its line of action to mean anything: as for `direction`."""
+MIN_FORCE_TO_STD = 2.0
+"""Least ratio of a force to its std for its line of action to be defined: as for `PointForce.direction`."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPoint:
-    """Where a force with no torque of its own would touch the surface, sample by sample. Sensor frame, SI.
+    """Contact point of a pure force (no free torque) on the surface, sample by sample. Sensor frame, SI.
 
-    point       (n, 3) m; nan where the force is not `clear`, its line misses the surface, or it pulls
-    covariance  (n, 3, 3) m², to first order; it has no part along the surface's normal
-    torsion     (n,) N m about the line of action, which no point contact without torsion gives
+    point       (n, 3) m; nan where the force is not `clear`, its line misses the surface, or it points outwards
+    covariance  (n, 3, 3) m², to first order; it has no component along the surface's normal
+    torsion     (n,) N m about the line of action, zero for a point contact without torsion
     torsion_std (n,) its standard deviation
-    clearance   (n,) m by which the line of action misses the surface, at most zero where it meets it
-    clear       (n,) whether the force is at least twice its standard deviation; all else is nan where it is not
+    clearance   (n,) m, distance of the line of action from the surface, at most zero where it meets it
+    clear       (n,) whether the force is at least twice its standard deviation; all other fields are nan where not
     """
 
     point: Array
@@ -35,21 +35,21 @@ class ContactPoint:
     torsion: Array
     torsion_std: Array
     clearance: Array
-    clear: Mask
+    clear: SampleMask
 
     @property
-    def found(self) -> Mask:
+    def found(self) -> SampleMask:
         """Which samples (n,) have a point."""
         return np.asarray(np.isfinite(self.point).all(axis=1))
 
     @property
-    def missed(self) -> Mask:
-        """Samples (n,) of a clear force whose line of action passes the surface: not a single contact there."""
+    def missed(self) -> SampleMask:
+        """Samples (n,) of a clear force whose line of action misses the surface: no single contact there."""
         return np.asarray(self.clear & (self.clearance > 0))
 
     @property
-    def pulled(self) -> Mask:
-        """Samples (n,) of a clear force that meets the surface, but points out of the tool."""
+    def pulled(self) -> SampleMask:
+        """Samples (n,) of a clear force whose line meets the surface, but which points out of the tool."""
         return np.asarray(self.clear & ~self.missed & ~self.found)
 
     @property
@@ -63,13 +63,18 @@ class ContactPoint:
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
     def rows(self) -> list[tuple[str, ...]]:
-        """How many samples there are of each kind, as text; of those with a point the middle one and its std."""
-        kinds = {"point found": self.found, "line misses": self.missed, "force pulls": self.pulled, "weak": ~self.clear}
+        """Number of samples of each kind, as text; for those with a point its median and median std."""
+        kinds = {
+            "point found": self.found,
+            "line of action misses": self.missed,
+            "force points outwards": self.pulled,
+            "force too small": ~self.clear,
+        }
         rows: list[tuple[str, ...]] = [(name, str(int(which.sum()))) for name, which in kinds.items()]
         if not self.found.any():
             return rows
-        middle, spread = (np.median(values[self.found], axis=0) for values in (self.point, self.std))
-        medians = zip("xyz", middle, spread, strict=True)
+        median, median_std = (np.median(values[self.found], axis=0) for values in (self.point, self.std))
+        medians = zip("xyz", median, median_std, strict=True)
         return [*rows, *((f"{axis}, median", f"{value:.4g} ± {std:.2g} m") for axis, value, std in medians)]
 
     def __str__(self) -> str:
@@ -82,10 +87,10 @@ def contact_point(wrench: Array, covariance: Array, surface: Surface) -> Contact
     Torques are about the sensor origin; all in the sensor frame. A force f at r has the torque t = r x f, so that it
     acts on the line r = f x t / |f|² + s f / |f| (the wrench's axis), and with t . f = 0. Of the points where the line
     crosses the surface it is the one where the force pushes into the tool, f . n < 0 with n outward: the first that
-    the force meets. `covariance` (6, 6) or (n, 6, 6) is that of the wrenches. It goes over to the point by the implicit
-    function theorem (`_covariance`), and to the torsion t . u, u = f / |f|, by
+    the force meets. `covariance` (6, 6) or (n, 6, 6) is that of the wrenches. It propagates to the point by the
+    implicit function theorem (`_covariance`), and to the torsion t . u, u = f / |f|, by
         d(t . u) = u . dt + (t - (t . u) u) . df / |f|.
-    Raises InputError when the wrenches are not those of six axes.
+    Raises InputError when the wrenches do not have six components.
     """
     wrench = np.asarray(wrench, dtype=float)
     if wrench.ndim != 2 or wrench.shape[1] != 6:
@@ -95,13 +100,13 @@ def contact_point(wrench: Array, covariance: Array, surface: Surface) -> Contact
     force, torque = wrench[:, :3], wrench[:, 3:]
     size = np.linalg.norm(force, axis=1)
     unit = force / np.maximum(size, np.finfo(float).tiny)[:, None]
-    clear = size >= np.maximum(CLEAR * _std(covariance[:, :3, :3], unit), np.finfo(float).tiny)
+    clear = size >= np.maximum(MIN_FORCE_TO_STD * _std(covariance[:, :3, :3], unit), np.finfo(float).tiny)
 
     torsion = np.sum(torque * unit, axis=1)
     scale = np.where(clear, size, 1.0)[:, None]
     slope = np.concatenate([(torque - torsion[:, None] * unit) / scale, unit], axis=1)
     foot = np.cross(force, torque) / scale**2
-    point = np.where(clear[:, None], _pushing(foot, unit, surface), np.nan)
+    point = np.where(clear[:, None], _first_inward_crossing(foot, unit, surface), np.nan)
     return ContactPoint(
         point=point,
         covariance=_covariance(point, wrench, covariance, surface),
@@ -112,7 +117,7 @@ def contact_point(wrench: Array, covariance: Array, surface: Surface) -> Contact
     )
 
 
-def _pushing(foot: Array, unit: Array, surface: Surface) -> Array:
+def _first_inward_crossing(foot: Array, unit: Array, surface: Surface) -> Array:
     """The first crossing (n, 3) at which the force pushes into the tool; nan without one."""
     places = surface.crossings(foot, unit)
     points = foot[:, None, :] + places[..., None] * unit[:, None, :]

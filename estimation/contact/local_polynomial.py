@@ -1,4 +1,4 @@
-"""LocalPolynomial: value, rate and acceleration in the middle of a moving window (Savitzky and Golay, 1964)."""
+"""Savitzky-Golay filter: value, rate and acceleration in the middle of a moving window (Savitzky and Golay, 1964)."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from modeling.errors import InputError
 
 Array = NDArray[np.float64]
 
-ORDERS = 3
+DERIVATIVE_COUNT = 3
 """Value, rate and acceleration."""
-DEGREE = 4
-"""A quartic's acceleration is still a parabola: it follows the peaks of a motion, where a parabola's is constant."""
-POINTS = 8
-"""Frequencies to each lobe of a response, so that none of its first fall is stepped over."""
+POLYNOMIAL_DEGREE = 4
+"""The acceleration of a quartic is a parabola, which follows the peaks of a motion; a parabola's is constant."""
+FREQUENCIES_PER_LOBE = 8
+"""Frequencies per lobe of the frequency response, so that its first -3 dB crossing is not missed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,15 +29,14 @@ class LocalPolynomial:
     """The polynomial of `degree` that fits 2 `half` + 1 samples, dt (s) apart, best by least squares.
 
     Its value and derivatives in the middle are `kernels` times the samples. They are symmetric, so that the phase is
-    linear and what comes out belongs to the time `delay` = half dt ago, whatever its frequency. Polynomials up to
-    `degree` are reproduced exactly; by symmetry one power more does no harm to value and acceleration where that is
-    odd, nor to the rate where it is even.
-    Raises InputError when the window has too few samples for its polynomial, or that has no acceleration.
+    linear and the delay `delay` = half dt at every frequency. Polynomials up to `degree` are reproduced exactly; by
+    symmetry, value and acceleration are exact for the next odd power too, the rate for the next even one.
+    Raises InputError when the window has too few samples for its polynomial, or the degree is below 2.
     """
 
     half: int
     dt: float
-    degree: int = DEGREE
+    degree: int = POLYNOMIAL_DEGREE
 
     def __post_init__(self) -> None:
         least = self.degree // 2
@@ -47,12 +46,12 @@ class LocalPolynomial:
         _require(2 * self.half + 1 > self.degree, samples, f"wait {(least + self.degree % 2) * self.dt:g} s at least")
 
     @classmethod
-    def of_delay(cls, delay: float, *, dt: float, degree: int = DEGREE) -> Self:
-        """The longest window that is not later than `delay` (s)."""
+    def of_delay(cls, delay: float, *, dt: float, degree: int = POLYNOMIAL_DEGREE) -> Self:
+        """The longest window with a delay of at most `delay` (s)."""
         return cls(half=int(np.floor(delay / dt * (1 + 1e-9))), dt=dt, degree=degree)  # 1e-9: rounding of the ratio
 
     @classmethod
-    def of_bandwidth(cls, frequency: float, *, dt: float, degree: int = DEGREE) -> Self:
+    def of_bandwidth(cls, frequency: float, *, dt: float, degree: int = POLYNOMIAL_DEGREE) -> Self:
         """The longest window that passes `frequency` (Hz) with at least 1/sqrt(2) of its amplitude.
 
         Raises InputError for a frequency beyond half the sample rate, or not positive.
@@ -75,20 +74,20 @@ class LocalPolynomial:
 
     @property
     def delay(self) -> float:
-        """By how much (s) the results are late, at every frequency."""
+        """Delay (s) of the results, at every frequency."""
         return self.half * self.dt
 
     @cached_property
     def kernels(self) -> Array:
         """Rows (3, samples), oldest sample first, that give value, rate and acceleration (per s, s²).
 
-        In Legendre polynomials of the place u in the window, -1 to 1, the fit is well conditioned however long it is.
+        In Legendre polynomials of the scaled time, -1 to 1, the fit is well conditioned for any window length.
         """
         place = np.arange(-self.half, self.half + 1) / self.half
         fit = np.linalg.pinv(legendre.legvander(place, self.degree))
         basis = np.eye(self.degree + 1)
-        middle = np.stack([legendre.legval(0.0, legendre.legder(basis, order)) for order in range(ORDERS)])
-        return np.asarray(middle @ fit / np.array([self.delay**order for order in range(ORDERS)])[:, None])
+        middle = np.stack([legendre.legval(0.0, legendre.legder(basis, order)) for order in range(DERIVATIVE_COUNT)])
+        return np.asarray(middle @ fit / np.array([self.delay**order for order in range(DERIVATIVE_COUNT)])[:, None])
 
     @cached_property
     def norms(self) -> Array:
@@ -96,7 +95,7 @@ class LocalPolynomial:
         return np.asarray(np.linalg.norm(self.kernels, axis=1))
 
     def gain(self, frequency: ArrayLike, order: int = 0) -> Array:
-        """What is left of the amplitude of the derivative of this order, at frequencies (k,) in Hz; real, 1 at zero.
+        """Gain of the derivative of this order relative to the exact one at frequencies (k,) in Hz; real, 1 at zero.
 
         For a sine of angular frequency w: sum_i kernel_i exp(j w i dt) / (j w)^order, i = -half .. half.
         """
@@ -108,12 +107,12 @@ class LocalPolynomial:
 
     @cached_property
     def bandwidth(self) -> float:
-        """The first frequency (Hz) of which 1/sqrt(2) of the amplitude is left; half the sample rate when none is."""
-        line = np.linspace(0.0, 0.5 / self.dt, POINTS * self.samples)
-        below = np.flatnonzero(self.gain(line) < np.sqrt(0.5))
+        """The first frequency (Hz) with a gain of 1/sqrt(2) (-3 dB); half the sample rate without one."""
+        grid = np.linspace(0.0, 0.5 / self.dt, FREQUENCIES_PER_LOBE * self.samples)
+        below = np.flatnonzero(self.gain(grid) < np.sqrt(0.5))
         if not below.size:
-            return float(line[-1])
-        return float(brentq(lambda f: self.gain(f)[0] - np.sqrt(0.5), line[below[0] - 1], line[below[0]]))
+            return float(grid[-1])
+        return float(brentq(lambda f: self.gain(f)[0] - np.sqrt(0.5), grid[below[0] - 1], grid[below[0]]))
 
 
 def _require(holds: bool, what: str, remedy: str) -> None:

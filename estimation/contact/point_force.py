@@ -1,4 +1,8 @@
-"""Point force: a planar contact wrench as one force at a known point of the tip, by 22.14 to 22.16 corrected."""
+"""Planar contact wrench as one force at a known point of the tip, by 22.14 to 22.16 corrected.
+
+Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators"
+(Bassi et al.).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from modeling.emission import numpy_function
+from modeling.expressions.compilation import numpy_function
 
 Array = NDArray[np.float64]
 
@@ -20,7 +24,7 @@ CONFIDENCE = 0.95
 class PointForce:
     """A force (n, 2) in N along x' and y', with covariance (n, 2, 2), that acts at one point of the tip.
 
-    misfit    (n,) chi-square, one degree of freedom, of the torque that such a force does not explain; nan without one
+    misfit    (n,) chi-square, one degree of freedom, of the torque's residual; nan without a tip length
     """
 
     force: Array
@@ -36,15 +40,15 @@ class PointForce:
         s = (K sin b, K cos b), wrench = H s with H = [[1, 0], [0, 1], [d, 0]], so that least squares weighted with the
         inverse W of the channels' noise covariance `weight` (3, 3) has the closed form s = (H' W H)^-1 H' W wrench.
         With W = 1 it is s = ((fcx + tauc d) / (1 + d²), fcy): PHYSICS.md, errata 3, 4 and 7. `covariance` (n, 3, 3) is
-        that of the wrenches, whatever it comes from. Without a distance the torque says nothing: s = (fcx, fcy).
+        that of the wrenches, whatever it comes from. Without a distance the torque is not used: s = (fcx, fcy).
         """
         if distance is None:
             return cls(wrench[:, :2], covariance[:, :2, :2], np.full(len(wrench), np.nan))
         arm = np.array([[1.0, 0.0], [0.0, 1.0], [distance, 0.0]])
         inverse = np.linalg.inv(weight)
         gain = np.linalg.solve(arm.T @ inverse @ arm, arm.T @ inverse)
-        left = wrench - wrench @ gain.T @ arm.T
-        return cls(wrench @ gain.T, gain @ covariance @ gain.T, np.einsum("ni,ij,nj->n", left, inverse, left))
+        residual = wrench - wrench @ gain.T @ arm.T
+        return cls(wrench @ gain.T, gain @ covariance @ gain.T, np.einsum("ni,ij,nj->n", residual, inverse, residual))
 
     @cached_property
     def magnitude(self) -> Array:
@@ -63,22 +67,22 @@ class PointForce:
 
     @cached_property
     def direction_std(self) -> Array:
-        """Standard deviation across the force over its size, rad (n,); means little while the force is small."""
+        """Standard deviation across the force over its size, rad (n,); valid for forces large against it."""
         across = np.stack([self._unit[:, 1], -self._unit[:, 0]], axis=1)
         return np.asarray(self._along(across) / np.maximum(self.magnitude, 1e-300))
 
     @property
     def clear(self) -> NDArray[np.bool_]:
-        """Whether the size is at least twice its standard deviation: only then does it have a direction."""
+        """Whether the size is at least twice its standard deviation: only then is its direction defined."""
         return np.asarray(self.magnitude >= 2 * self.magnitude_std)
 
     def direction_interval(self, confidence: float = CONFIDENCE) -> Array:
-        """Half-width (n,) of the direction's interval, rad: what the force's confidence ellipse spans from the origin.
+        """Half-width (n,), rad, of the direction's interval: what the confidence ellipse subtends at the origin.
 
-        A direction u is inside as long as some force along it is; with s = (u's part, the other) / covariance that is
-        the cone of u for which (s' S^-1 u)² >= (u' S^-1 u)(s' S^-1 s - c). In coordinates where S = 1 the circle of
-        radius sqrt(c) around s, |s| > sqrt(c), is seen under asin(sqrt(c) / |s|) on either side; its tangents are
-        taken back. Where the origin lies in the ellipse every direction is possible: pi.
+        A direction u is inside if some force along it is: with force s and covariance S the cone of u for which
+        (s' S^-1 u)² >= (u' S^-1 u)(s' S^-1 s - c). In coordinates where S = 1 the circle of radius sqrt(c) around s,
+        |s| > sqrt(c), subtends asin(sqrt(c) / |s|) on either side; its tangents are transformed back. Where the origin
+        lies in the ellipse every direction is possible: pi.
         """
         root = np.linalg.cholesky(self.covariance)
         white = np.linalg.solve(root, self.force[..., None])[..., 0]
@@ -86,9 +90,8 @@ class PointForce:
         half = np.arcsin(np.minimum(ratio, 1.0))
         widest = np.zeros(len(white))
         for turn in (half, -half):
-            edge = np.stack([_turned(white, turn)], axis=0)[0]
-            seen = (root @ edge[..., None])[..., 0]
-            angle = np.arctan2(seen[:, 0], seen[:, 1]) - self.direction
+            tangent = (root @ _rotated(white, turn)[..., None])[..., 0]
+            angle = np.arctan2(tangent[:, 0], tangent[:, 1]) - self.direction
             widest = np.maximum(widest, np.abs((angle + np.pi) % (2 * np.pi) - np.pi))
         return np.asarray(np.where(ratio < 1, widest, np.pi))
 
@@ -101,7 +104,7 @@ class PointForce:
         return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, self.covariance, direction)))
 
 
-def _turned(vectors: Array, angle: Array) -> Array:
+def _rotated(vectors: Array, angle: Array) -> Array:
     cosine, sine = np.cos(angle), np.sin(angle)
     x, y = vectors.T
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
@@ -110,9 +113,10 @@ def _turned(vectors: Array, angle: Array) -> Array:
 def printed_direction(wrench: Array, distance: float) -> Array:
     """22.16 as it is printed, for comparison: arctan((fcx - tauc d) / (fcy (1 + d²))), (n,), rad in (-pi/2, pi/2).
 
-    It solves tauc = +R d sin(.) against 22.14's sign (erratum 3), loses the quadrant and weighs N like N m (erratum 4).
+    It solves tauc = +R d sin(.) against 22.14's sign (erratum 3), loses the quadrant and weights N and N m equally
+    (erratum 4).
     """
-    from modeling.chapter.contact import FCX, FCY, PRINTED_22_16, TAUC, D
+    from modeling.reference.contact_statics import FCX, FCY, PRINTED_22_16, TAUC, D
 
     tangent = numpy_function((FCX, FCY, TAUC, D), [PRINTED_22_16])
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Surface: the outside of a tool, as far as it is known, in the sensor frame."""
+"""Known surfaces of a tool in the sensor frame: sphere, plane, capsule."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Array = NDArray[np.float64]
 
 
 class Surface(ABC):
-    """The outside of a tool: where a line goes through it, and which way is out. Lengths in m, sensor frame."""
+    """Surface of a tool: intersections with lines and outward normals. Lengths in m, sensor frame."""
 
     @abstractmethod
     def crossings(self, origin: Array, direction: Array) -> Array:
-        """Places s (n, k), m, of lines origin + s direction (n, 3; unit directions) on it; nan without."""
+        """Parameters s (n, k), m, at which lines origin + s direction (n, 3; unit) cross it; nan without."""
 
     @abstractmethod
     def outward(self, points: Array) -> Array:
@@ -26,12 +26,12 @@ class Surface(ABC):
 
     @abstractmethod
     def clearance(self, origin: Array, direction: Array) -> Array:
-        """How far the lines pass outside (n,), m; at most zero where they meet the surface."""
+        """Distance of the lines from the surface (n,), m; at most zero where they meet it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sphere(Surface):
-    """A ball, such as a probe's tip."""
+    """A sphere, such as a probe's tip."""
 
     centre: Array
     radius: float
@@ -41,7 +41,7 @@ class Sphere(Surface):
         _require_positive(self.radius, "radius")
 
     def crossings(self, origin: Array, direction: Array) -> Array:
-        """In and out."""
+        """Entry and exit of each line."""
         return _roots(origin - self.centre, direction, self.radius)
 
     def outward(self, points: Array) -> Array:
@@ -50,12 +50,12 @@ class Sphere(Surface):
 
     def clearance(self, origin: Array, direction: Array) -> Array:
         """Distance of the line from the centre less the radius."""
-        return np.asarray(np.linalg.norm(_across(origin - self.centre, direction), axis=1) - self.radius)
+        return np.asarray(np.linalg.norm(_orthogonal(origin - self.centre, direction), axis=1) - self.radius)
 
 
 @dataclass(frozen=True, eq=False)
 class Plane(Surface):
-    """A flat face of the tool through `point`, as wide as is needed; `normal` points out of the tool."""
+    """A flat face of the tool through `point`, unbounded; `normal` points out of the tool."""
 
     point: Array
     normal: Array
@@ -67,7 +67,7 @@ class Plane(Surface):
         object.__setattr__(self, "normal", _unit(normal))
 
     def crossings(self, origin: Array, direction: Array) -> Array:
-        """One, unless the line is parallel to the plane."""
+        """One crossing, unless the line is parallel to the plane."""
         along, height = direction @ self.normal, (origin - self.point) @ self.normal
         return np.asarray(np.divide(-height, along, out=np.full(len(origin), np.nan), where=along != 0)[:, None])
 
@@ -105,8 +105,8 @@ class Capsule(Surface):
         return _unit(self.end - self.start)
 
     def crossings(self, origin: Array, direction: Array) -> Array:
-        """Two at the most: on the cylinder between the ends, on the spheres about the ends beyond them."""
-        side = _roots(_across(origin - self.start, self.axis), _across(direction, self.axis), self.radius)
+        """Two crossings at the most: on the cylinder between the ends, on the spheres beyond them."""
+        side = _roots(_orthogonal(origin - self.start, self.axis), _orthogonal(direction, self.axis), self.radius)
         ends = [_roots(origin - centre, direction, self.radius) for centre in (self.start, self.end)]
         places = np.concatenate([side, *ends], axis=1)
         heights = ((origin - self.start) @ self.axis)[:, None] + (direction @ self.axis)[:, None] * places
@@ -121,24 +121,24 @@ class Capsule(Surface):
     def clearance(self, origin: Array, direction: Array) -> Array:
         """Distance between line and segment less the radius.
 
-        Its square is convex along the segment: the minimum over the whole axis, brought into the segment.
+        Its square is convex along the segment: the minimum over the whole axis, clipped to the segment.
         """
-        away, slope = _across(origin - self.start, direction), _across(self.axis[None], direction)
+        away, slope = _orthogonal(origin - self.start, direction), _orthogonal(self.axis[None], direction)
         place = np.sum(away * slope, axis=1) / np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
         gap = away - np.clip(place, 0.0, self.length)[:, None] * slope
         return np.asarray(np.linalg.norm(gap, axis=1) - self.radius)
 
 
 def _roots(origin: Array, direction: Array, radius: float) -> Array:
-    """Places s (n, 2) with |origin + s direction| = radius; nan or infinite without one."""
+    """Parameters s (n, 2) with |origin + s direction| = radius; nan or infinite without one."""
     square, half = np.sum(direction**2, axis=1), np.sum(origin * direction, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(half**2 - square * (np.sum(origin**2, axis=1) - radius**2))
         return np.stack([(-half - root) / square, (-half + root) / square], axis=1)
 
 
-def _across(vectors: Array, axis: Array) -> Array:
-    """The part of vectors (n, 3) square to unit axes (3,) or (n, 3)."""
+def _orthogonal(vectors: Array, axis: Array) -> Array:
+    """The component of vectors (n, 3) orthogonal to unit axes (3,) or (n, 3)."""
     return np.asarray(vectors - np.sum(vectors * axis, axis=1, keepdims=True) * axis)
 
 

@@ -1,1 +1,1 @@
-"""Fits that a few wild readings do not move."""
+"""Robust estimation: M-estimates with Huber's or Student's loss, and outlier detection in coloured noise."""

@@ -1,4 +1,4 @@
-"""RobustFit: parameters that a few wild readings do not move, in coloured noise too."""
+"""Robust fit: M-estimate of a model's parameters in coloured noise, by cleaned readings."""
 
 from __future__ import annotations
 
@@ -8,34 +8,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.convention import decided
-from estimation.fit import Estimate, Fit, Problem, check_channels, refit, require_weight, table
-from estimation.interval import Intervals, intervals
-from estimation.noise import Noise, NoiseSource
-from estimation.recording import Recording
-from estimation.robust.loss import Huber, Loss
-from estimation.robust.outliers import Outliers, outliers_of
-from estimation.robust.rereading import reread
-from modeling.model import WrenchModel
+from estimation.confidence_intervals import Intervals, intervals
+from estimation.fit import Estimate, Fit, WhitenedProblem, check_channels, refit, require_positive_fitted_mass, table
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.sign_convention import with_decided_convention
+from estimation.robust.outliers import Outliers, separate_outliers
+from estimation.robust.robust_loss import Huber, Loss
+from modeling.chain.model import WrenchModel
 
 Array = NDArray[np.float64]
 
-MOST_ROUNDS = 40
-NOISE_ROUNDS = 4
-"""Rounds in which noise is estimated again: one finds wild readings, one its colour, two settle. Then it is held."""
-STILL = 0.01
-"""Move in standard deviations below which the unknowns have come to rest: their intervals do not show it."""
+MAX_ROUNDS = 40
+NOISE_REESTIMATION_ROUNDS = 4
+"""Rounds with noise re-estimation: one for outliers, one for the spectrum, two to settle. Then it is fixed."""
+PARAMETER_TOLERANCE = 0.01
+"""Change of the parameters, in std, below which they have converged: negligible in their intervals."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobustFit:
-    """An M-estimate of a model's parameters, with what it took out of the recordings.
+    """An M-estimate of a model's parameters, with the outliers of the recordings.
 
     fit        of the cleaned recordings (readings less `outliers.part`); its covariance is the M-estimate's
     plain      least squares of the recordings as they are
     outliers   per recording
-    pull       (rows, k) what each whitened row of noise moves every unknown by
-    converged  whether unknowns and outliers came to rest together
+    pull       (rows, k) influence of each whitened row's noise on every parameter
+    converged  whether parameters and outliers converged
     """
 
     fit: Fit
@@ -47,20 +46,20 @@ class RobustFit:
 
     @property
     def parameters(self) -> Mapping[str, Estimate]:
-        """Every unknown by name, with std and unit."""
+        """Every parameter by name, with std and unit."""
         return self.fit.parameters
 
     @property
     def values(self) -> dict[str, float]:
-        """The value of every unknown by name."""
+        """The value of every parameter by name."""
         return self.fit.values
 
     def intervals(self, level: float = 0.95) -> Intervals:
-        """Intervals of every unknown, with the degrees of freedom of the noise that was estimated."""
+        """Confidence intervals of every parameter, with the effective degrees of freedom of the estimated noise."""
         return intervals(self.fit, level=level, pull=self.pull)
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Name, value, std, unit, and value and std of plain least squares, as text."""
+        """Name, value, std, unit, and value and std of ordinary least squares, as text."""
         plain = [row[1:3] for row in self.plain.rows()]
         return [(*row, *other) for row, other in zip(self.fit.rows(), plain, strict=True)]
 
@@ -71,9 +70,20 @@ class RobustFit:
 
     def __str__(self) -> str:
         found = table(("parameter", "value", "std", "unit", "least squares", "std"), self.rows())
-        head = ("recording", "channel", "scale", "taken", "if normal", "outliers", "largest (std)", "at (s, row)")
+        head = (
+            "recording",
+            "channel",
+            "scale",
+            "downweighted",
+            "if normal",
+            "outliers",
+            "largest (std)",
+            "at (s, row)",
+        )
         text = f"{found}\n{self.loss}\n{table(head, self.outlier_rows())}"
-        return text if self.converged else f"{text}\nnot converged after {MOST_ROUNDS} rounds: the values may move on"
+        return (
+            text if self.converged else f"{text}\nnot converged after {MAX_ROUNDS} rounds: the estimates are not final"
+        )
 
 
 def robust_fit(
@@ -83,82 +93,83 @@ def robust_fit(
     loss: Loss | None = None,
     start: Mapping[str, float] | None = None,
 ) -> RobustFit:
-    """Estimate a model's parameters with a loss (default Huber(1.345)) in the place of squares.
+    """Estimate a model's parameters with a robust loss (default Huber(1.345)) in place of squares.
 
-    Outliers live in time; whitened rows are Fourier lines or innovations, in which one wild reading is everywhere or
-    in many. So no rows are weighted. Instead the readings are cleaned by as much as the loss says (`Outliers`), least
-    squares and their noise are computed from what is left, and both are repeated until they agree. The
-    estimating equation is then X' W' W (e - o(e)) = 0, W the whitening of the cleaned noise: for white noise Huber's
-    sum psi(e_t / s) x_t = 0 (his H-algorithm, "Robust regression", Ann. Statist. 1 (1973) 799-821).
+    Outliers are local in time; whitened rows are Fourier lines or innovations, over which one outlier is spread. So
+    rows are not weighted. Instead the readings are cleaned by the amount that the loss gives (`Outliers`), least
+    squares and noise re-estimation use the cleaned readings, and both are iterated to convergence. The estimating
+    equation is then X' W' W (e - o(e)) = 0, W the whitening of the cleaned noise: for white noise Huber's sum
+    psi(e_t / s) x_t = 0 (his H-algorithm, "Robust regression", Ann. Statist. 1 (1973) 799-821).
 
-    Covariance. With J = d(e - o)/de the linearised cleaning, theta's error moves the equation by H = X' W' W J X, and
-    its noise has the covariance M = X' W' W X, as W whitens what is left: H^-1 M H^-T = pull' pull with the pull
-    W X H^-T. For white noise J = diag(psi'), and this is the known s² E psi² / (E psi')² (X'X)^-1.
+    Covariance. With J = d(e - o)/de the linearised cleaning, the estimating equation has the derivative
+    H = X' W' W J X in theta and noise of covariance M = X' W' W X, as W whitens the cleaned noise:
+    H^-1 M H^-T = pull' pull with the influence pull = W X H^-T. For white noise J = diag(psi'), and this is the known
+    s² E psi² / (E psi')² (X'X)^-1.
 
-    Missing physics counts as noise only as far as it surprises its neighbours in time: what is smooth stays.
+    Unmodelled effects are downweighted only where neighbouring samples do not predict them: a smooth residual stays.
     Raises InputError as `fit` does.
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     check_channels(model, several)
-    plain = refit(decided(model, several), several, start=start)
-    found = _settled(plain, loss or Huber())
-    require_weight(found.fit)
+    plain = refit(with_decided_convention(model, several), several, start=start)
+    found = _iterated(plain, loss or Huber())
+    require_positive_fitted_mass(found.fit)
     return found
 
 
-def _settled(plain: Fit, loss: Loss) -> RobustFit:
-    """Cleaning and least squares in turn, until the unknowns stand still."""
-    fitted, moved = plain, np.inf
+def _iterated(plain: Fit, loss: Loss) -> RobustFit:
+    """Cleaning and least squares in turn, until the parameters converge."""
+    fitted, change = plain, np.inf
     outliers = _outliers(plain, plain, loss)
-    for number in range(MOST_ROUNDS):
-        cleaned = tuple(reread(r, r.wrench - o.part) for r, o in zip(plain.recordings, outliers, strict=True))
-        noise = fitted.noise if number >= NOISE_ROUNDS else None
+    for number in range(MAX_ROUNDS):
+        cleaned = tuple(with_readings(r, r.wrench - o.part) for r, o in zip(plain.recordings, outliers, strict=True))
+        noise = fitted.noise if number >= NOISE_REESTIMATION_ROUNDS else None
         before, fitted = fitted, refit(plain.model, cleaned, noise=noise, start=fitted.values)
         outliers = _outliers(plain, fitted, loss, outliers, noise is not None)
         std = np.sqrt(np.diag(fitted.covariance))
-        moved = float(np.max(np.abs(fitted.theta - before.theta)[fitted.shown] / std[fitted.shown], initial=0.0))
-        if moved < STILL:
+        change = float(np.max(np.abs(fitted.theta - before.theta)[fitted.shown] / std[fitted.shown], initial=0.0))
+        if change < PARAMETER_TOLERANCE:
             break
-    pull = _pull(fitted, outliers)
+    pull = _influence(fitted, outliers)
     robust = replace(fitted, covariance=pull.T @ pull)
-    return RobustFit(robust, plain, outliers, loss, pull, moved < STILL and fitted.converged)
+    return RobustFit(robust, plain, outliers, loss, pull, change < PARAMETER_TOLERANCE and fitted.converged)
 
 
 def _outliers(
     plain: Fit, fitted: Fit, loss: Loss, before: Sequence[Outliers] | None = None, held: bool = False
 ) -> tuple[Outliers, ...]:
-    """What every recording as it is holds beyond a fit and its noise, whose colour may be `held` from before."""
+    """Outliers of every recording about a fit, the noise spectrum `held` from `before` where asked."""
     found = []
     for number, (recording, noise) in enumerate(zip(plain.recordings, plain.noise, strict=True)):
         residual = recording.wrench - fitted.response(number).value
         earlier = None if before is None else before[number]
         known = noise.floor if noise.source is NoiseSource.RIG else None
-        found.append(outliers_of(recording, residual, loss, before=earlier, held=held, known=known))
+        found.append(separate_outliers(recording, residual, loss, before=earlier, held=held, known=known))
     return tuple(found)
 
 
-def _pull(fitted: Fit, outliers: Sequence[Outliers]) -> Array:
+def _influence(fitted: Fit, outliers: Sequence[Outliers]) -> Array:
     """D H^-T, as D C G^-T with C the least-squares covariance and G = C H, on columns of unit length."""
-    derivative = Problem(fitted.layout, fitted.recordings, fitted.noise).evaluate(fitted.theta)[1]
+    derivative = WhitenedProblem(fitted.layout, fitted.recordings, fitted.noise).evaluate(fitted.theta)[1]
     scale = np.linalg.norm(derivative, axis=0)
     scale[scale == 0] = 1.0
     unit, inverse = derivative / scale, fitted.covariance * np.outer(scale, scale)
-    moved = np.concatenate([_moved(fitted, number, own) for number, own in enumerate(outliers)]) / scale
-    loud = np.concatenate([_loudness(noise, own) for noise, own in zip(fitted.noise, outliers, strict=True)])
-    return np.asarray(loud * unit @ (np.linalg.pinv(inverse @ unit.T @ moved) @ inverse).T / scale)
+    cleaned = np.concatenate([_cleaned_sensitivity(fitted, number, own) for number, own in enumerate(outliers)]) / scale
+    std = np.concatenate([_cleaned_noise_std(noise, own) for noise, own in zip(fitted.noise, outliers, strict=True)])
+    return np.asarray(std * unit @ (np.linalg.pinv(inverse @ unit.T @ cleaned) @ inverse).T / scale)
 
 
-def _moved(fitted: Fit, number: int, own: Outliers) -> Array:
-    """W J X of one recording: what reaches the cleaned, whitened rows (rows, k) of each unknown."""
-    moved = fitted.noise[number].whitener.series(own.linearised(fitted.response(number).derivative))
-    rows = np.zeros((len(moved), fitted.layout.size))
-    rows[:, fitted.layout.index[number]] = moved
+def _cleaned_sensitivity(fitted: Fit, number: int, own: Outliers) -> Array:
+    """W J X of one recording: sensitivity (rows, k) of its cleaned, whitened rows."""
+    cleaned = fitted.noise[number].whitener.series(own.linearised(fitted.response(number).derivative))
+    rows = np.zeros((len(cleaned), fitted.layout.size))
+    rows[:, fitted.layout.index[number]] = cleaned
     return rows
 
 
-def _loudness(noise: Noise, own: Outliers) -> Array:
-    """Std (rows, 1) of whitened cleaned noise: 1 but for noise that the rig states, of which cleaning leaves less."""
+def _cleaned_noise_std(noise: RecordingNoise, own: Outliers) -> Array:
+    """Std (rows, 1) of whitened cleaned noise: 1, or less for noise that the rig states, which cleaning reduces."""
     if noise.source is not NoiseSource.RIG:
         return np.ones((noise.whitener.rows, 1))
-    left = np.sqrt((own.loss.psi(own.distance) ** 2).mean(axis=0))
-    return np.tile(left, noise.whitener.rows // len(left))[:, None]
+    std = np.sqrt((own.loss.psi(own.distance) ** 2).mean(axis=0))
+    return np.tile(std, noise.whitener.rows // len(std))[:, None]

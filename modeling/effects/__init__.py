@@ -1,17 +1,18 @@
-"""The catalogue of effects: each id of a missing piece of physics with the class that describes it."""
+"""The catalogue of effects: physics that the rigid-tool model omits, by id."""
 
 from __future__ import annotations
 
-from modeling.effect import Effect
-from modeling.effects.body import CentreOfMassOffset, GravityTilt
+from modeling.chain.effect import Effect
+from modeling.effects.bias import BiasDrift, LineInterference, ThermalDrift
 from modeling.effects.cable import CableSpring
-from modeling.effects.channels import GainNonlinearity, Saturation, SensorCrosstalk, SensorGain, SensorRotation
-from modeling.effects.drag import CoulombFriction, QuadraticDrag, ViscousDrag
-from modeling.effects.events import ContactEvent, PayloadChange
+from modeling.effects.calibration import GainNonlinearity, Saturation, SensorCrosstalk, SensorGain, SensorRotation
+from modeling.effects.friction import CoulombFriction, QuadraticDrag, ViscousDrag
+from modeling.effects.gravity_load import CentreOfMassOffset, GravityTilt
+from modeling.effects.hysteresis import SensorHysteresis
 from modeling.effects.joints import JointBacklash, JointElasticity, JointOffset, LinkLengthError
-from modeling.effects.late import SensorLag, TimeDelay
-from modeling.effects.remembering import SensorHysteresis, TipFlexibility
-from modeling.effects.zero import BiasDrift, LineInterference, ThermalDrift
+from modeling.effects.linear_dynamics import SensorLag, TimeDelay
+from modeling.effects.tip_flexibility import TipFlexibility
+from modeling.effects.transient_events import ContactEvent, PayloadChange
 from modeling.errors import InputError
 from modeling.space import Space
 
@@ -71,14 +72,14 @@ CATALOGUE: tuple[type[Effect], ...] = (
 
 
 def catalogue(space: Space | None = None) -> tuple[Effect, ...]:
-    """One instance of every effect, or of those that exist in the given space."""
+    """One instance of every effect, or of those defined in the given space."""
     return tuple(effect() for effect in CATALOGUE if space is None or space in effect.spaces)
 
 
 def named(effect_id: str) -> Effect:
     """The effect of that id.
 
-    Raises InputError when the catalogue has none.
+    Raises InputError for an unknown id.
     """
     for effect in CATALOGUE:
         if effect.id == effect_id:

@@ -9,17 +9,17 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from design.motion.random_motion import random_motion
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from modeling.effect import Effect
+from design.trajectories.random_periodic import random_periodic_trajectory
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue
-from modeling.joint import Joint, JointKind, Placement
-from modeling.model import WrenchModel, planar, spatial
+from modeling.kinematics.joint import Joint, JointKind, Placement
+from modeling.kinematics.spatial_arm import SpatialArm
 from modeling.parameter import Parameter
-from modeling.rig import Convention, Rig, SensorDescription
+from modeling.rig.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
-from modeling.spatial_arm import SpatialArm
 
 Array = NDArray[np.float64]
 
@@ -141,7 +141,7 @@ def moving(space: Space) -> Recording:
     """A periodic motion of all joints, run twice without pause, and a temperature that rises meanwhile."""
     rig = RIGS[space]
     assert rig.arm is not None
-    motion = random_motion(
+    motion = random_periodic_trajectory(
         joints=rig.arm.joints, position=0.8, velocity=2.5, acceleration=12.0, harmonics=3, period=PERIOD, seed=5
     )
     time = np.arange(SAMPLES * REPEATS) * (PERIOD / SAMPLES)

@@ -12,19 +12,19 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
-from estimation.noise import Noise, NoiseSource
-from estimation.response import predicted, respond, signals_of
-from estimation.whitening import LineWhitener
-from modeling.actual_arm import ActualArm
-from modeling.chain import Chain
-from modeling.emission import shared
-from modeling.emit.c_model import c_model
-from modeling.emit.fitted import FittedModel
-from modeling.model import WrenchModel
-from modeling.prediction import compiled
-from modeling.running import RunningModel
+from estimation.model_response import model_response, model_signals, predicted_readings
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.whitening import FourierLineWhitener
+from modeling.chain.chain import Chain
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
+from modeling.codegen.c_target import c_model
+from modeling.codegen.discrete_time_model import DiscreteTimeModel
+from modeling.codegen.fitted_model import FittedModel
+from modeling.expressions.compilation import common_subexpressions
+from modeling.expressions.intermediate_variables import required_definitions
+from modeling.kinematics.perturbed_arm import PerturbedArm
 from modeling.space import Space
-from modeling.steps import needed
 from tests.effects.cases import PERIOD, REPEATS, SAMPLES, Case, read_as
 from tests.effects.parts import part, part_units, random_signals
 from tests.effects.units import units_are_consistent
@@ -39,8 +39,8 @@ ROUNDING = 1e-11
 
 def vanishes_at_nominal(case: Case) -> None:
     """Over a whole recording, memory and all, whatever the nuisance parameters are."""
-    expected = predicted(case.plain, case.recording, case.theta[: case.model.base_size])
-    found = predicted(case.model, case.recording, case.nominal)
+    expected = predicted_readings(case.plain, case.recording, case.theta[: case.model.base_size])
+    found = predicted_readings(case.model, case.recording, case.nominal)
     np.testing.assert_allclose(found, expected, atol=ROUNDING * np.abs(expected).max())
 
 
@@ -58,13 +58,13 @@ FAINT = 1e-6
 def derivative_is_that_of_the_reading(case: Case) -> None:
     """Along random directions of all parameters, each weighted by how much it moves the readings."""
     rng = np.random.default_rng(7)
-    derivative = respond(case.model, case.recording, case.theta).derivative
+    derivative = model_response(case.model, case.recording, case.theta).derivative
     size = np.sqrt((derivative**2).mean(axis=(0, 1)))
     assert np.isfinite(derivative).all()
     for _ in range(DIRECTIONS):
         direction = rng.choice([-1.0, 1.0], len(size)) / np.where(size > FAINT, size, np.inf)
         difference = sum(
-            weight * predicted(case.model, case.recording, case.theta + steps * STEP * direction)
+            weight * predicted_readings(case.model, case.recording, case.theta + steps * STEP * direction)
             for steps, weight in STEPS.items()
         )
         error = np.abs(derivative @ direction - difference / STEP)
@@ -85,7 +85,7 @@ def amount_is_recovered(case: Case) -> Fit:
 
     Returns the fit; what it says is unseen, with what was not found, adds up to nothing in the readings.
     """
-    readings = predicted(case.model, case.recording, case.theta)
+    readings = predicted_readings(case.model, case.recording, case.theta)
     noise = white_noise(case)
     recording = read_as(case.recording, readings)
     rigid = fit(case.plain, recording, noise=(noise,))
@@ -102,21 +102,21 @@ def amount_is_recovered(case: Case) -> Fit:
 
 def unseen_changes_nothing(case: Case, found: Fit) -> None:
     """What the fit says that the motion does not show indeed does not: its derivative is zero beside each part's."""
-    derivative = respond(case.model, case.recording, found.theta).derivative
+    derivative = model_response(case.model, case.recording, found.theta).derivative
     places = {p.name: i for i, p in enumerate(case.model.parameters)}
     for direction in found.unseen:
         parts = derivative[:, :, [places[name] for name in direction.names]] * direction.amounts
         assert np.abs(parts.sum(axis=2)).max() <= 1e-7 * max(np.abs(parts).max(), 1.0)  # rounding of smoothed signals
 
 
-def white_noise(case: Case) -> Noise:
+def white_noise(case: Case) -> RecordingNoise:
     """White noise of known standard deviations, over the lines of the whole record."""
     std = np.array([STD[unit] for unit in case.space.units])
     lines = np.arange(SAMPLES * REPEATS // 2 + 1)
     moving = lines % REPEATS == 0
     root = np.tile(np.diag(1 / std).astype(complex), (len(lines), 1, 1))
-    whitener = LineWhitener(SAMPLES * REPEATS, REPEATS, lines[moving], lines[~moving], root)
-    return Noise(std, whitener, NoiseSource.RIG, np.zeros(whitener.rows))
+    whitener = FourierLineWhitener(SAMPLES * REPEATS, REPEATS, lines[moving], lines[~moving], root)
+    return RecordingNoise(std, whitener, NoiseSource.RIG, np.zeros(whitener.rows))
 
 
 def started(case: Case, rigid: Fit) -> dict[str, float]:
@@ -141,8 +141,8 @@ def numpy_and_casadi_agree(case: Case) -> None:
         emitted = part(case.model, name)
         signals = random_signals(case, emitted.inputs, samples, rng)
         symbols = [*(sp.Symbol(n, real=True) for n in emitted.inputs), *emitted.parameters]
-        steps, reduced = shared(list(emitted.expression))
-        before = [*needed(emitted.definitions, emitted.expression), *steps]
+        steps, reduced = common_subexpressions(list(emitted.expression))
+        before = [*required_definitions(emitted.definitions, emitted.expression), *steps]
         function = sp.lambdify(symbols, reduced, modules="numpy", cse=partial(_after, before))
         values = function(*(signals[n] for n in emitted.inputs), *case.theta)
         expected = np.stack([np.broadcast_to(v, samples) for v in values], axis=1)
@@ -168,9 +168,9 @@ def emitted_quickly(case: Case) -> bool:
 def c_agrees(case: Case) -> None:
     """The emitted C, compiled, sample by sample along the motion, and the same filter in Python."""
     fitted = FittedModel.of(case.model, case.theta, PERIOD / SAMPLES)
-    running = RunningModel(case.model, case.theta, dt=fitted.dt)
+    running = DiscreteTimeModel(case.model, case.theta, dt=fitted.dt)
     compiled_filter = CFilter(Library(c_model(fitted, "conformance")), fitted.size)
-    signals = signals_of(case.recording)
+    signals = model_signals(case.recording)
     for u in np.stack([signals[name][:40] for name in fitted.inputs], axis=1):
         expected = running.predict(u)
         scale = max(1.0, float(np.abs(expected).max()))
@@ -187,7 +187,7 @@ def nothing_is_changed(case: Case) -> None:
     case.model.effects[0].applied(chain)
     assert chain == before
     theta, signals = case.theta.copy(), {n: s.copy() for n, s in case.recording.signals.items()}
-    respond(case.model, case.recording, case.theta)
+    model_response(case.model, case.recording, case.theta)
     np.testing.assert_array_equal(case.theta, theta)
     for name, values in case.recording.signals.items():
         np.testing.assert_array_equal(values, signals[name])
@@ -196,19 +196,19 @@ def nothing_is_changed(case: Case) -> None:
 def jointed(model: WrenchModel) -> Chain:
     """A model's chain with its arm in it, for effects of joints."""
     assert model.arm is not None
-    return dataclasses.replace(model.chain, arm=ActualArm.as_described(model.arm))
+    return dataclasses.replace(model.chain, arm=PerturbedArm.as_described(model.arm))
 
 
 def nothing_sticks(case: Case) -> None:
     """What a pool sends is what was written down: nothing that was derived on the way sticks to an effect."""
-    assert compiled(case.model).load.active
+    assert compiled_prediction(case.model).load.active
     (effect,) = case.model.effects
     assert vars(effect) == {f.name: getattr(effect, f.name) for f in dataclasses.fields(effect)}
     twin = copy.deepcopy(effect)
     assert twin == effect
     assert hash(twin) == hash(effect)
     fresh = dataclasses.replace(case.plain, effects=(twin,))
-    assert compiled(fresh) is compiled(case.model)
+    assert compiled_prediction(fresh) is compiled_prediction(case.model)
 
 
 CHECKS: Mapping[str, Callable[[Case], object]] = {

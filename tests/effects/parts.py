@@ -9,8 +9,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.model import WrenchModel
-from modeling.prediction import Emitted, compiled
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import VectorFunction, compiled_prediction
 from tests.effects.cases import Case
 
 Array = NDArray[np.float64]
@@ -19,21 +19,25 @@ Array = NDArray[np.float64]
 def part_units(case: Case) -> dict[str, tuple[str, ...]]:
     """The parts of the model that there are, with the units of their elements."""
     chain, units = case.model.chain, case.space.units
-    there = {"play": chain.play is not None, "level": chain.level is not None, "equilibrium": chain.bend is not None}
+    there = {
+        "play": chain.play is not None,
+        "level": chain.level is not None,
+        "equilibrium": chain.deflection is not None,
+    }
     turns = ("rad",) * len(case.space.turns)
     parts = {"load": units, "zero": units, "play": units, "level": units, "equilibrium": turns}
     return {name: own for name, own in parts.items() if there.get(name, True)}
 
 
 @cache
-def part(model: WrenchModel, name: str) -> Emitted:
+def part(model: WrenchModel, name: str) -> VectorFunction:
     """A part of a model by name, as a function of signals and, where the tool bends, of the bend's as well."""
     chain = model.chain
-    if chain.bend is None or name == "zero":
-        return cast(Emitted, getattr(compiled(model), name))
+    if chain.deflection is None or name == "zero":
+        return cast(VectorFunction, getattr(compiled_prediction(model), name))
     expression = chain.equilibrium() if name == "equilibrium" else model.load
-    own = (model.inputs_of(expression), tuple(s.name for s in chain.bend.signals))
-    return Emitted.of(expression, own[0] + own[1], tuple(p.symbol for p in model.parameters), model.definitions)
+    own = (model.inputs_of(expression), tuple(s.name for s in chain.deflection.signals))
+    return VectorFunction.of(expression, own[0] + own[1], tuple(p.symbol for p in model.parameters), model.definitions)
 
 
 def random_signals(case: Case, names: Sequence[str], samples: int, rng: np.random.Generator) -> dict[str, Array]:

@@ -9,11 +9,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.reading import from_columns
-from estimation.recording import Recording
-from estimation.response import respond
-from modeling.actual_arm import PASSES
-from modeling.rig import Rig
+from estimation.model_response import model_response
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.kinematics.perturbed_arm import COMPLIANCE_ITERATIONS
+from modeling.rig.rig import Rig
 from modeling.space import Space
 from tests.effects.cases import RIGS, Case
 from truewrench import simulated_rig as simulated
@@ -21,11 +21,13 @@ from truewrench import simulated_rig as simulated
 Array = NDArray[np.float64]
 Amounts = dict[str, float]
 
-PLANAR_RIG = simulated.PlanarRig(noise=(0.0, 0.0, 0.0), resolver_step=1e-12, warm_up=simulated.WarmUp(noise=0.0))
-SPATIAL_RIG = simulated.SpatialRig(
-    noise=(0.0,) * 6, resolver_step=1e-12, position_step=1e-12, warm_up=simulated.WarmUp(noise=0.0)
+PLANAR_RIG = simulated.PlanarRig(
+    noise=(0.0, 0.0, 0.0), resolver_step=1e-12, warm_up=simulated.WarmUpTemperature(noise=0.0)
 )
-SIMULATED: Mapping[Space, simulated.Rig] = {Space.PLANE: PLANAR_RIG, Space.SPACE: SPATIAL_RIG}
+SPATIAL_RIG = simulated.SpatialRig(
+    noise=(0.0,) * 6, resolver_step=1e-12, position_step=1e-12, warm_up=simulated.WarmUpTemperature(noise=0.0)
+)
+SIMULATED: Mapping[Space, simulated.SimulatedRig] = {Space.PLANE: PLANAR_RIG, Space.SPACE: SPATIAL_RIG}
 REPEATS, SAMPLES = 2, 500
 
 STRONG: Mapping[str, simulated.HiddenEffect] = {
@@ -46,7 +48,7 @@ EXACTLY = 1e-10
 """Of the largest reading. Accelerations come from recorded positions, rounded to 1e-12 rad: 1e-12 times the square of
 the highest of 5 harmonics, 6 rad/s, and less."""
 PREDICTED_TO: Mapping[str, float] = {
-    "joint_elasticity": 0.06 * 0.06**PASSES,
+    "joint_elasticity": 0.06 * 0.06**COMPLIANCE_ITERATIONS,
     "sensor_hysteresis": 1e-5,
     "sensor_lag": 1e-5,
     "coulomb_friction": 3e-6,
@@ -88,7 +90,7 @@ def recorded(space: Space, *hidden: simulated.HiddenEffect) -> tuple[Recording, 
     frame = simulated.simulate(rig, motion, hidden=hidden, repeats=REPEATS, samples_per_period=SAMPLES)
     described = RIGS[space] if space is Space.PLANE else Rig()
     recording = from_columns({str(name): frame[name].to_numpy() for name in frame}, rig=described)
-    return recording, simulated.placed(rig, motion, hidden, repeats=REPEATS)
+    return recording, simulated.resolve_effects(rig, motion, hidden, repeats=REPEATS)
 
 
 def simulation(case: Case) -> Simulated:
@@ -203,9 +205,11 @@ def same_physics_as_mujoco(case: Case) -> None:
     found = simulation(case)
     theta = true_parameters(found)
     scale = np.abs(found.recording.wrench).max(axis=0)
-    without = respond(case.plain, found.recording, theta[: case.model.base_size], derivative=False).value
+    without = model_response(case.plain, found.recording, theta[: case.model.base_size], derivative=False).value
     assert np.abs((found.recording.wrench - without) / scale).max() > 3e-3  # what is hidden shows
-    difference = (found.recording.wrench - respond(case.model, found.recording, theta, derivative=False).value) / scale
+    difference = (
+        found.recording.wrench - model_response(case.model, found.recording, theta, derivative=False).value
+    ) / scale
     worst = np.abs(difference[comparable(found)]).max()
     assert worst < PREDICTED_TO.get(case.effect.id, EXACTLY), f"{case}: {worst:.1e} of the largest reading"
 
@@ -217,7 +221,7 @@ def true_parameters(found: Simulated) -> Array:
     assert truth.keys() <= {p.name for p in case.model.parameters}
     theta = np.array([truth.get(p.name, p.nominal) for p in case.model.parameters])
     if isinstance(found.hidden, simulated.LineInterference):
-        response = respond(case.model, found.recording, theta)
+        response = model_response(case.model, found.recording, theta)
         waves = [i for i, p in enumerate(case.model.parameters) if p.name.startswith(prefix) and not p.nuisance]
         left = (found.recording.wrench - response.value).ravel()
         theta[waves] = np.linalg.lstsq(response.derivative[:, :, waves].reshape(len(left), -1), left)[0]

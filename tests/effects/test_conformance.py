@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import pytest
 import sympy as sp
 
-from modeling.chain import Chain
+from modeling.chain.chain import Chain
 from modeling.effects import catalogue
-from modeling.effects.drag import ViscousDrag
-from modeling.effects.zero import BiasDrift
+from modeling.effects.bias import BiasDrift
+from modeling.effects.friction import ViscousDrag
 from modeling.parameter import Parameter
 from modeling.space import Space
 from tests.effects import checks

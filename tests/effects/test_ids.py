@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from modeling import effects
-from modeling.effect import Effect
+from modeling.chain.effect import Effect
 from modeling.effects import CATALOGUE, catalogue, named
 from modeling.errors import InputError
 from modeling.space import Space

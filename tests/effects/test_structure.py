@@ -10,13 +10,13 @@ import pytest
 import sympy as sp
 
 from modeling import effects
-from modeling.chain import Stage
-from modeling.effect import Effect, Extent
+from modeling.chain.chain import Stage
+from modeling.chain.effect import Effect, SearchDomain
+from modeling.chain.prediction import compiled_prediction
 from modeling.effects import catalogue
 from modeling.errors import InputError
-from modeling.prediction import compiled
+from modeling.formulas.units import dimension
 from modeling.space import Space
-from modeling.units import dimension
 from tests.effects.cases import CASES, RIGS, Case
 from tests.effects.parts import random_signals
 
@@ -123,13 +123,15 @@ def test_an_effect_is_added_once_and_where_it_exists(case: Case) -> None:
     with pytest.raises(InputError, match="already"):
         case.model.__add__(type(case.effect)())
     for other in set(Space) - set(case.effect.spaces):
-        with pytest.raises(InputError, match="does not exist"):
+        with pytest.raises(InputError, match="is not defined for"):
             Case(other, case.effect).plain.__add__(case.effect)
 
 
 def test_order_of_adding_moves_the_parameters_and_not_the_prediction() -> None:
     """All that is neither a bend nor a joint's, whose steps would make of a minute what takes a second."""
-    cases = [c for c in CASES if c.space is Space.PLANE and not c.effect.needs_joints and c.model.chain.bend is None]
+    cases = [
+        c for c in CASES if c.space is Space.PLANE and not c.effect.needs_joints and c.model.chain.deflection is None
+    ]
     several, rng = tuple(case.effect for case in cases), np.random.default_rng(0)
     forth, back = (cases[0].plain + each for each in (several, several[::-1]))
     signals = random_signals(cases[0], forth.inputs, 8, rng)
@@ -137,7 +139,12 @@ def test_order_of_adding_moves_the_parameters_and_not_the_prediction() -> None:
     results = []
     for model in (forth, back):
         theta = np.array([values[p.name] for p in model.parameters])
-        parts = (compiled(model).load, compiled(model).zero, compiled(model).play, compiled(model).level)
+        parts = (
+            compiled_prediction(model).load,
+            compiled_prediction(model).zero,
+            compiled_prediction(model).play,
+            compiled_prediction(model).level,
+        )
         results.append([part.value(signals, theta, 8) for part in parts if part is not None])
     assert [p.name for p in forth.parameters] != [p.name for p in back.parameters]
     for one, other in zip(*results, strict=True):
@@ -150,9 +157,9 @@ def test_slopes_of_the_amplitudes_are_columns_of_the_tangent(case: Case) -> None
     rng, samples = np.random.default_rng(3), 20
     sets = case.theta * rng.uniform(0.8, 1.2, (3, len(case.theta)))
     amplitudes = tuple(i for i, p in enumerate(case.own, start=case.model.base_size) if not p.nuisance)
-    for emitted in (compiled(case.model).load, compiled(case.model).zero):
+    for emitted in (compiled_prediction(case.model).load, compiled_prediction(case.model).zero):
         signals = random_signals(case, emitted.inputs, samples, rng)
-        if case.model.chain.bend is not None:
+        if case.model.chain.deflection is not None:
             continue
         slopes = emitted.slopes(signals, sets, amplitudes, samples)
         assert slopes.shape == (samples, len(case.space.channels), len(sets), len(amplitudes))
@@ -168,9 +175,9 @@ SWING = {Space.PLANE: (8.0, 6.0, 0.4), Space.SPACE: (8.0, 6.0, 9.0, 0.4, 0.3, 0.
 BOX = {Space.PLANE: ((-0.5, 0.8), (0.7, 1.9)), Space.SPACE: ((-0.5, 0.8, 0.1), (0.7, 1.9, 0.6))}
 
 
-def extent_of(space: Space) -> Extent:
+def extent_of(space: Space) -> SearchDomain:
     low, high = BOX[space]
-    return Extent(
+    return SearchDomain(
         low=low,
         high=high,
         start=0.0,
@@ -202,7 +209,7 @@ def test_search_for_a_push_starts_with_what_was_noticed() -> None:
 
 @pytest.mark.parametrize("effect_id", ["cable_spring", "line_interference", "saturation", "sensor_hysteresis"])
 def test_search_without_anything_to_go_by_has_no_start(effect_id: str) -> None:
-    assert effects.named(effect_id).nuisance_grid(Extent()) == ()
+    assert effects.named(effect_id).nuisance_grid(SearchDomain()) == ()
 
 
 def test_rigs_of_the_cases_are_described_as_they_are() -> None:

@@ -11,14 +11,14 @@ from unittest import mock
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling import actual_arm
-from modeling.arm import PlanarArm
-from modeling.joint import Placement
-from modeling.kinematics import Arm
-from modeling.model import WrenchModel
-from modeling.prediction import compiled
-from modeling.spatial_arm import SpatialArm
-from modeling.units import dimension
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
+from modeling.formulas.units import dimension
+from modeling.kinematics import perturbed_arm
+from modeling.kinematics.arm import Arm
+from modeling.kinematics.joint import Placement
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.spatial_arm import SpatialArm
 from tests.effects.cases import Case
 from tests.effects.parts import part, part_units, random_signals
 
@@ -66,9 +66,9 @@ def departure(case: Case, theta: Array) -> float:
         value = mine.value(signals, case.theta, SAMPLES) * [ours(unit) for unit in units]
         there = other.value({n: in_foreign(case, n, s) for n, s in signals.items()}, theta, SAMPLES)
         worst = max(worst, float((np.abs(there - value).max(axis=0) / np.abs(value).max(axis=0).clip(1e-300)).max()))
-    if compiled(case.model).remembers:
-        gain = compiled(case.model).transfer(LINES, case.theta)[0]
-        foreign_gain = compiled(foreign(case)).transfer(LINES / ours("s"), theta)[0]
+    if compiled_prediction(case.model).has_memory:
+        gain = compiled_prediction(case.model).transfer(LINES, case.theta)[0]
+        foreign_gain = compiled_prediction(foreign(case)).transfer(LINES / ours("s"), theta)[0]
         worst = max(worst, float(np.abs(foreign_gain - gain).max()))
     return worst
 
@@ -78,7 +78,7 @@ def foreign(case: Case) -> WrenchModel:
     """The case's model with its arm, gravity and the torque around which play is taken up in the foreign system."""
     gravity = case.model.gravity * ours("m/s²")
     model = dataclasses.replace(case.model, gravity=gravity, arm=converted(case.model.arm))
-    with mock.patch.object(actual_arm, "TAKEN_UP", actual_arm.TAKEN_UP * ours("N m")):
+    with mock.patch.object(perturbed_arm, "BACKLASH_TORQUE", perturbed_arm.BACKLASH_TORQUE * ours("N m")):
         for name in part_units(case):
             part(model, name)
     return model

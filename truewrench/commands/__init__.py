@@ -1,1 +1,1 @@
-"""The commands of `truewrench`, one to a file: the options that each takes, and what it does with them."""
+"""Commands of `truewrench`, one per file: options and execution."""

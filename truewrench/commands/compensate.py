@@ -1,4 +1,4 @@
-"""`truewrench compensate`: what touched the tool, once a fitted model is subtracted."""
+"""`truewrench compensate`: contact wrench of a recording, measured minus the prediction of a fitted model."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from truewrench.commands.options import Subcommands
 if TYPE_CHECKING:
     import pandas as pd
 
-    from estimation.contact.contact import Contact
+    from estimation.contact.contact_wrench import ContactWrench
 
 
-LOUD = 3.0
-"""Times the noise of the model's own recording from which on the text says so: no sensor varies that much by itself."""
+EXCESSIVE_NOISE_RATIO = 3.0
+"""Noise relative to that of the fitted recording above which the text warns: no sensor varies that much by itself."""
 
 
 def add_to(commands: Subcommands[Any]) -> None:
@@ -25,11 +25,11 @@ def add_to(commands: Subcommands[Any]) -> None:
     command = commands.add_parser("compensate", help="contact wrench of a recording", description=text)
     command.add_argument("model", metavar="MODEL.json", help="model file of `fit --out` or `diagnose --out`")
     command.add_argument("recording", metavar="REC", help="recording (CSV or Parquet) of the same rig and tool")
-    text = "take the zero of the model's own recording; without it the zero is where nothing touches the tool"
+    text = "use the zero of the fitted recording; by default it is re-estimated from the samples without contact"
     command.add_argument("--keep-zero", action="store_true", help=text)
-    text = "where a planar contact acts, from the sensor along the tip in m (default: the rig's tip_length)"
+    text = "distance of a planar contact from the sensor along the tip, m (default: the rig's tip_length)"
     command.add_argument("--tip-length", type=positive, metavar="M", help=text)
-    text = "chance of any false contact in a recording without one (default: %(default)s)"
+    text = "probability of any false contact in a recording without contact (default: %(default)s)"
     command.add_argument("--false-alarms", type=chance, metavar="P", default=0.01, help=text)
     command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")
     command.add_argument("--json", action="store_true", help="print the contacts and the zero as JSON alone")
@@ -37,7 +37,7 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 
 def positive(text: str) -> float:
-    """A number above zero; argparse turns a ValueError into one line."""
+    """A number above zero; argparse reports a ValueError in one line."""
     value = float(text)
     if not 0 < value < float("inf"):
         raise ValueError(text)
@@ -53,14 +53,14 @@ def chance(text: str) -> float:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Compensate, write, print."""
-    from estimation.contact.contact import compensate
-    from estimation.reading import read
-    from truewrench.model_file import ModelFile
-    from truewrench.output import progress_line, replacing, require_folder
+    """Compute the contact wrench, write and print it."""
+    from estimation.contact.contact_wrench import compensate
+    from estimation.recordings.reading import read
+    from truewrench.files.model_file import ModelFile
+    from truewrench.files.output import atomic_write, progress_line, require_writable_folder
 
     if arguments.out is not None:
-        require_folder(arguments.out.parent)
+        require_writable_folder(arguments.out.parent)
     saved = ModelFile.read(arguments.model)
     recording = read(arguments.recording, rig=saved.rig)
     with progress_line() as progress:
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> None:
             false_alarms=arguments.false_alarms,
         )
     if arguments.out is not None:
-        with replacing(arguments.out) as path:
+        with atomic_write(arguments.out) as path:
             contact_table(found).to_csv(path, index=False, float_format="%.9g")
     if arguments.json:
         print(json.dumps(contact_data(found), indent=2, allow_nan=False))
@@ -83,8 +83,8 @@ def run(arguments: argparse.Namespace) -> None:
         print(f"\nWritten: {arguments.out}")
 
 
-def contact_table(contact: Contact) -> pd.DataFrame:
-    """The columns of CONTACT.csv, one row a sample; a direction only where the magnitude is twice its std."""
+def contact_table(contact: ContactWrench) -> pd.DataFrame:
+    """Columns of CONTACT.csv, one row per sample; a direction only where the magnitude is twice its std."""
     import numpy as np
     import pandas as pd
 
@@ -104,8 +104,8 @@ def contact_table(contact: Contact) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def contact_data(contact: Contact) -> dict[str, Any]:
-    """Zero, noise and contacts as plain numbers, N, N m and s."""
+def contact_data(contact: ContactWrench) -> dict[str, Any]:
+    """Zero shift, noise and contacts as plain numbers, N, N m and s."""
     import numpy as np
 
     channels, found = contact.calibration.model.channels, contact.detection
@@ -137,37 +137,41 @@ def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
     return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
-def contact_text(contact: Contact) -> str:
-    """What touched the tool, the zero and the noise, in words and a table."""
+def contact_text(contact: ContactWrench) -> str:
+    """Detected contacts, zero shift and noise, as text with a table."""
     import numpy as np
 
     found, space = contact.detection, contact.space
     count = len(contact.intervals)
     unit = "pose" if contact.recording.at_rest else "s"
-    head = f"No contact: nothing exceeds what noise and the model's known errors leave (chance {found.false_alarms:g})."
+    head = f"No contact detected beyond noise and known model error (false-alarm probability {found.false_alarms:g})."
     if count:
         units = ", ".join(dict.fromkeys(space.units))
-        head = f"{count} contact{'s' * (count > 1)} (chance of any false one {found.false_alarms:g})"
-        head += f", from and to in {unit}, mean wrench in {units}:\n{contact}"
+        head = f"{count} contact{'s' * (count > 1)} (false-alarm probability {found.false_alarms:g})"
+        head += f", start and end in {unit}, mean wrench in {units}:\n{contact}"
     shifts = zip(contact.calibration.model.channels, contact.zero_shift, space.units, strict=True)
     std = np.sqrt(np.diag(found.zero_covariance))
-    moved = ", ".join(f"{c} {v:.3g} ± {s:.2g} {u}" for (c, v, u), s in zip(shifts, std, strict=True))
+    shift = ", ".join(f"{c} {v:.3g} ± {s:.2g} {u}" for (c, v, u), s in zip(shifts, std, strict=True))
     size = zip(contact.names, np.sqrt(np.diag(contact.noise)), space.units, strict=True)
     lines = [
         head,
-        f"Zero against the model's recording: {moved}." if std.any() else "Zero: that of the model's recording.",
+        f"Zero shift relative to the fitted recording: {shift}."
+        if std.any()
+        else "Zero: that of the fitted recording.",
         "Noise of one sample: " + ", ".join(f"{n} {v:.2g} {u}" for n, v, u in size) + ".",
     ]
     if std.any():
-        lines.append("A push that is there most of the time would pass for a zero: --keep-zero takes the model's.")
-    loud = contact.loudness
-    if loud.max() > LOUD:
         lines.append(
-            f"{contact.names[int(loud.argmax())]} is {loud.max():.0f} times as noisy as where the model was fitted: the"
-            " model misses something here, or it was fitted to averages; smaller contacts are hidden by that."
+            "A contact during most of the recording would be absorbed by the zero; --keep-zero uses the model's."
+        )
+    ratio = contact.noise_ratio
+    if ratio.max() > EXCESSIVE_NOISE_RATIO:
+        lines.append(
+            f"{contact.names[int(ratio.argmax())]} is {ratio.max():.0f} times as noisy as in the fitted recording:"
+            " physics is missing from the model, or it was fitted to averages; smaller contacts are not detectable."
         )
     if contact.late:
-        lines.append(f"The sensor shows a contact {contact.late * 1e3:.3g} ms late; that is left as it is.")
+        lines.append(f"The sensor delays a contact by {contact.late * 1e3:.3g} ms; this is not compensated.")
     if contact.unknown:
-        lines.append(f"Not known to the model, and taken as it stands there: {', '.join(contact.unknown)}.")
+        lines.append(f"Not identifiable in the fit, kept at the value of the model: {', '.join(contact.unknown)}.")
     return "\n\n".join([lines[0], "\n".join(lines[1:])])

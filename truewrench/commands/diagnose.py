@@ -1,4 +1,4 @@
-"""`truewrench diagnose`: which physical effect the model of these recordings is missing."""
+"""`truewrench diagnose`: physical effects missing from the model of recordings."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_own_effects, add_recordings, add_repeatable, add_workers
+from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, add_repeatable, add_workers
 
 if TYPE_CHECKING:
     from diagnosis.diagnosis import Diagnosis
-    from modeling.effect import Effect
-    from truewrench.case import Case
+    from modeling.chain.effect import Effect
+    from truewrench.files.data_set import DataSet
 
 FILES = ("report.html", "result.json", "model.json")
 
 
 def add_to(commands: Subcommands[Any]) -> None:
     """Add the command and its options."""
-    text = "Fit the rigid tool, see where it fails, and add the physical effects that explain the rest."
-    command = commands.add_parser("diagnose", help="find what the model is missing", description=text)
+    text = "Fit the rigid tool, test its residual, and add the physical effects that explain it."
+    command = commands.add_parser("diagnose", help="physical effects missing from the model", description=text)
     add_recordings(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
-    add_own_effects(command)
+    add_custom_effects(command)
     command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
     add_workers(command)
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
@@ -32,70 +32,70 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Diagnose, write the files, print."""
-    from truewrench.case import Case, sign_data, sign_sentence
-    from truewrench.output import folder, require_folder
+    """Diagnose, write the report files, print the summary."""
+    from truewrench.files.data_set import DataSet, convention_data, convention_sentence
+    from truewrench.files.output import make_folder, require_writable_folder
 
     if arguments.out is not None:
-        require_folder(arguments.out)
-    case = Case.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
-    found = diagnosed(case, _own(arguments.effects, case), arguments.workers)
-    out = None if arguments.out is None else folder(arguments.out)
-    data = found.to_data() | ({} if case.sign is None else {"sign": sign_data(case.sign)})
+        require_writable_folder(arguments.out)
+    case = DataSet.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
+    found = diagnosed(case, _custom_effects(arguments.effects, case), arguments.workers)
+    out = None if arguments.out is None else make_folder(arguments.out)
+    data = found.to_data() | ({} if case.sign is None else {"sign": convention_data(case.sign)})
     if out is not None:
         write(found, data, out)
     if arguments.json:
         print(json.dumps(data, indent=2, allow_nan=False))
         return
-    from truewrench.summary import summary
+    from truewrench.text.diagnosis_text import diagnosis_text
 
-    print(summary(found))
+    print(diagnosis_text(found))
     if case.sign is not None:
-        print(f"\n{sign_sentence(case.sign)}")
+        print(f"\n{convention_sentence(case.sign)}")
     if out is not None:
         print("\nWritten: " + ", ".join(str(out / name) for name in FILES))
 
 
-def _own(path: Path | None, case: Case) -> tuple[Effect, ...]:
-    """The effects of the user's file, none without one."""
+def _custom_effects(path: Path | None, case: DataSet) -> tuple[Effect, ...]:
+    """Custom effects of the effects file; none without a file."""
     if path is None:
         return ()
-    from truewrench.own_candidates import own_candidates
+    from truewrench.files.effects_file import custom_candidates
 
-    return own_candidates(path, case)
+    return custom_candidates(path, case)
 
 
-def diagnosed(case: Case, own: tuple[Effect, ...] = (), workers: int | None = 1) -> Diagnosis:
-    """The diagnosis of a case; the user's own effects are candidates beside those of the catalogue.
+def diagnosed(case: DataSet, custom: tuple[Effect, ...] = (), workers: int | None = 1) -> Diagnosis:
+    """Diagnosis of a data set; custom effects are candidates in addition to the catalogue.
 
     `workers` processes share the work, None for all cores.
     Raises InputError when the mass comes out negative.
     """
     from diagnosis.diagnosis import diagnose
-    from diagnosis.workers import cores
+    from diagnosis.parallel.workers import available_cores
     from modeling.effects import catalogue
-    from truewrench.output import progress_line
+    from truewrench.files.output import progress_line
 
     with progress_line() as progress:
         return diagnose(
             case.model,
             case.training,
             validate=case.validation,
-            effects=(*catalogue(case.model.space), *own),
+            effects=(*catalogue(case.model.space), *custom),
             progress=progress,
-            workers=cores() if workers is None else workers,
+            workers=available_cores() if workers is None else workers,
         )
 
 
 def write(found: Diagnosis, data: dict[str, Any], out: Path) -> None:
     """Write report, result and model into a folder: all of them, or none."""
-    from truewrench.model_file import ModelFile
-    from truewrench.output import progress_line, replacing
+    from truewrench.files.model_file import ModelFile
+    from truewrench.files.output import atomic_write, progress_line
     from truewrench.report import write_report
 
     with progress_line() as progress, ExitStack() as files:
         progress("write the report")
-        report, result, model = (files.enter_context(replacing(out / name)) for name in FILES)
+        report, result, model = (files.enter_context(atomic_write(out / name)) for name in FILES)
         result.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         model.write_text(ModelFile.of(found.fit).to_text(), encoding="utf-8")
         write_report(found, report)

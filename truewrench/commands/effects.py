@@ -1,4 +1,4 @@
-"""`truewrench effects`: the catalogue, or one effect of it in full."""
+"""`truewrench effects`: catalogue of physical effects, or one effect in full."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ from itertools import groupby
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_own_effects
+from truewrench.commands.options import Subcommands, add_custom_effects
 
 if TYPE_CHECKING:
-    from modeling.effect import Effect
+    from modeling.chain.effect import Effect
     from modeling.parameter import Parameter
     from modeling.space import Space
 
 
 def add_to(commands: Subcommands[Any]) -> None:
     """Add the command and its options."""
-    text = "List the physical effects that a diagnosis knows, or describe one in full."
+    text = "List the candidate effects of a diagnosis, or describe one in full."
     command = commands.add_parser("effects", help="the catalogue of physical effects", description=text)
     command.add_argument("id", nargs="?", metavar="ID", help="effect to describe")
-    add_own_effects(command)
+    add_custom_effects(command)
     command.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Print the table, or the one effect."""
+    """Print the catalogue, or the description of one effect."""
     from modeling.effects import catalogue, named
 
-    own = () if arguments.effects is None else _written(arguments.effects)
+    custom = () if arguments.effects is None else _custom_effects(arguments.effects)
     if arguments.id is None:
-        print(listing((*catalogue(), *own)))
+        print(listing((*catalogue(), *custom)))
         return
-    written = {effect.id: effect for effect in own}
-    print(description(written.get(arguments.id) or named(arguments.id)))
+    by_id = {effect.id: effect for effect in custom}
+    print(description(by_id.get(arguments.id) or named(arguments.id)))
 
 
-def _written(path: str) -> tuple[Effect, ...]:
-    """The effects of a file; what reads formulas is loaded for those who have one."""
-    from truewrench.effects_file import read_effects
+def _custom_effects(path: str) -> tuple[Effect, ...]:
+    """Custom effects of a file; the formula parser is imported only here."""
+    from truewrench.files.effects_file import read_effects
 
     return read_effects(path)
 
@@ -50,32 +50,32 @@ def listing(effects: Iterable[Effect]) -> str:
     from estimation.text_table import table
 
     rows = [(e.id, e.title, e.stage.value, _sensors(e.spaces)) for e in effects]
-    return table(("id", "what", "stage", "sensor"), rows)
+    return table(("id", "effect", "stage", "sensor"), rows)
 
 
 def description(effect: Effect) -> str:
-    """Everything that is known of an effect, and its parameters in each space."""
+    """Full description of an effect, with its parameters for planar and six-axis sensors."""
     lines = [f"{effect.id}: {effect.title}", "", effect.equation, "", cleandoc(type(effect).__doc__ or ""), ""]
     lines += [f"Stage of the chain: {effect.stage.value}. Sensor: {_sensors(effect.spaces)}."]
     if effect.per_recording:
-        lines.append("It belongs to one recording and is not carried over to another.")
+        lines.append("Recording-specific: not carried over to another recording.")
     for space in effect.spaces:
         lines += ["", f"Parameters, {_sensors((space,))}:", *parameter_lines(effect.parameters(space))]
     lines += ["", f"On the rig: {effect.advice}."]
     if effect.confused_with:
-        lines.append(f"Easily taken for it: {effect.confused_with}.")
+        lines.append(f"Often confused with: {effect.confused_with}.")
     return "\n".join(lines)
 
 
 def parameter_lines(parameters: Iterable[Parameter]) -> list[str]:
-    """Names with unit and bounds; those that share both and follow one another on one line."""
+    """Names with unit and bounds; consecutive ones that share both on one line."""
     groups = groupby(parameters, key=lambda p: (p.unit, p.bounds))
     return [f"  {', '.join(p.name for p in group)} ({_range(*key)})" for key, group in groups]
 
 
 def _range(unit: str, bounds: tuple[float, float]) -> str:
     low, high = bounds
-    named = "no unit" if unit == "1" else unit
+    named = "dimensionless" if unit == "1" else unit
     return named if low == -high == -inf else f"{named}, {low:.4g} to {high:.4g}"
 
 

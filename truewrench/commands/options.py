@@ -1,4 +1,4 @@
-"""Options: those that several commands share."""
+"""Options shared by several commands."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ Subcommands = argparse._SubParsersAction  # argparse has no public name for what
 
 
 def add_recordings(command: argparse.ArgumentParser) -> None:
-    """Add the options that say what was recorded, on which rig."""
+    """Add the recordings and the rig file."""
     command.add_argument("recordings", nargs="+", metavar="REC", help="recording (CSV or Parquet), one rig and tool")
-    command.add_argument("--rig", metavar="RIG", help="rig file (TOML); joint angles need one")
+    command.add_argument("--rig", metavar="RIG", help="rig file (TOML), required for joint angles")
 
 
-def add_own_effects(command: argparse.ArgumentParser) -> None:
-    """Add the option that names a file with effects of the user's own."""
-    command.add_argument("--effects", type=Path, metavar="FILE", help="effects of your own, formulas in TOML")
+def add_custom_effects(command: argparse.ArgumentParser) -> None:
+    """Add the option for a file of custom effects."""
+    command.add_argument("--effects", type=Path, metavar="FILE", help="custom effects, formulas in TOML")
 
 
-MOST_WORKERS = 1000
+MAX_WORKERS = 1000
 
 
 def add_workers(command: argparse.ArgumentParser) -> None:
-    """Add the option that says how many processes share the work."""
-    text = "processes that share the work (default: one for each core, under Linux); the result is the same whatever N"
+    """Add the number of processes."""
+    text = "number of processes (default: one for each core, under Linux); the result does not depend on N"
     command.add_argument("--workers", type=worker_count, metavar="N", help=text)
 
 
 def worker_count(text: str) -> int:
-    """A whole number above zero; argparse makes one line of what is wrong."""
-    if not text.isdecimal() or not 1 <= int(text) <= MOST_WORKERS:
-        raise argparse.ArgumentTypeError(f"a number of at least one, at most {MOST_WORKERS}, is needed, not {text!r}")
+    """A whole number from 1 to MAX_WORKERS."""
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_WORKERS:
+        raise argparse.ArgumentTypeError(f"a number of at least one, at most {MAX_WORKERS}, is needed, not {text!r}")
     return int(text)
 
 

@@ -1,4 +1,4 @@
-"""`truewrench survey`: many recordings diagnosed, on all cores or on a Dask cluster."""
+"""`truewrench survey`: diagnosis of many recordings, on all cores or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ def add_to(commands: Subcommands[Any]) -> None:
     """Add the command and its options."""
     text = (
         "Diagnose many recordings of one rig, each by itself. A recording that cannot be diagnosed is a row with its "
-        "error; an interrupted survey goes on where it stopped."
+        "error; an interrupted survey resumes where it stopped."
     )
-    command = commands.add_parser("survey", help="diagnose many recordings, on a cluster if you like", description=text)
+    command = commands.add_parser("survey", help="diagnose many recordings, locally or on a cluster", description=text)
     add_recordings(command)
     place = command.add_mutually_exclusive_group()
-    place.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers diagnose")
+    place.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler")
     place.add_argument(
         "--workers", type=worker_count, metavar="N", help="processes on this machine (default: all cores)"
     )
-    out = f"folder for survey.parquet, survey.html and what is finished (default: {FOLDER})"
+    out = f"folder for survey.parquet, survey.html and finished outcomes (default: {FOLDER})"
     command.add_argument("--out", type=Path, default=FOLDER, metavar="FOLDER", help=out)
     command.add_argument("--json", action="store_true", help="print the rows as JSON alone")
     command.add_argument("--quiet", action="store_true", help="print nothing")
@@ -33,9 +33,9 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Survey, write the files, print."""
-    from truewrench.output import progress_line
-    from truewrench.surveying.survey import FILES, silent, survey
+    """Diagnose the recordings, write the files, print the survey."""
+    from truewrench.files.output import progress_line
+    from truewrench.surveying.survey import FILES, no_progress, survey
 
     with progress_line() as progress:
         found = survey(
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> None:
             out=arguments.out,
             scheduler=arguments.scheduler,
             workers=arguments.workers,
-            progress=silent if arguments.quiet else progress,
+            progress=no_progress if arguments.quiet else progress,
         )
     if arguments.json:
         print(json.dumps(found.to_data(), indent=2, allow_nan=False))

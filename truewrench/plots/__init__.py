@@ -1,1 +1,1 @@
-"""Figures of a diagnosis: each module draws one, as a matplotlib Figure, never through pyplot."""
+"""Figures (matplotlib, without pyplot)."""

@@ -1,4 +1,4 @@
-"""Style: colours that colour-blind people can tell apart (Okabe and Ito), sizes, and what every axes looks like."""
+"""Colours safe for colour blindness (Okabe and Ito), sizes, and the style of axes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 
-FAILING = "#D55E00"
-"""A model that fails, and cells of a map that strike."""
-HOLDING = "#0072B2"
-"""A model that holds."""
+MISFIT_COLOUR = "#D55E00"
+"""An inadequate model, and significant cells of a residual map."""
+ADEQUATE_COLOUR = "#0072B2"
+"""An adequate model."""
 MEASURED = "#8A8F98"
 INK = "#24292F"
 MUTED = "#6B7280"
@@ -40,8 +40,8 @@ LEGEND: dict[str, Any] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sheet:
-    """Sizes of a grid of panels in CSS pixels: fixed, so that panels stand in line from one figure to the next."""
+class PanelGrid:
+    """Sizes of a grid of panels in CSS pixels: fixed, so that panels align between figures."""
 
     rows: int
     columns: int
@@ -61,7 +61,7 @@ class Sheet:
         return self.top + rows + self.bottom
 
     def panels(self, *, heights: Sequence[float] | None = None, **shared: Any) -> tuple[Figure, NDArray[Any]]:
-        """The empty figure and its axes (rows, columns), dressed; `heights` of the rows against one another."""
+        """The empty figure and its styled axes (rows, columns); `heights` are relative."""
         figure = Figure(figsize=(self.width / PIXELS_PER_INCH, self.height / PIXELS_PER_INCH))
         figure.patch.set_alpha(0.0)
         inside = self.width - self.left - self.right - (self.columns - 1) * self.between_columns
@@ -76,11 +76,11 @@ class Sheet:
         grid = figure.add_gridspec(self.rows, self.columns, height_ratios=heights, **spacing)
         panels = grid.subplots(squeeze=False, **shared)
         for axes in panels.flat:
-            dress(axes)
+            style_axes(axes)
         return figure, panels
 
 
-def dress(axes: Axes) -> Axes:
+def style_axes(axes: Axes) -> Axes:
     """The axes with two thin spines, small ticks and no frame."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
@@ -93,13 +93,13 @@ def dress(axes: Axes) -> Axes:
     return axes
 
 
-def heading(axes: Axes, text: str, colour: str = INK) -> None:
-    """A title at the left above the axes."""
+def panel_title(axes: Axes, text: str, colour: str = INK) -> None:
+    """Left-aligned title of the axes."""
     axes.set_title(text, loc="left", fontsize=NORMAL + 0.5, fontweight="bold", color=colour)
 
 
-def name_y(axes: Axes, text: str, size: float = NORMAL) -> None:
-    """A label of the y axis, at one distance from the figure's edge whatever the ticks say."""
+def label_y_axis(axes: Axes, text: str, size: float = NORMAL) -> None:
+    """Label of the y axis at a fixed distance from the figure's edge."""
     axes.set_ylabel(text, fontsize=size, va="top")
     figure = axes.get_figure(root=True)
     if figure is not None:

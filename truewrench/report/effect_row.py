@@ -1,4 +1,4 @@
-"""Effect row: what is said of one effect of the catalogue, as text."""
+"""Table row of one candidate effect, as text."""
 
 from __future__ import annotations
 
@@ -6,19 +6,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 
-from diagnosis.finding import Finding
+from diagnosis.verdict.finding import Finding
 from estimation.fit import Estimate
 from modeling.space import Space
-from truewrench.plots.number import figures, percentage, probability, unit_text, with_std
-from truewrench.report.quantity import Quantity
+from truewrench.text.number_format import (
+    FormattedQuantity,
+    format_number,
+    format_p_value,
+    format_percentage,
+    format_unit,
+    format_with_std,
+)
 
-SIZES = 6
-"""Parameters of an effect shown at once; the rest unfolds."""
+MAX_SHOWN_PARAMETERS = 6
+"""Parameters of an effect shown; the rest is collapsed."""
 
 
 @dataclass(frozen=True)
 class EffectRow:
-    """One effect of the catalogue, as the table shows it; `share` is a width in per cent."""
+    """One candidate effect as text; `share` is the width of the bar in per cent."""
 
     id: str
     title: str
@@ -29,20 +35,22 @@ class EffectRow:
     p_value: str
     removed: str
     share: float
-    sizes: tuple[Quantity, ...]
-    more_sizes: tuple[Quantity, ...]
-    detectable: tuple[Quantity, ...]
-    more_detectable: tuple[Quantity, ...]
+    sizes: tuple[FormattedQuantity, ...]
+    more_sizes: tuple[FormattedQuantity, ...]
+    detectable: tuple[FormattedQuantity, ...]
+    more_detectable: tuple[FormattedQuantity, ...]
     confusable_with: tuple[str, ...]
     reason: str
 
 
 def effect_row(finding: Finding, space: Space) -> EffectRow:
-    """What is said of one effect, as text."""
+    """Row of one effect."""
     effect = finding.effect
     units = {p.name: p.unit for p in effect.parameters(space)}
-    sizes = _most_certain(finding.parameters)
-    limits = [Quantity(n, figures(v, 2), unit_text(units.get(n, ""))) for n, v in finding.detectable.items()]
+    sizes = _by_signal_to_noise(finding.parameters)
+    limits = [
+        FormattedQuantity(n, format_number(v, 2), format_unit(units.get(n, ""))) for n, v in finding.detectable.items()
+    ]
     return EffectRow(
         id=effect.id,
         title=effect.title,
@@ -50,25 +58,25 @@ def effect_row(finding: Finding, space: Space) -> EffectRow:
         advice=effect.advice,
         verdict=finding.verdict.value,
         words=finding.verdict.value.replace("_", " "),
-        p_value=probability(finding.p_value),
-        removed=percentage(finding.error_removed),
+        p_value=format_p_value(finding.p_value),
+        removed=format_percentage(finding.error_removed),
         share=round(100 * min(1.0, max(0.0, finding.error_removed or 0.0)), 1),
-        sizes=tuple(sizes[:SIZES]),
-        more_sizes=tuple(sizes[SIZES:]),
-        detectable=tuple(limits[:SIZES]),
-        more_detectable=tuple(limits[SIZES:]),
+        sizes=tuple(sizes[:MAX_SHOWN_PARAMETERS]),
+        more_sizes=tuple(sizes[MAX_SHOWN_PARAMETERS:]),
+        detectable=tuple(limits[:MAX_SHOWN_PARAMETERS]),
+        more_detectable=tuple(limits[MAX_SHOWN_PARAMETERS:]),
         confusable_with=finding.confusable_with,
         reason=finding.reason,
     )
 
 
-def _most_certain(parameters: Mapping[str, Estimate]) -> list[Quantity]:
-    """Parameters as text; of many, those that stand out most from their std first."""
+def _by_signal_to_noise(parameters: Mapping[str, Estimate]) -> list[FormattedQuantity]:
+    """Parameters as text; more than are shown at once in order of |value| / std."""
     found = list(parameters.items())
-    if len(found) > SIZES:
-        found.sort(key=lambda pair: -_certainty(pair[1]))
-    return [Quantity(name, with_std(e.value, e.std), unit_text(e.unit)) for name, e in found]
+    if len(found) > MAX_SHOWN_PARAMETERS:
+        found.sort(key=lambda pair: -_signal_to_noise(pair[1]))
+    return [FormattedQuantity(name, format_with_std(e.value, e.std), format_unit(e.unit)) for name, e in found]
 
 
-def _certainty(estimate: Estimate) -> float:
+def _signal_to_noise(estimate: Estimate) -> float:
     return abs(estimate.value) / estimate.std if isfinite(estimate.std) and estimate.std > 0 else 0.0

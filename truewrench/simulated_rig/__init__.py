@@ -1,58 +1,23 @@
-"""A rig that is simulated: a robot, a tool and a force/torque sensor in MuJoCo, with physics hidden in it.
+"""Simulated rig: robot, tool and force/torque sensor in MuJoCo, with hidden physical effects.
 
-It is the oracle of this project and shares no equation with `modeling`. A motion is prescribed; MuJoCo's
-inverse dynamics give what a force and a torque sensor at the wrist feel. Loads on the tool (drag, tether,
-magnet) are computed from MuJoCo's own position and velocity of the point that they attack, and put on the
-tool's body as an external wrench, because MuJoCo's forces in joint space never reach a force sensor.
-Joints that give way are moved by what MuJoCo says of the tool's weight, and a tip on a spring swings so that
-the torque that the sensor feels is the spring's.
+It is the reference of the tests and shares no equation with `modeling`. A motion is prescribed; MuJoCo's
+inverse dynamics give the wrench at the wrist sensor. Loads on the tool (drag, tether, magnet) are computed
+from MuJoCo's position and velocity of the point of application, and applied to the tool's body as an external
+wrench, because MuJoCo's joint-space forces do not act on a force sensor. Elastic joints deflect under the
+tool's weight as MuJoCo computes it, and a flexible tip oscillates so that the sensor's torque is the spring's.
 
 World: z up, the plane is x right and z up. The tool's frame is the sensor's: in the plane e1 = x', e2 = -y',
 e3 = e1 x e2, into the page, so that positive rotation is clockwise and the tip points along -e2; in six axes
-the tip points along +e3. SI units throughout. MuJoCo is imported when something is simulated, not before.
+the tip points along +e3. SI units throughout. MuJoCo is imported only when something is simulated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from truewrench.simulated_rig.drive import Drive, PeriodicMotion
-from truewrench.simulated_rig.experiment import placed, rest_poses, simulate, write_recording
+from truewrench.simulated_rig.commanded_motion import CommandedMotion, PeriodicMotion
 from truewrench.simulated_rig.flexible_tip import TipFlexibility
-from truewrench.simulated_rig.hidden import (
-    Clock,
-    Event,
-    HiddenEffect,
-    SceneChange,
-    SensorEffect,
-    Signal,
-    ToolLoad,
-    ZeroShift,
-)
-from truewrench.simulated_rig.joint_shifts import JointBacklash, JointElasticity, JointShift, weight_torques
-from truewrench.simulated_rig.loads import (
-    CONTACT_EDGE,
-    Buoyancy,
-    CableSpring,
-    ContactEvent,
-    CoulombFriction,
-    Magnet,
-    MagnusForce,
-    QuadraticDrag,
-    ViscousDrag,
-)
-from truewrench.simulated_rig.noise import (
-    NOISE_MODELS,
-    AutoregressiveNoise,
-    NoiseModel,
-    PinkNoise,
-    StudentNoise,
-    WarmUp,
-    WhiteNoise,
-)
-from truewrench.simulated_rig.rigs import PlanarRig, Rig, SpatialRig
-from truewrench.simulated_rig.scene import Array, Scene, Track
-from truewrench.simulated_rig.scene_changes import (
+from truewrench.simulated_rig.geometric_effects import (
     CentreOfMassOffset,
     GravityTilt,
     JointOffset,
@@ -60,6 +25,28 @@ from truewrench.simulated_rig.scene_changes import (
     PayloadChange,
     SensorRotation,
 )
+from truewrench.simulated_rig.hidden_effect import (
+    BiasEffect,
+    HiddenEffect,
+    SampleConditions,
+    SceneChange,
+    SensorEffect,
+    SensorSignal,
+    ToolLoad,
+    TransientEffect,
+)
+from truewrench.simulated_rig.joint_deflections import JointBacklash, JointDeflection, JointElasticity, weight_torques
+from truewrench.simulated_rig.mujoco_scene import Array, Scene, Track
+from truewrench.simulated_rig.noise_models import (
+    NOISE_MODELS,
+    AutoregressiveNoise,
+    NoiseModel,
+    PinkNoise,
+    StudentNoise,
+    WarmUpTemperature,
+    WhiteNoise,
+)
+from truewrench.simulated_rig.rigs import PlanarRig, SimulatedRig, SpatialRig
 from truewrench.simulated_rig.sensor_effects import (
     BiasDrift,
     GainNonlinearity,
@@ -72,7 +59,19 @@ from truewrench.simulated_rig.sensor_effects import (
     ThermalDrift,
     TimeDelay,
 )
-from truewrench.simulated_rig.true_wrench import felt_wrench, true_wrench
+from truewrench.simulated_rig.simulation import resolve_effects, simulate, static_poses, write_recording
+from truewrench.simulated_rig.tool_loads import (
+    CONTACT_EDGE,
+    Buoyancy,
+    CableSpring,
+    ContactEvent,
+    CoulombFriction,
+    Magnet,
+    MagnusForce,
+    QuadraticDrag,
+    ViscousDrag,
+)
+from truewrench.simulated_rig.true_wrench import rigid_tool_wrench, true_wrench
 
 __all__ = [
     "CONTACT_EDGE",
@@ -81,21 +80,20 @@ __all__ = [
     "Array",
     "AutoregressiveNoise",
     "BiasDrift",
+    "BiasEffect",
     "Buoyancy",
     "CableSpring",
     "CentreOfMassOffset",
-    "Clock",
+    "CommandedMotion",
     "ContactEvent",
     "CoulombFriction",
-    "Drive",
-    "Event",
     "GainNonlinearity",
     "GravityTilt",
     "HiddenEffect",
     "JointBacklash",
+    "JointDeflection",
     "JointElasticity",
     "JointOffset",
-    "JointShift",
     "LineInterference",
     "LinkLengthError",
     "Magnet",
@@ -106,7 +104,7 @@ __all__ = [
     "PinkNoise",
     "PlanarRig",
     "QuadraticDrag",
-    "Rig",
+    "SampleConditions",
     "Saturation",
     "Scene",
     "SceneChange",
@@ -116,7 +114,8 @@ __all__ = [
     "SensorHysteresis",
     "SensorLag",
     "SensorRotation",
-    "Signal",
+    "SensorSignal",
+    "SimulatedRig",
     "SpatialRig",
     "StudentNoise",
     "ThermalDrift",
@@ -124,14 +123,14 @@ __all__ = [
     "TipFlexibility",
     "ToolLoad",
     "Track",
+    "TransientEffect",
     "ViscousDrag",
-    "WarmUp",
+    "WarmUpTemperature",
     "WhiteNoise",
-    "ZeroShift",
-    "felt_wrench",
-    "placed",
-    "rest_poses",
+    "resolve_effects",
+    "rigid_tool_wrench",
     "simulate",
+    "static_poses",
     "true_wrench",
     "weight_torques",
     "write_recording",
@@ -169,4 +168,4 @@ HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = {
         MagnusForce(),
     )
 }
-"""Every effect that a rig can hide, by id, at a size that a record of eight repeats shows."""
+"""Every hidden effect by id, at a size detectable in a record of eight repeats."""

@@ -1,4 +1,4 @@
-"""Robots with a sensor and a tool: what is known of them and what a simulated one needs."""
+"""Simulated rigs: planar arm and six-axis carriage with sensor and tool."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from design.motion.random_motion import random_motion
-from design.motion.series import Motion
-from truewrench.simulated_rig.noise import WarmUp
-from truewrench.simulated_rig.scene import Array, Scene, Track, Vector, mujoco_rows
+from design.trajectories.random_periodic import random_periodic_trajectory
+from design.trajectories.trajectory import Trajectory
+from truewrench.simulated_rig.mujoco_scene import Array, Scene, Track, Vector, mujoco_rows
+from truewrench.simulated_rig.noise_models import WarmUpTemperature
 
 PLANAR_CHANNELS = ("fx", "fy", "tau")
 SPATIAL_CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rig(ABC):
-    """A robot with a sensor and a tool: what is known of it and what a simulated one needs.
+class SimulatedRig(ABC):
+    """A robot with sensor and tool: nominal description and simulation settings.
 
-    bias and noise  one per channel, N and N m: the zero of the readings and the standard deviation of one
+    bias and noise  one per channel, N and N m: bias of the readings and standard deviation of one
     sample
     gravity         m/s²
-    resolver_step   rad: recorded angles are multiples of it
+    resolver_step   resolution of recorded angles, rad
     convention      "on_tool", the wrench that the sensor exerts on the tool, or "on_sensor", its negative
     """
 
@@ -35,7 +35,7 @@ class Rig(ABC):
     noise: tuple[float, ...]
     gravity: float = 9.806
     resolver_step: float = 7.4e-6
-    warm_up: WarmUp = field(default_factory=WarmUp)
+    warm_up: WarmUpTemperature = field(default_factory=WarmUpTemperature)
     convention: str = "on_tool"
 
     channels: ClassVar[tuple[str, ...]]
@@ -50,30 +50,30 @@ class Rig(ABC):
 
     @property
     def sign(self) -> int:
-        """What the wrench on the tool is multiplied by in the readings."""
+        """Sign of the readings relative to the wrench on the tool."""
         return 1 if self.convention == "on_tool" else -1
 
     @property
     @abstractmethod
     def coordinates(self) -> int:
-        """How many coordinates a motion of this rig has."""
+        """Number of coordinates of a motion of this rig."""
 
     @cached_property
     @abstractmethod
     def scene(self) -> Scene:
-        """The rig as its description says it is."""
+        """The nominal MuJoCo model of the rig."""
 
     @abstractmethod
     def quantised(self, q: Array) -> Array:
-        """What the resolvers make of the coordinates (N, n)."""
+        """Coordinates (N, n) at the resolution of the resolvers."""
 
     @abstractmethod
     def motion_columns(self, q: Array) -> dict[str, Array]:
         """The recorded columns of the motion for recorded coordinates (N, n)."""
 
     @abstractmethod
-    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Motion:
-        """A random periodic motion that suits the rig."""
+    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Trajectory:
+        """A random periodic motion within the limits of the rig."""
 
     @abstractmethod
     def random_poses(self, count: int, rng: np.random.Generator) -> Array:
@@ -81,12 +81,12 @@ class Rig(ABC):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarRig(Rig):
-    """The planar arm of the chapter: n hinges in a vertical plane, clockwise positive, q1 from upright.
+class PlanarRig(SimulatedRig):
+    """The planar arm of chapter 22: n hinges in a vertical plane, clockwise positive, q1 from upright.
 
     link_lengths m; mass kg, mlg kg m (along the tip) and inertia kg m² (about the sensor origin) of the tool;
-    channels fx, fy, tau with the signs of 22.8; limits of `random_motion` in rad, rad/s, rad/s², one for all
-    joints or one each.
+    channels fx, fy, tau with the signs of 22.8; limits of `random_periodic_trajectory` in rad, rad/s, rad/s², one for
+    all joints or one each.
     """
 
     link_lengths: tuple[float, ...] = (1.0, 0.97, 0.4)
@@ -109,7 +109,7 @@ class PlanarRig(Rig):
 
     @cached_property
     def scene(self) -> Scene:
-        """The arm; of the tool's inertia only the entry about e3 matters."""
+        """The arm; only the inertia about e3 enters."""
         along = self.mlg**2 / self.mass
         return Scene(
             links=self.link_lengths,
@@ -133,9 +133,9 @@ class PlanarRig(Rig):
         """q1 .. qn, rad."""
         return {f"q{j + 1}": q[:, j] for j in range(self.coordinates)}
 
-    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Motion:
+    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Trajectory:
         """Within the limits of the rig."""
-        return random_motion(
+        return random_periodic_trajectory(
             joints=self.coordinates,
             position=self.position_limit,
             velocity=self.velocity_limit,
@@ -152,12 +152,12 @@ class PlanarRig(Rig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpatialRig(Rig):
-    """A tool that is led through space: coordinates x, y, z (m) of the sensor and three angles (rad).
+class SpatialRig(SimulatedRig):
+    """A tool moved in six degrees of freedom: coordinates x, y, z (m) of the sensor and three angles (rad).
 
-    The angles turn about x, then the turned y, then the turned z: R = Rx Ry Rz. first_moment (kg m) and
+    Intrinsic rotations about x, y, z: R = Rx Ry Rz. first_moment (kg m) and
     inertia (kg m²: xx, xy, xz, yy, yz, zz) of the tool about the sensor origin in its frame; channels fx ..
-    tz; limits of `random_motion` for (a position, an angle); positions are recorded in steps of
+    tz; limits of `random_periodic_trajectory` for (a position, an angle); positions are recorded in steps of
     `position_step` m.
     """
 
@@ -211,9 +211,9 @@ class SpatialRig(Rig):
         names = ("qx", "qy", "qz", "qw", "px", "py", "pz")
         return dict(zip(names, np.hstack([quaternions, track.origin]).T, strict=True))
 
-    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Motion:
-        """Within the limits of the rig; the angles are large enough that gravity visits three directions."""
-        return random_motion(
+    def random_motion(self, *, seed: int = 0, period: float = 5.0, harmonics: int = 5) -> Trajectory:
+        """Within the limits of the rig; the angles are large enough for three independent directions of gravity."""
+        return random_periodic_trajectory(
             joints=6,
             position=np.repeat(self.position_limit, 3),
             velocity=np.repeat(self.velocity_limit, 3),

@@ -1,4 +1,4 @@
-"""Hidden effects of the sensor and of its zero."""
+"""Hidden effects of the sensor and of its bias."""
 
 from __future__ import annotations
 
@@ -9,38 +9,44 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
-from truewrench.simulated_rig.hidden import Clock, HiddenEffect, SensorEffect, Signal, ZeroShift
-from truewrench.simulated_rig.scene import Array
+from truewrench.simulated_rig.hidden_effect import (
+    BiasEffect,
+    HiddenEffect,
+    SampleConditions,
+    SensorEffect,
+    SensorSignal,
+)
+from truewrench.simulated_rig.mujoco_scene import Array
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorGain(SensorEffect):
-    """Each channel named reads (1 + error) times what it should; errors as (channel, error)."""
+    """Each channel named reads (1 + error) times the true value; errors as (channel, error)."""
 
     id = "sensor_gain"
     order = 0
     errors: tuple[tuple[str, float], ...] = (("fy", 0.03),)
 
-    def through(self, signal: Signal) -> Signal:
+    def through(self, signal: SensorSignal) -> SensorSignal:
         """Scale channels."""
         errors = dict(self.errors)
-        _known(self, errors, signal.channels)
+        _require_channels(self, errors, signal.channels)
         gains = np.array([1 + errors.get(c, 0.0) for c in signal.channels])
         return signal.mapped(lambda wrench: wrench * gains)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorCrosstalk(SensorEffect):
-    """Channels leak: (into, out_of, gain) adds gain times the true channel `out_of` to the reading `into`."""
+    """Crosstalk: (into, out_of, gain) adds gain times the true channel `out_of` to the reading `into`."""
 
     id = "sensor_crosstalk"
     order = 1
     leaks: tuple[tuple[str, str, float], ...] = (("fy", "fx", 0.04),)
 
-    def through(self, signal: Signal) -> Signal:
+    def through(self, signal: SensorSignal) -> SensorSignal:
         """Mix channels."""
         names = signal.channels
-        _known(self, (name for leak in self.leaks for name in leak[:2]), names)
+        _require_channels(self, (name for leak in self.leaks for name in leak[:2]), names)
         matrix = np.eye(len(names))
         for into, out_of, gain in self.leaks:
             matrix[names.index(into), names.index(out_of)] += gain
@@ -56,15 +62,15 @@ class GainNonlinearity(SensorEffect):
     quadratic: float = 1.5e-3
     cubic: float = 0.0
 
-    def through(self, signal: Signal) -> Signal:
-        """Bend the forces."""
+    def through(self, signal: SensorSignal) -> SensorSignal:
+        """Apply the polynomial to the forces."""
         square, cube = signal.amounts(self.quadratic, 0.0), signal.amounts(self.cubic, 0.0)
         return signal.mapped(lambda w: w + square * w**2 + cube * w**3)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorHysteresis(SensorEffect):
-    """Play between load and reading, of half-width `force` (N) and `torque` (N m) in the channels.
+    """Play operator between load and reading, of half-width `force` (N) and `torque` (N m) in the channels.
 
     The reading follows the load only when the load reaches an end of the play.
     """
@@ -75,8 +81,8 @@ class SensorHysteresis(SensorEffect):
     force: float = 0.25
     torque: float = 0.01
 
-    def through(self, signal: Signal) -> Signal:
-        """Take the play up over the period before, then through the record."""
+    def through(self, signal: SensorSignal) -> SensorSignal:
+        """Play operator over the preceding period, to its periodic state, then over the record."""
         width = signal.amounts(self.force, self.torque)
         settled = _play(signal.before, width, signal.before[0])
         before = _play(signal.before, width, settled[-1])
@@ -85,9 +91,9 @@ class SensorHysteresis(SensorEffect):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorLag(SensorEffect):
-    """A first-order low-pass, time_constant dy/dt = wrench - y (s), in its periodic state from the beginning.
+    """A first-order low-pass, time_constant dy/dt = wrench - y (s), starting in its periodic steady state.
 
-    Exact for a wrench that is straight between the points of the oversampled grid.
+    Exact for a wrench that is linear between the points of the oversampled grid.
     """
 
     id = "sensor_lag"
@@ -96,21 +102,21 @@ class SensorLag(SensorEffect):
     needs_motion = True
     time_constant: float = 0.02
 
-    def through(self, signal: Signal) -> Signal:
-        """Filter the period before, then the record.
+    def through(self, signal: SensorSignal) -> SensorSignal:
+        """Filter the preceding period, then the record.
 
         Over one step h the input goes from u to v and y becomes a y + old u + new v, with a = exp(-h / T),
         new = 1 - (1 - a) T / h, old = 1 - a - new. The periodic state repeats after the period's steps.
         """
         share = signal.step / self.time_constant
-        kept = np.exp(-share)
-        new = 1 - (1 - kept) / share
-        old = (1 - kept) - new
-        b, a = [new, old], [1.0, -kept]
+        pole = np.exp(-share)
+        new = 1 - (1 - pole) / share
+        old = (1 - pole) - new
+        b, a = [new, old], [1.0, -pole]
         start = np.zeros((1, signal.before.shape[1]))
-        rest = lfilter(b, a, signal.before, axis=0, zi=start)[0]
-        ends = rest[-1] * kept + old * signal.before[-1]
-        state = (ends / (1 - kept ** len(rest)))[None, :]
+        free = lfilter(b, a, signal.before, axis=0, zi=start)[0]
+        ends = free[-1] * pole + old * signal.before[-1]
+        state = (ends / (1 - pole ** len(free)))[None, :]
         before, after = lfilter(b, a, signal.before, axis=0, zi=state)
         record, _ = lfilter(b, a, signal.record, axis=0, zi=after)
         return replace(signal, before=before, record=record)
@@ -138,12 +144,12 @@ class Saturation(HiddenEffect):
         return np.clip(readings, -level, level)
 
 
-# the zero
+# bias
 
 
 @dataclass(frozen=True, kw_only=True)
-class BiasDrift(ZeroShift):
-    """The zero wanders smoothly, by `force` (N) and `torque` (N m) from peak to peak.
+class BiasDrift(BiasEffect):
+    """Smooth bias drift, by `force` (N) and `torque` (N m) from peak to peak.
 
     It is a random sum of 1 to 4 half-waves over the record.
     """
@@ -152,31 +158,31 @@ class BiasDrift(ZeroShift):
     force: float = 0.6
     torque: float = 0.05
 
-    def shift(self, clock: Clock, rng: np.random.Generator) -> Array:
-        """Another wander for each channel, zero in the beginning."""
-        progress = (clock.time - clock.time[0]) / (np.ptp(clock.time) or 1.0)
+    def shift(self, conditions: SampleConditions, rng: np.random.Generator) -> Array:
+        """An independent drift in each channel, starting from zero."""
+        progress = (conditions.time - conditions.time[0]) / (np.ptp(conditions.time) or 1.0)
         waves = np.cos(np.pi * np.multiply.outer(progress, np.arange(1, 5)))
-        wander = waves @ (rng.standard_normal((4, len(clock.channels))) / np.arange(1, 5)[:, None])
-        size = np.ptp(wander, axis=0)
-        return np.asarray((wander - wander[0]) / size * clock.amounts(self.force, self.torque))
+        drift = waves @ (rng.standard_normal((4, len(conditions.channels))) / np.arange(1, 5)[:, None])
+        size = np.ptp(drift, axis=0)
+        return np.asarray((drift - drift[0]) / size * conditions.amounts(self.force, self.torque))
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThermalDrift(ZeroShift):
-    """The zero follows the true temperature: force (N/K) and torque (N m/K) times (temperature - 20 °C)."""
+class ThermalDrift(BiasEffect):
+    """Bias proportional to the true temperature: force (N/K) and torque (N m/K) times (temperature - 20 °C)."""
 
     id = "thermal_drift"
     force: float = 0.2
     torque: float = 0.01
 
-    def shift(self, clock: Clock, rng: np.random.Generator) -> Array:
+    def shift(self, conditions: SampleConditions, rng: np.random.Generator) -> Array:
         """Proportional to the temperature."""
-        return np.outer(clock.temperature - 20.0, clock.amounts(self.force, self.torque))
+        return np.outer(conditions.temperature - 20.0, conditions.amounts(self.force, self.torque))
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineInterference(ZeroShift):
-    """A tone at `frequency` (Hz), not locked to the motion, of `force` (N) and `torque` (N m)."""
+class LineInterference(BiasEffect):
+    """A tone at `frequency` (Hz), not synchronous with the motion, of `force` (N) and `torque` (N m)."""
 
     id = "line_interference"
     needs_motion = True
@@ -184,25 +190,25 @@ class LineInterference(ZeroShift):
     force: float = 0.2
     torque: float = 0.01
 
-    def shift(self, clock: Clock, rng: np.random.Generator) -> Array:
+    def shift(self, conditions: SampleConditions, rng: np.random.Generator) -> Array:
         """One sine per channel."""
-        phase = rng.uniform(0, 2 * np.pi, len(clock.channels))
-        angle = 2 * np.pi * self.frequency * clock.time[:, None] + phase
-        return np.asarray(clock.amounts(self.force, self.torque) * np.sin(angle))
+        phase = rng.uniform(0, 2 * np.pi, len(conditions.channels))
+        angle = 2 * np.pi * self.frequency * conditions.time[:, None] + phase
+        return np.asarray(conditions.amounts(self.force, self.torque) * np.sin(angle))
 
 
-def _known(effect: HiddenEffect, names: Iterable[str], channels: tuple[str, ...]) -> None:
+def _require_channels(effect: HiddenEffect, names: Iterable[str], channels: tuple[str, ...]) -> None:
     for name in names:
         if name not in channels:
             raise ValueError(f"{effect.id}: the rig has no channel '{name}'; it has {', '.join(channels)}")
 
 
 def _play(load: Array, width: Array, start: Array) -> Array:
-    """The play operator, by channel: y stays within `width` of the load and moves only when pushed."""
+    """The play operator, by channel: y stays within `width` of the load and moves only at its limits."""
     low, high = load - width, load + width
-    followed = np.empty_like(load)
+    output = np.empty_like(load)
     y = start
     for i in range(len(load)):
         y = np.minimum(np.maximum(y, low[i]), high[i])
-        followed[i] = y
-    return followed
+        output[i] = y
+    return output

@@ -1,4 +1,4 @@
-"""The true wrench: what the sensor exerts on the tool, by MuJoCo, with everything hidden between drive and sensor."""
+"""Wrench of the sensor on the tool (MuJoCo inverse dynamics)."""
 
 from __future__ import annotations
 
@@ -6,47 +6,49 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from truewrench.simulated_rig.drive import Drive
+from truewrench.simulated_rig.commanded_motion import CommandedMotion
 from truewrench.simulated_rig.flexible_tip import TipFlexibility
-from truewrench.simulated_rig.hidden import HiddenEffect, SceneChange, ToolLoad
-from truewrench.simulated_rig.joint_shifts import JointShift
-from truewrench.simulated_rig.rigs import Rig
-from truewrench.simulated_rig.scene import Array, Scene, States, Track, mujoco_rows
+from truewrench.simulated_rig.hidden_effect import HiddenEffect, SceneChange, ToolLoad
+from truewrench.simulated_rig.joint_deflections import JointDeflection
+from truewrench.simulated_rig.mujoco_scene import Array, Scene, States, Track, mujoco_rows
+from truewrench.simulated_rig.rigs import SimulatedRig
 
 
-def true_wrench(rig: Rig, hidden: Sequence[HiddenEffect], drive: Drive) -> Array:
-    """The true wrench (N, p) on a rig in the signs of its readings, under all the effects given."""
+def true_wrench(rig: SimulatedRig, hidden: Sequence[HiddenEffect], drive: CommandedMotion) -> Array:
+    """True wrench (N, p) of a rig in the sign convention of its readings, with the given hidden effects."""
     scene = rig.scene
     for effect in hidden:
         if isinstance(effect, SceneChange):
             scene = effect.changed(scene)
     states = drive.states
-    for shift in sorted((e for e in hidden if isinstance(e, JointShift)), key=lambda e: e.order):
-        states = shift.moved(scene, drive, states)
+    for deflection in sorted((e for e in hidden if isinstance(e, JointDeflection)), key=lambda e: e.order):
+        states = deflection.moved(scene, drive, states)
     loads = [effect for effect in hidden if isinstance(effect, ToolLoad)]
     tip = next((effect for effect in hidden if isinstance(effect, TipFlexibility)), None)
     if tip is None:
-        wrench = felt_wrench(scene, loads, drive.time, states)
+        wrench = rigid_tool_wrench(scene, loads, drive.time, states)
     else:
-        wrench = _swinging(tip, scene, loads, drive, states)
+        wrench = _flexible_tip_wrench(tip, scene, loads, drive, states)
     return rig.sign * wrench[:, rig.rows]
 
 
-def _swinging(tip: TipFlexibility, rigid: Scene, loads: Sequence[ToolLoad], drive: Drive, states: States) -> Array:
-    """The wrench (N, 6) of a robot in these states on a tool that swings."""
+def _flexible_tip_wrench(
+    tip: TipFlexibility, rigid: Scene, loads: Sequence[ToolLoad], drive: CommandedMotion, states: States
+) -> Array:
+    """Wrench (N, 6) on a tool with a flexible tip for these states of the robot."""
     scene = tip.changed(rigid)
 
-    def felt(whole: States) -> Array:
-        return felt_wrench(scene, loads, drive.time, whole)
+    def sensor_wrench(whole: States) -> Array:
+        return rigid_tool_wrench(scene, loads, drive.time, whole)
 
-    return felt(tip.settled(scene, drive, states, felt))
+    return sensor_wrench(tip.settled(scene, drive, states, sensor_wrench))
 
 
-def felt_wrench(scene: Scene, loads: Sequence[ToolLoad], time: Array, states: States) -> Array:
+def rigid_tool_wrench(scene: Scene, loads: Sequence[ToolLoad], time: Array, states: States) -> Array:
     """The wrench (N, 6) that the sensor exerts on the tool, in the sensor's true axes, under the given loads.
 
-    The first run gives the state of each attacked point, the second one feels the loads. MuJoCo wants an
-    external wrench at the body's centre of mass.
+    The first run gives the states of the points of application, the second the wrench with the loads. MuJoCo
+    applies an external wrench at the body's centre of mass.
     """
     points = [load.d for load in loads]
     actual = (states[0] + scene.joint_offsets, states[1], states[2])

@@ -1,6 +1,6 @@
-"""Surveying: many recordings diagnosed, one row each, on one machine's cores or on a Dask cluster.
+"""Survey: diagnosis of many recordings, one row each, on local cores or on a Dask cluster.
 
-The package is not called `survey`, as `truewrench.survey` is the function.
+The package is not called `survey` because `truewrench.survey` is the function.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recording time: when a recording was made, from its file's name, else from when the file was last written."""
+"""Time of a recording, from its file name, else the modification time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STAMP = re.compile(
 
 
 class TimeSource(Enum):
-    """Where a recording's time is known from."""
+    """Source of a recording's time."""
 
     FILE_NAME = "file name"
     MODIFICATION = "modification time"
@@ -24,7 +24,7 @@ class TimeSource(Enum):
 
 @dataclass(frozen=True)
 class RecordingTime:
-    """When a recording was made, in local time without a zone."""
+    """Time of a recording, local without a zone."""
 
     moment: datetime
     source: TimeSource
@@ -33,8 +33,8 @@ class RecordingTime:
     def of(cls, path: Path) -> RecordingTime | None:
         """The time in the file's name if it has one, else the file's modification time; None without a file.
 
-        In the name: year, month and day, with or without dashes, then perhaps hour, minute, second. What names no
-        zone counts as local time.
+        In the name: year, month and day, with or without dashes, then optionally hour, minute, second; local time
+        unless a zone is given.
         """
         named = time_in(path.name)
         if named is not None:
@@ -51,7 +51,7 @@ def time_in(name: str) -> datetime | None:
         try:
             return _moment(found)
         except (OverflowError, ValueError):
-            continue  # a number like 20261399 is no date
+            continue  # 20261399 is not a date
     return None
 
 

@@ -1,4 +1,4 @@
-"""Survey: many recordings of one rig diagnosed, one row each, in the order in which they were given."""
+"""Survey: diagnosis of many recordings of one rig, one row each, in the given order."""
 
 from __future__ import annotations
 
@@ -7,34 +7,69 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
+from pydantic import TypeAdapter, ValidationError
+
 from modeling.errors import InputError
-from modeling.rig import Rig
-from truewrench.output import require_folder
-from truewrench.surveying.cluster import local_executor, remote_executor
-from truewrench.surveying.execution import Work, executed
-from truewrench.surveying.outcome import Outcome
-from truewrench.surveying.row import Row
-from truewrench.surveying.store import OutcomeStore
-from truewrench.surveying.task import Task, diagnosed_outcome
+from modeling.rig.rig import Rig
+from truewrench.files.output import atomic_write, require_writable_folder
+from truewrench.surveying.dask_executor import local_executor, remote_executor
+from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
+from truewrench.surveying.survey_row import SurveyRow
+from truewrench.surveying.survey_task import SurveyTask, diagnosed_outcome
+from truewrench.surveying.task_execution import Work, run_tasks
 
 if TYPE_CHECKING:
     import pandas as pd
 
-ROWS = "rows"
-"""Folder of the stored outcomes, within the survey's."""
+
+@dataclass(frozen=True)
+class OutcomeStore:
+    """Folder of outcomes, one JSON file each, named by its fingerprint."""
+
+    folder: Path
+
+    def get(self, key: str | None) -> DiagnosisOutcome | None:
+        """Outcome of a fingerprint; None where there is none, or its file is damaged."""
+        if key is None:
+            return None
+        try:
+            return _outcome_adapter().validate_json(self._path(key).read_bytes())
+        except (OSError, ValidationError):
+            return None
+
+    def put(self, key: str, outcome: DiagnosisOutcome) -> None:
+        """Store an outcome, atomically.
+
+        Raises InputError when it cannot be written.
+        """
+        with atomic_write(self._path(key)) as path:
+            path.write_bytes(_outcome_adapter().dump_json(outcome))
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}.json"
+
+
+@cache
+def _outcome_adapter() -> TypeAdapter[DiagnosisOutcome]:
+    return TypeAdapter(DiagnosisOutcome)
+
+
+OUTCOME_FOLDER = "rows"
+"""Folder of the stored outcomes within that of the survey."""
 FILES = ("survey.parquet", "survey.html")
 ERROR = "error"
-"""Counted as a verdict where there is none."""
+"""Label of recordings without a verdict."""
 
 Progress: TypeAlias = Callable[[str], None]
 
 
 class DaskClient(Protocol):
-    """What is asked of a `distributed.Client`."""
+    """The interface used of a `distributed.Client`."""
 
     def get_executor(self) -> Executor:
         """The client as an executor."""
@@ -42,9 +77,9 @@ class DaskClient(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """The rows of a survey in the order of its recordings; `diagnosed` of them were not known from an earlier run."""
+    """Rows of a survey in the order of its recordings; `diagnosed` of them are new, the others from an earlier run."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[SurveyRow, ...]
     diagnosed: int
 
     @property
@@ -54,13 +89,13 @@ class Survey:
 
     def to_frame(self) -> pd.DataFrame:
         """The columns of survey.parquet."""
-        from truewrench.surveying.table import table_of
+        from truewrench.surveying.parquet_table import parquet_table
 
-        frame: pd.DataFrame = table_of(self.rows).to_pandas(maps_as_pydicts="strict")
+        frame: pd.DataFrame = parquet_table(self.rows).to_pandas(maps_as_pydicts="strict")
         return frame
 
     def to_data(self) -> dict[str, Any]:
-        """Numbers of recordings by verdict and the rows, as plain data."""
+        """Counts of verdicts and the rows, as plain data."""
         return {
             "recordings": len(self.rows),
             "diagnosed": self.diagnosed,
@@ -69,22 +104,22 @@ class Survey:
         }
 
     def write(self, out: Path) -> None:
-        """Write survey.parquet and survey.html into a folder: both, or none.
+        """Write survey.parquet and survey.html into a folder, both or neither.
 
         Raises InputError when they cannot be written.
         """
-        from truewrench.surveying.page import write_survey
+        from truewrench.surveying.survey_html import write_survey
 
         write_survey(self.rows, *(out / name for name in FILES))
 
     def __str__(self) -> str:
-        from truewrench.surveying.summary import survey_text
+        from truewrench.surveying.survey_text import survey_text
 
-        return survey_text(self)
+        return survey_text(self.rows, self.diagnosed, self.verdicts)
 
 
-def silent(_message: str) -> None:
-    """No progress."""
+def no_progress(_message: str) -> None:
+    """Ignore progress messages."""
 
 
 def survey(
@@ -96,25 +131,25 @@ def survey(
     scheduler: str | None = None,
     workers: int | None = None,
     only: Sequence[str] | None = None,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
     work: Work = diagnosed_outcome,
 ) -> Survey:
     """Diagnose many recordings of one rig and tool, each by itself.
 
-    rig        the rig, or its file; joint angles need one
-    out        folder for survey.parquet, survey.html and the outcomes as they come, from which an interrupted survey
-               goes on; None keeps nothing
+    rig        the rig, or its file; required for joint angles
+    out        folder for survey.parquet, survey.html and the outcomes, from which an interrupted survey resumes; None
+               stores nothing
     executor   a Dask client or any executor of `concurrent.futures`; workers read the recordings by absolute path
     scheduler  instead, the address of a Dask scheduler; without either, a local cluster of `workers` processes
     only       ids of the candidate effects; None is the whole catalogue
-    work       what is done with a task
+    work       function of a task that returns its outcome
 
-    A recording that cannot be diagnosed is a row with its error. What an earlier survey stored in `out` of the same
-    recording, rig and version is not diagnosed again.
+    A recording that cannot be diagnosed is a row with its error. Outcomes that an earlier survey stored in `out` for
+    the same recording, rig and version are reused.
     Raises InputError for a rig or an effect that cannot be used, a folder that cannot be written, a scheduler that does
     not answer.
     """
-    _require_one_place(executor, scheduler, workers)
+    _require_one_executor(executor, scheduler, workers)
     paths = [Path(recording) for recording in recordings]
     candidates = None if only is None else tuple(only)
     _require_known(candidates)
@@ -122,26 +157,28 @@ def survey(
     store = None if out is None else _store(Path(out))
     progress("read the recordings")
     data = None if described is None else described.to_data()
-    tasks = [Task.of(path, data, candidates) for path in paths]
-    found = _stored(tasks, store)
+    tasks = [SurveyTask.of(path, data, candidates) for path in paths]
+    found = _stored_outcomes(tasks, store)
     missing = list(dict.fromkeys(task.recording for task in tasks if task.recording not in found))
     if missing:
         by_path = {task.recording: task for task in tasks}
         with _executor(executor, scheduler, workers, most=len(missing)) as running:
-            found |= _finished([by_path[path] for path in missing], running, work, store, progress)
-    surveyed = Survey(tuple(Row.of(p, found[t.recording]) for p, t in zip(paths, tasks, strict=True)), len(missing))
+            found |= _run_and_store([by_path[path] for path in missing], running, work, store, progress)
+    surveyed = Survey(
+        tuple(SurveyRow.of(p, found[t.recording]) for p, t in zip(paths, tasks, strict=True)), len(missing)
+    )
     if out is not None:
         progress("write the survey")
         surveyed.write(Path(out))
     return surveyed
 
 
-def _require_one_place(executor: Executor | DaskClient | None, scheduler: str | None, workers: int | None) -> None:
+def _require_one_executor(executor: Executor | DaskClient | None, scheduler: str | None, workers: int | None) -> None:
     if sum(choice is not None for choice in (executor, scheduler, workers)) > 1:
         what = "an executor, a scheduler and a number of local workers exclude one another"
         raise InputError(what=what, where="survey", remedy="give one of them")
     if workers is not None and workers < 1:
-        raise InputError(what=f"{workers} workers cannot do it", where="survey", remedy="give one worker or more")
+        raise InputError(what=f"workers = {workers} is too few", where="survey", remedy="give one worker or more")
 
 
 def _require_known(only: tuple[str, ...] | None) -> None:
@@ -152,43 +189,43 @@ def _require_known(only: tuple[str, ...] | None) -> None:
 
 
 def _store(out: Path) -> OutcomeStore:
-    require_folder(out)
-    return OutcomeStore(out / ROWS)
+    require_writable_folder(out)
+    return OutcomeStore(out / OUTCOME_FOLDER)
 
 
-def _stored(tasks: Sequence[Task], store: OutcomeStore | None) -> dict[str, Outcome]:
-    """Outcomes by recording, of those that an earlier survey finished."""
+def _stored_outcomes(tasks: Sequence[SurveyTask], store: OutcomeStore | None) -> dict[str, DiagnosisOutcome]:
+    """Outcomes by recording, stored by an earlier survey."""
     known = {} if store is None else {task.recording: store.get(task.key) for task in tasks}
     return {recording: outcome for recording, outcome in known.items() if outcome is not None}
 
 
-def _finished(
-    tasks: Sequence[Task], executor: Executor, work: Work, store: OutcomeStore | None, progress: Progress
-) -> dict[str, Outcome]:
-    """Outcomes by recording; each final one is stored when it comes."""
-    found: dict[str, Outcome] = {}
+def _run_and_store(
+    tasks: Sequence[SurveyTask], executor: Executor, work: Work, store: OutcomeStore | None, progress: Progress
+) -> dict[str, DiagnosisOutcome]:
+    """Outcomes by recording; each final one is stored as soon as it is available."""
+    found: dict[str, DiagnosisOutcome] = {}
     began = monotonic()
     progress(f"0 of {len(tasks)} recordings")
-    with closing(executed(tasks, executor, work)) as outcomes:  # what is not begun is cancelled, whatever happens here
+    with closing(run_tasks(tasks, executor, work)) as outcomes:  # pending tasks are cancelled on an exception
         for task, outcome in outcomes:
             found[task.recording] = outcome
             if store is not None and task.key is not None and outcome.final:
                 store.put(task.key, outcome)
-            progress(_done(len(found), len(tasks), monotonic() - began))
+            progress(_progress_text(len(found), len(tasks), monotonic() - began))
     return found
 
 
-def _done(count: int, total: int, seconds: float) -> str:
-    left = seconds / count * (total - count)
-    ahead = f"{left:.0f} s" if left < 100 else f"{left / 60:.0f} min"
-    return f"{count} of {total} recordings, about {ahead} left"
+def _progress_text(count: int, total: int, seconds: float) -> str:
+    remaining = seconds / count * (total - count)
+    duration = f"{remaining:.0f} s" if remaining < 100 else f"{remaining / 60:.0f} min"
+    return f"{count} of {total} recordings, about {duration} remaining"
 
 
 @contextmanager
 def _executor(
     executor: Executor | DaskClient | None, scheduler: str | None, workers: int | None, *, most: int
 ) -> Iterator[Executor]:
-    """The executor that was given, or one at the scheduler, or on this machine."""
+    """The given executor, or one at the scheduler, or a local one."""
     if executor is not None:
         yield executor if isinstance(executor, Executor) else executor.get_executor()
     elif scheduler is not None:

@@ -1,0 +1,97 @@
+"""Result of model discrimination."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from design.discrimination.design_setting import DesignSetting
+from design.discrimination.exchange_algorithm import ExchangeRound
+from design.discrimination.model_pair import CLEAR_SEPARATION, CONFUSABLE_SEPARATION, ModelPair, Separability
+from design.limits.limit_use import LimitUse
+from design.trajectories.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DiscriminationDesign:
+    """A discriminating trajectory with the separation of each pair of models.
+
+    motion     within the limits at every instant; None when no trajectory discriminates any of them
+    pairs      the given model with each of its rivals
+    runs       of the trajectory, for which the lambdas hold
+    reference  description of the trajectories of `before`
+    rounds     of the exchange algorithm; the trajectory is that of the best one
+    """
+
+    setting: DesignSetting
+    motion: Trajectory | None
+    pairs: tuple[ModelPair, ...]
+    runs: int
+    reference: str
+    rounds: tuple[ExchangeRound, ...]
+
+    @property
+    def verdict(self) -> Separability:
+        """The verdict of the least separated pair."""
+        return max((pair.verdict for pair in self.pairs), key=list(Separability).index)
+
+    @property
+    def limit_use(self) -> LimitUse | None:
+        """Use of each limit by the trajectory."""
+        return None if self.motion is None else self.setting.use(self.motion)
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain data: numbers are finite, or None."""
+        motion, use = self.motion, self.limit_use
+        return {
+            "verdict": self.verdict.name.lower(),
+            "pairs": [pair.to_data() for pair in self.pairs],
+            "runs": self.runs,
+            "samples": self.setting.samples,
+            "period": self.setting.series.duration,
+            "before": self.reference,
+            "coefficients": None if motion is None else motion.coefficients.tolist(),
+            "worst_limit_use": None if use is None else use.to_data(),
+            "rounds": [found.smallest for found in self.rounds],
+        }
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Truth, rival, lambda and error probability before and after, runs for 5 % and 1 % errors, as text."""
+        rows = []
+        for pair in self.pairs:
+            for direction in pair.directions:
+                errors = [_share(None if direction.imitated else pair.chance(x)) for x in (pair.before, pair.after)]
+                after = "indistinguishable" if direction.imitated else f"{direction.after:.4g}"
+                runs = [
+                    _count(None if direction.imitated else pair.runs_for(x))
+                    for x in (CONFUSABLE_SEPARATION, CLEAR_SEPARATION)
+                ]
+                rows.append((direction.truth, direction.rival, f"{direction.before:.4g}", after, *errors, *runs))
+        return rows
+
+    def __str__(self) -> str:
+        heads = ("true", "rival", "lambda before", "after", "error before", "after", "runs for 5 %", "1 %")
+        table = [heads, *self.rows()]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in table]
+        lines += [f"{pair.names[0]} or {pair.names[1]}: {_verdict(pair)}" for pair in self.pairs]
+        lines.append(f"lambda in {self.runs} run{'s' * (self.runs > 1)} of the trajectory; before: {self.reference}")
+        if self.limit_use is not None:
+            lines.append(self.limit_use.sentence())
+        return "\n".join(lines)
+
+
+def _verdict(pair: ModelPair) -> str:
+    if pair.verdict is Separability.NEVER:
+        return f"{pair.verdict.value}; the simpler one is preferred"
+    text = pair.verdict.value + ("; nested models: the simpler one is preferred unless it is rejected" * pair.nested)
+    runs = pair.runs_for(CLEAR_SEPARATION)
+    return text if pair.verdict is Separability.SEPARATED else f"{text} ({_count(runs)} for 1 % errors)"
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2g}"
+
+
+def _count(value: int | None) -> str:
+    return "-" if value is None else f"{value}"

@@ -1,0 +1,38 @@
+"""Arm and limits of a rig, checked to admit a periodic trajectory; enough samples for a series."""
+
+from __future__ import annotations
+
+from design.trajectories.trajectory import TrajectorySeries
+from modeling.errors import InputError
+from modeling.kinematics.arm import Arm
+from modeling.rig.rig import Limits, Rig
+
+
+def arm_and_limits(rig: Rig) -> tuple[Arm, Limits]:
+    """The arm and the limits of a rig.
+
+    Raises InputError when it states none, or limits that no periodic trajectory keeps.
+    """
+    if rig.arm is None:
+        what = "a trajectory is designed for an arm, and the rig has none"
+        raise InputError(what=what, where="rig", remedy="state robot.link_lengths or robot.urdf")
+    if rig.limits is None:
+        what = "a trajectory is designed within limits, and the rig states none"
+        raise InputError(what=what, where="rig", remedy="add [limits] with position, velocity and acceleration")
+    for name in ("velocity", "acceleration"):
+        low, high = getattr(rig.limits, name).T
+        if not ((low < 0) & (high > 0)).all():
+            what = f"limits of {name} on both sides of zero were expected, and of one joint they are not"
+            remedy = "a periodic trajectory reverses: give a negative low and a positive high limit"
+            raise InputError(what=what, where="limits", remedy=remedy)
+    return rig.arm, rig.limits
+
+
+def require_enough_samples(series: TrajectorySeries, samples: int) -> None:
+    """InputError for fewer samples than the series has basis functions of time: they would not resolve it."""
+    functions = series.mixing.shape[1]
+    if samples < functions:
+        what = f"{samples} samples cannot resolve a series of {functions} basis functions of time"
+        raise InputError(
+            what=what, where="samples", remedy=f"take {2 * functions} or more, or fewer harmonics or knots"
+        )

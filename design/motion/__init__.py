@@ -1,1 +1,0 @@
-"""Families of joint motions, linear in their coefficients, and rigorous bounds on them between samples."""

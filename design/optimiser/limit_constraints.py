@@ -1,0 +1,183 @@
+"""Limits as constraints at chosen instants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.limits.tip_workspace import workspace_sides
+from design.trajectories.trajectory import TrajectorySeries
+from modeling.kinematics.arm import Arm
+from modeling.rig.rig import Limits, Workspace
+
+Array = NDArray[np.float64]
+Instants = dict[tuple[int, int], Array]
+
+COARSE_INSTANTS, MEDIUM_INSTANTS, FINE_INSTANTS = 4, 8, 16
+"""Instants per basis function of a smooth series: coarse ones are eight to the shortest wave, between which a limit is
+exceeded by up to 1 / cos(pi / 8) - 1 = 8 % (which the optimum exploits), so that the ranking of optima is not the final
+one; 16 leave 2 %, and fine ones 0.5 % at most."""
+INSTANTS_PER_PIECE = 1, 2, 4
+"""The same per piece of a spline: its highest derivative has its extremes at the knots."""
+TIP_MARGIN = 0.01, 0.01
+"""Margin of the tip inside the workspace: m, but no more than this share of its half width. Contracting a trajectory by
+the thousandths by which its joints exceed their limits moves the tip by millimetres, not always inwards."""
+NEAR_LIMIT = 0.8
+"""Share of a limit above which it is imposed at the fine instants; elsewhere at the coarse ones."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LimitConstraints:
+    """(x - middle) / half width within [-1, 1] for position, velocity, acceleration (and jerk) at some instants.
+
+    instants   by derivative and joint, s
+    tip        instants at which the workspace limits are imposed on the tip, s
+    """
+
+    series: TrajectorySeries
+    limits: Limits
+    instants: Instants
+    tip: Array
+    arm: Arm | None = None
+    workspace: Workspace | None = None
+    tip_length: float = 0.0
+
+    @classmethod
+    def coarse(
+        cls,
+        series: TrajectorySeries,
+        limits: Limits,
+        *,
+        arm: Arm | None,
+        workspace: Workspace | None,
+        tip_length: float | None,
+    ) -> Self:
+        """All limits at a few equally spaced instants."""
+        few = _instants(series)[0]
+        return cls(
+            series=series,
+            limits=limits,
+            instants={(order, j): few for order in limited_orders(limits) for j in range(series.joints)},
+            tip=few,
+            arm=arm,
+            workspace=workspace if workspace is not None and workspace_sides(workspace, arm) else None,
+            tip_length=tip_length or 0.0,
+        )
+
+    @classmethod
+    def medium(cls, series: TrajectorySeries, limits: Limits) -> Self:
+        """The joint limits at equally spaced instants that are enough to rank optima."""
+        some = _instants(series)[1]
+        instants = {(order, j): some for order in limited_orders(limits) for j in range(series.joints)}
+        return cls(series=series, limits=limits, instants=instants, tip=some)
+
+    def refined(self, coefficients: Array) -> Self:
+        """With all fine instants at which the trajectory is near a limit, and those of its extremes beyond it."""
+        fine = _instants(self.series)[2]
+        instants = {key: _more(times, fine, self._use(coefficients, key, fine)) for key, times in self.instants.items()}
+        return replace(self, instants=instants, tip=_more(self.tip, fine, self._tip_use(coefficients, fine)))
+
+    def graph(self, z: Any) -> tuple[Any, Array, Array]:
+        """CasADi expression (R,) of the coefficients z (k,), with its low (R,) and high (R,)."""
+        import casadi as ca
+
+        tip, low, high = self._tip(z)
+        linear = ca.sparsify(ca.DM(self._linear())) @ z - ca.DM(self._middles())
+        ends = np.ones(linear.numel())
+        places = len(self.tip)
+        return (
+            ca.vertcat(linear, ca.vec(tip)),
+            np.concatenate([-ends, np.tile(low, places)]),
+            np.concatenate([ends, np.tile(high, places)]),
+        )
+
+    def curvature(self, z: Any, multipliers: Any) -> Any:
+        """Second derivative (k, k) of the rows, summed with multipliers (R,): only the tip's rows are nonlinear."""
+        import casadi as ca
+
+        tip = ca.vec(self._tip(z)[0])
+        of_tip = multipliers[multipliers.numel() - tip.numel() :]
+        return ca.hessian(ca.dot(of_tip, tip), z)[0] if tip.numel() else ca.MX(z.numel(), z.numel())
+
+    def _linear(self) -> Array:
+        """A (R, k): -1 <= A z - middles <= 1 are the joint limits at the instants."""
+        return np.vstack([self._block(order, j) for order, j in self.instants])
+
+    def _middles(self) -> Array:
+        """(R,): the middle of each limit over its half width."""
+        parts = []
+        for (order, j), times in self.instants.items():
+            middle, half = middle_and_half(self.limits, order)
+            parts.append(np.full(len(times), middle[j] / half[j]))
+        return np.concatenate(parts)
+
+    def _block(self, order: int, joint: int) -> Array:
+        _, half = middle_and_half(self.limits, order)
+        return np.asarray(self.series.basis(self.instants[order, joint], order)[:, joint] / half[joint])
+
+    def _tip(self, z: Any) -> tuple[Any, Array, Array]:
+        """CasADi expression of the tip's limited coordinates (S, len(tip)), with the box low (S,) and high (S,), m."""
+        import casadi as ca
+
+        if self.workspace is None or self.arm is None:
+            return ca.MX.zeros(0, 1), np.zeros(0), np.zeros(0)
+        index, low, high = workspace_box(self.workspace, self.arm)
+        middle, half = (low + high) / 2, (high - low) / 2
+        half = half - np.minimum(TIP_MARGIN[0], TIP_MARGIN[1] * half)
+        basis = self.series.basis(self.tip, 0).reshape(-1, self.series.size)
+        q = ca.reshape(ca.sparsify(ca.DM(basis)) @ z, self.series.joints, len(self.tip))
+        return self.arm.tip(self.tip_length).map(len(self.tip))(q)[index, :], middle - half, middle + half
+
+    def _use(self, coefficients: Array, key: tuple[int, int], times: Array) -> Array:
+        order, joint = key
+        middle, half = middle_and_half(self.limits, order)
+        value = self.series.evaluate(coefficients, times, order)[:, joint]
+        return np.asarray(np.abs(value - middle[joint]) / half[joint])
+
+    def _tip_use(self, coefficients: Array, times: Array) -> Array:
+        if self.workspace is None or self.arm is None:
+            return np.zeros(len(times))
+        index, low, high = workspace_box(self.workspace, self.arm)
+        q = self.series.evaluate(coefficients, times, 0)
+        tip = np.array(self.arm.tip(self.tip_length).map(len(times))(q.T))[index].T
+        return np.asarray((np.abs(tip - (low + high) / 2) / ((high - low) / 2)).max(axis=1))
+
+
+def limited_orders(limits: Limits) -> tuple[int, ...]:
+    """Orders of the limited derivatives."""
+    return (0, 1, 2) if limits.jerk is None else (0, 1, 2, 3)
+
+
+def middle_and_half(limits: Limits, order: int) -> tuple[Array, Array]:
+    """Middle and half width (n,) of the limits of a derivative."""
+    pairs = (limits.position, limits.velocity, limits.acceleration, limits.jerk)[order]
+    assert pairs is not None
+    return pairs.mean(axis=1), (pairs[:, 1] - pairs[:, 0]) / 2
+
+
+def workspace_box(workspace: Workspace, arm: Arm | None) -> tuple[list[int], Array, Array]:
+    """Indices of the tip coordinates that the workspace limits, and their low and high in m."""
+    stated = workspace_sides(workspace, arm).values()
+    low, high = np.array([side for _, side in stated], dtype=float).reshape(-1, 2).T
+    return [index for index, _ in stated], low, high
+
+
+def _instants(series: TrajectorySeries) -> tuple[Array, Array, Array]:
+    """Coarse, medium and fine instants, s."""
+    functions, pieces = series.mixing.shape[1], len(series.breaks) - 1
+    each = zip(INSTANTS_PER_PIECE, (COARSE_INSTANTS, MEDIUM_INSTANTS, FINE_INSTANTS), strict=True)
+    coarse, medium, fine = (p * pieces if pieces > functions / 2 else f * functions for p, f in each)
+    return series.instants(coarse), series.instants(medium), series.instants(fine)
+
+
+def _more(times: Array, fine: Array, use: Array) -> Array:
+    """The times, the fine ones with a use near 1, and the maxima of parabolas through them that are beyond 1."""
+    before, after = np.roll(use, 1), np.roll(use, -1)
+    curvature = 2 * use - before - after
+    shift = np.divide(after - before, 2 * curvature, out=np.zeros_like(use), where=curvature > 0)
+    beyond = (use >= before) & (use >= after) & (use + (after - before) * shift / 4 > 1)
+    maxima = np.clip(fine[beyond] + shift[beyond] * (fine[1] - fine[0]), fine[0], fine[-1])
+    return np.asarray(np.unique(np.concatenate([times, fine[use > NEAR_LIMIT], maxima])), dtype=float)

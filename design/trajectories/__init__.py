@@ -1,0 +1,1 @@
+"""Parametrised joint trajectories, linear in their coefficients, and guaranteed bounds between samples."""

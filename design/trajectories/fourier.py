@@ -1,0 +1,171 @@
+"""Finite Fourier series trajectories: equation 22.10 (chapter 22, "Characterization of the Dynamical Model of a Force
+Sensor for Robot Manipulators", Bassi et al.), and independent joints."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries, require_positive_duration
+from modeling.errors import InputError
+
+CHAPTER_OPTIMUM_DEGREES = (
+    12.99, 8.95, -0.43, 5.72, 7.97, 11.42, 3.16, 1.92, 9.49, -1.68, 4.40, 10.27, -1.33, 2.85, 2.01,
+)  # fmt: skip
+"""x_opt of equation 22.17, in degrees: an inference, from joint peaks of 42, 44 and 35 degrees."""
+
+SHARED_HARMONICS = (1, 2, 3)
+OWN_HARMONICS = (4, 5, 6)
+"""Harmonics of equation 22.10: those shared by all joints, and those with coefficients of each joint."""
+
+POINTS_PER_WAVE = 256
+EHLICH_ZELLER_FACTOR = 1 / float(np.cos(np.pi / POINTS_PER_WAVE))
+"""A trigonometric polynomial of degree H stays below its largest absolute value on M equally spaced points of a period
+divided by cos(pi H / M) (Ehlich and Zeller, Math. Z. 86 (1964) 41-44); 7.5e-5 more with 256 points to a wave."""
+
+
+class FourierSeries(TrajectorySeries):
+    """Trajectories in the basis 1, sin(h w t) .., cos(h w t) .., w = 2 pi / period, for some harmonics h."""
+
+    @property
+    @abstractmethod
+    def waves(self) -> tuple[int, ...]:
+        """The harmonics h."""
+
+    @property
+    def unity(self) -> Array:
+        """The first function is one."""
+        return np.asarray(np.eye(1, 1 + 2 * len(self.waves))[0], dtype=float)
+
+    def functions(self, time: Array, order: int) -> Array:
+        """(N, 1 + 2 H): each derivative multiplies by h w and turns sin into cos, -sin, -cos."""
+        rate = 2 * np.pi / self.duration * np.array(self.waves, dtype=float)
+        angle = np.multiply.outer(time, rate)
+        sin, cos = np.sin(angle), np.cos(angle)
+        first, second = ((sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin))[order % 4]
+        constant = np.full((len(time), 1), float(order == 0))
+        return np.hstack([constant, rate**order * first, rate**order * second])
+
+    def grid(self) -> Array:
+        """Times over one period, 256 to a wave of the highest harmonic, s."""
+        return np.linspace(0.0, self.duration, POINTS_PER_WAVE * max(self.waves), endpoint=False)
+
+    def enclosure(self, coefficients: Array, order: int) -> tuple[Array, Array]:
+        """The extremes on the grid, their half range times `EHLICH_ZELLER_FACTOR`.
+
+        Less the middle of these extremes the derivative is a trigonometric polynomial of the same degree, whose
+        largest absolute value on the grid is their half range.
+        """
+        values = self.evaluate(coefficients, self.grid(), order)
+        low, high = values.min(axis=0), values.max(axis=0)
+        middle, half = (low + high) / 2, (high - low) / 2 * EHLICH_ZELLER_FACTOR
+        return middle - half, middle + half
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeSeries(FourierSeries):
+    """Independent joints: q_j(t) = offset_j + sum_h sine_jh sin(h w t) + cosine_jh cos(h w t).
+
+    Coefficients: joint by joint the offset (unless `offset` is False), the sines and the cosines of the harmonics, in
+    the coordinate's unit. period in s. Raises InputError for a period or harmonics that are not positive.
+    """
+
+    joints: int
+    harmonics: tuple[int, ...]
+    period: float
+    offset: bool = True
+
+    def __post_init__(self) -> None:
+        require_positive_duration(self.period, name="period", where="FreeSeries")
+        object.__setattr__(self, "harmonics", tuple(int(h) for h in self.harmonics))
+        if not self.harmonics or min(self.harmonics) < 1 or len(set(self.harmonics)) < len(self.harmonics):
+            what = f"different harmonics from 1 on were expected, and {self.harmonics} came"
+            raise InputError(what=what, where="FreeSeries", remedy="give harmonics such as (1, 2, 3)")
+
+    @property
+    def duration(self) -> float:
+        """The period, s."""
+        return self.period
+
+    @property
+    def waves(self) -> tuple[int, ...]:
+        """The harmonics."""
+        return self.harmonics
+
+    def __str__(self) -> str:
+        offset = "an offset and " if self.offset else ""
+        return (
+            f"each joint with {offset}{len(self.harmonics)} harmonics up to {max(self.harmonics) / self.period:.3g} Hz"
+        )
+
+    @cached_property
+    def mixing(self) -> Array:
+        """Every joint has its own coefficient of every basis function."""
+        one = np.eye(1 + 2 * len(self.harmonics))[:, 0 if self.offset else 1 :]
+        each = np.multiply.outer(np.eye(self.joints), one)  # joint, joint of the coefficient, function, coefficient
+        return each.transpose(0, 2, 1, 3).reshape(self.joints, len(one), -1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperSeries(FourierSeries):
+    """The trajectory of equation 22.10, for n joints: sines and cosines of harmonics 1..3 shared by all joints, and
+    sines of harmonics 4..6 for each.
+
+    Coefficients in rad: x1..x3 the shared sines, x4..x6 the shared cosines, then three sines joint by joint, x7..x9,
+    x10..x12 and x13..x15 of the chapter's arm. Of the four natural orders of x1..x6 only this one gives x_opt of
+    22.17 joint peaks of 42, 44 and 35 degrees (sine and cosine interleaved: 45, 44 and 34). period in s. Raises
+    InputError when it is not positive.
+    """
+
+    joints: int = 3
+    period: float
+
+    def __post_init__(self) -> None:
+        require_positive_duration(self.period, name="period", where="PaperSeries")
+
+    @property
+    def duration(self) -> float:
+        """The period, s."""
+        return self.period
+
+    @property
+    def waves(self) -> tuple[int, ...]:
+        """Harmonics 1..6."""
+        return SHARED_HARMONICS + OWN_HARMONICS
+
+    def __str__(self) -> str:
+        return f"the series of equation 22.10, up to {max(self.waves) / self.period:.3g} Hz"
+
+    @cached_property
+    def mixing(self) -> Array:
+        """All joints have the shared coefficients; each its own sines."""
+        shared, own, count = len(SHARED_HARMONICS), len(OWN_HARMONICS), len(self.waves)
+        mixing = np.zeros((self.joints, 1 + 2 * count, 2 * shared + own * self.joints))
+        mixing[:, 1 : 1 + shared, :shared] = np.eye(shared)
+        mixing[:, 1 + count : 1 + count + shared, shared : 2 * shared] = np.eye(shared)
+        for j in range(self.joints):
+            start = 2 * shared + own * j
+            mixing[j, 1 + shared : 1 + count, start : start + own] = np.eye(own)
+        return mixing
+
+
+def fourier_trajectory(
+    *, offset: npt.ArrayLike, sine: npt.ArrayLike, cosine: npt.ArrayLike, period: float
+) -> Trajectory:
+    """The trajectory of a FreeSeries with these offsets (n,) and sines and cosines (n, H) of harmonics 1 .. H.
+
+    Raises InputError when the shapes do not fit or the period is not positive.
+    """
+    offsets, sines, cosines = (np.asarray(values, dtype=float) for values in (offset, sine, cosine))
+    if sines.ndim != 2 or sines.shape != cosines.shape or sines.shape[:1] != offsets.shape:
+        raise InputError(
+            what=f"shapes (n,), (n, H), (n, H) were expected, and {offsets.shape}, {sines.shape}, {cosines.shape} came",
+            where="fourier_trajectory",
+            remedy="give offset, sine and cosine of each joint",
+        )
+    series = FreeSeries(joints=len(offsets), harmonics=tuple(range(1, sines.shape[1] + 1)), period=period)
+    return Trajectory(series, np.hstack([offsets[:, None], sines, cosines]).ravel())

@@ -1,0 +1,289 @@
+"""Design of an exciting trajectory from a rig and a model: multistart optimisation, then the upper bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+from design.bound import DualityBound, GenerationRound, upper_bound
+from design.criteria import BayesianCriterion, Criterion, DOptimal
+from design.exciting_trajectory import ExcitingTrajectory
+from design.information import DiscretePrior, Experiment, SensorNoise, unidentifiable_combinations
+from design.information.parameter_values import ParameterValues
+from design.limits.rig_limits import arm_and_limits, require_enough_samples
+from design.optimiser.multistart import (
+    LOW_HARMONICS,
+    DesignTask,
+    LocalOptimum,
+    LocalSearch,
+    local_optimum,
+    optimise,
+    refine_optimum,
+    screen_start,
+)
+from design.optimiser.objective import Objective
+from design.trajectories.fourier import FourierSeries, FreeSeries, PaperSeries
+from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.trajectory import Trajectory, TrajectorySeries
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.errors import InputError
+from modeling.kinematics.arm import Arm
+from modeling.rig.rig import Limits, Rig
+from modeling.space import Space
+
+DEFAULT_PERIOD, DEFAULT_SAMPLES = 5.0, 200
+"""The reference problem's: 5 s, 40 samples a second."""
+DEFAULT_HARMONICS = tuple(range(1, 13))
+"""Of the series when none is given: up to 2.4 Hz in 5 s, which controllers of large arms follow."""
+DEFAULT_STARTS, FEW_HARMONIC_STARTS, STARTS_WHEN_SLOW = 24, 48, 6
+"""Random starts; those of a series of few harmonics, all in one stage; and where nonlinear limits, dynamic effects or a
+large series make each take ten times as long. Of equation 22.10 (`PaperSeries`; 30 seeds, 72 starts each) 17 % of odd
+starts and 8 % of others lead to the highest optimum: 48 with `FEW_HARMONIC_ODD_SHARE` miss it for one seed in 2700, 24
+with `ODD_SHARE` for one in 34."""
+LARGE_SERIES = 100
+"""Coefficients of a large series: the time of a step grows with their square."""
+ODD_SHARE = 2, 3
+"""Two of three starts are odd in time, from which the highest optima are found more often."""
+FEW_HARMONIC_ODD_SHARE = 5, 6
+"""The same for a series of few harmonics: the optimum need not be odd, but an odd start takes a quarter less time."""
+LOW_HARMONIC_STARTS, MIXED_STARTS = 3, 6
+"""A third of the starts has few harmonics, whose few optima any seed finds. The best of them, mixed with other random
+trajectories, reliably lead to good optima of the whole series (a sixth as many starts); random trajectories of the
+whole series, the other half of the starts, sometimes lead to better ones."""
+RANDOM_SHARE = 0.2
+"""Share of the random trajectory in a mixture."""
+REFINED_OPTIMA, LOW_HARMONIC_OPTIMA = 3, 2
+"""The best distinct optima that are refined, and those of few harmonics that are continued with all."""
+DISTINCT_OPTIMA = 2e-3
+"""Nats: optima with closer values count as one, up to a symmetry or a shift in time."""
+
+
+NOT_REQUESTED = (None, "not requested")
+
+
+@dataclass(frozen=True, eq=False)
+class DesignStage:
+    """Progress of a design: its stage, the best value so far, the starts done and the time to go.
+
+    value    the best so far; None before there is any. Until the refinement of the best starts it is of trajectories
+             that keep their limits at some instants only
+    best     the best trajectory that keeps them at every instant; None before there is any
+    done     of `total` starts; both zero where that is not known
+    seconds  estimated time to the end of this stage; None before the first start is done
+    """
+
+    stage: str
+    value: float | None = None
+    best: LocalOptimum | None = None
+    done: int = 0
+    total: int = 0
+    seconds: float | None = None
+
+    def __str__(self) -> str:
+        parts = [f"{self.stage}: {self.done} of {self.total} starts" if self.total else self.stage]
+        if self.value is not None:
+            parts.append(f"{self.value:.2f} reached")
+        if self.seconds is not None:
+            parts.append(f"about {self.seconds:.0f} s left")
+        return ", ".join(parts)
+
+
+DesignProgress = Callable[[DesignStage], None]
+
+
+def design(
+    rig: Rig,
+    *,
+    model: WrenchModel | None = None,
+    values: ParameterValues | None = None,
+    prior: DiscretePrior | None = None,
+    criterion: Criterion | None = None,
+    series: TrajectorySeries | None = None,
+    samples: int = DEFAULT_SAMPLES,
+    noise: SensorNoise | None = None,
+    starts: int | None = None,
+    seed: int = 0,
+    bounded: bool = True,
+    executor: Executor | None = None,
+    progress: DesignProgress | None = None,
+) -> ExcitingTrajectory:
+    """The most informative trajectory of a series for the model's parameters, within the limits of the rig.
+
+    model      the rigid tool of the rig when None; recording-specific disturbances, backlash, deflection and saturation
+               are left out
+    values     of the parameters by name, where the sensitivities depend on them
+    prior      sets of values for a Bayesian criterion (`DiscretePrior.around` a fit's covariance); None: at values
+    criterion  D-optimal when None
+    series     independent series of the joints with 12 harmonics in 5 s when None
+    samples    equally spaced readings of one run
+    noise      weight of the readings; None for unweighted SI
+    starts     random starts, from `seed`; None for 24, 48 of a series of few harmonics, or 6 where each takes long. The
+               best optima are refined
+    bounded    whether the upper bound is computed too, some ten seconds for three joints
+    executor   runs the starts and the bound's searches (any like `concurrent.futures.Executor`, see `optimise`); the
+               result is the same
+
+    Raises InputError for a rig without arm or limits, too few samples, a model with parameters that are unidentifiable
+    along every trajectory of this arm, and limits that no trajectory keeps.
+    """
+    arm, limits = arm_and_limits(rig)
+    designable = (model or (planar if arm.space is Space.PLANE else spatial)(rig)).designable
+    known = None if values is None else {p.name: values[p.name] for p in designable.parameters if p.name in values}
+    experiment = Experiment.of(designable, arm, known, noise=noise)
+    _require_identifiable(experiment, limits)
+    chosen = series or FreeSeries(joints=arm.joints, harmonics=DEFAULT_HARMONICS, period=DEFAULT_PERIOD)
+    require_enough_samples(chosen, samples)
+    optimised, score = experiment, criterion or DOptimal()
+    if prior is not None:
+        optimised, score = (
+            Experiment.prior(designable, arm, prior.sets, noise=noise),
+            BayesianCriterion(score, prior.weights),
+        )
+    task = DesignTask(
+        objective=Objective(experiment=optimised, criterion=score, series=chosen, samples=samples),
+        limits=limits,
+        arm=arm,
+        workspace=rig.workspace,
+        tip_length=rig.tip_length,
+    )
+    found, others = _search(task, starts, seed, executor, progress)
+    bound, reason = (
+        _bound(designable, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_REQUESTED
+    )
+    return ExcitingTrajectory(
+        task=task,
+        experiment=experiment,
+        local_optima=found,
+        evaluations=sum(optimum.evaluations for optimum in (*found, *others)),
+        bound=bound,
+        no_bound_reason=reason,
+    )
+
+
+def _search(
+    task: DesignTask, starts: int | None, seed: int, executor: Executor | None, progress: DesignProgress | None
+) -> tuple[tuple[LocalOptimum, ...], tuple[LocalOptimum, ...]]:
+    """Local optima of the task's series, best first, and the screened ones."""
+    low = low_harmonic_series(task.objective.series)
+    quick = task.direct and task.objective.series.size <= LARGE_SERIES
+    default = DEFAULT_STARTS if low is not None else FEW_HARMONIC_STARTS
+    count = starts or (default if quick else STARTS_WHEN_SLOW)
+
+    def run(stage: str, of: DesignTask, begin: Sequence[Trajectory], work: LocalSearch) -> tuple[LocalOptimum, ...]:
+        watch = None if progress is None else _watch(stage, len(begin), progress, feasible=work is not screen_start)
+        return optimise(of, begin, work=work, executor=executor, progress=watch)
+
+    low_task = None if low is None else replace(task, objective=replace(task.objective, series=low))
+    if not task.direct:
+        return _searched_by_ipopt(task, low_task, [(seed, number) for number in range(count)], run)
+    if low_task is None:
+        begin = [_start(task, seed, number, FEW_HARMONIC_ODD_SHARE) for number in range(count)]
+        screened = run("starts", task, begin, screen_start)
+        return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum), screened
+    coarse = run(
+        "few harmonics",
+        low_task,
+        [_start(low_task, seed, number) for number in range(-(-count // LOW_HARMONIC_STARTS))],
+        screen_start,
+    )
+    bases = [motion.projected(task.objective.series) for motion in _best(coarse, LOW_HARMONIC_OPTIMA)]
+    mixtures = [
+        _mixed(bases[number % len(bases)], task.random((seed, count + number)))
+        for number in range(-(-count // MIXED_STARTS))
+    ]
+    others = [_start(task, seed, number) for number in range(count - count // 2, count)]
+    screened = run("all harmonics", task, [*mixtures, *others], screen_start)
+    return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum), (*coarse, *screened)
+
+
+StageRunner = Callable[[str, DesignTask, Sequence[Trajectory], LocalSearch], tuple[LocalOptimum, ...]]
+
+
+def _searched_by_ipopt(
+    task: DesignTask, low_task: DesignTask | None, seeds: Sequence[tuple[int, int]], run: StageRunner
+) -> tuple[tuple[LocalOptimum, ...], tuple[LocalOptimum, ...]]:
+    """Local optima of all starts, with few harmonics where the series has more; then of the best two with all."""
+    randoms = [task.random(seed) for seed in seeds]
+    if low_task is None:
+        return run("starts", task, randoms, local_optimum), ()
+    coarse = run("few harmonics", low_task, [r.projected(low_task.objective.series) for r in randoms], local_optimum)
+    nearest = [optimum.motion.projected(task.objective.series) for optimum in coarse[:LOW_HARMONIC_OPTIMA]]
+    return run("all harmonics", task, nearest, local_optimum), coarse
+
+
+def _start(task: DesignTask, seed: int, number: int, odd_share: tuple[int, int] = ODD_SHARE) -> Trajectory:
+    return task.varied((seed, number), odd=number % odd_share[1] < odd_share[0])
+
+
+def _mixed(base: Trajectory, other: Trajectory) -> Trajectory:
+    """A convex combination of two trajectories: it keeps the joint limits that both keep."""
+    return replace(base, coefficients=(1 - RANDOM_SHARE) * base.coefficients + RANDOM_SHARE * other.coefficients)
+
+
+def _best(local_optima: Sequence[LocalOptimum], count: int) -> list[Trajectory]:
+    """The trajectories of the best local optima that differ in value, best first."""
+    chosen = list[LocalOptimum]()
+    for optimum in local_optima:
+        if not chosen or chosen[-1].value - optimum.value > DISTINCT_OPTIMA:
+            chosen.append(optimum)
+    return [optimum.motion for optimum in chosen[:count]]
+
+
+def low_harmonic_series(series: TrajectorySeries) -> TrajectorySeries | None:
+    """The low-harmonic series that replaces a series in the first search; None when it has few harmonics itself."""
+    if isinstance(series, RestToRest):
+        inner = low_harmonic_series(series.inner)
+        return None if inner is None else replace(series, inner=inner)
+    if isinstance(series, PaperSeries) or (
+        isinstance(series, FourierSeries) and max(series.waves) <= max(LOW_HARMONICS)
+    ):
+        return None
+    return FreeSeries(joints=series.joints, harmonics=LOW_HARMONICS, period=series.duration)
+
+
+def _watch(stage: str, total: int, progress: DesignProgress, *, feasible: bool) -> Callable[[LocalOptimum], None]:
+    """Reports the starts done and the time to go; `feasible`: the optima keep the limits at every instant."""
+    begun, local_optima = perf_counter(), list[LocalOptimum]()
+    progress(DesignStage(stage, total=total))
+
+    def watch(optimum: LocalOptimum) -> None:
+        local_optima.append(optimum)
+        best, done = max(local_optima, key=lambda a: a.value), len(local_optima)
+        seconds = (perf_counter() - begun) * (total - done) / done
+        progress(DesignStage(stage, best.value, best if feasible else None, done, total, seconds))
+
+    return watch
+
+
+def _bound(
+    model: WrenchModel,
+    arm: Arm,
+    limits: Limits,
+    samples: int,
+    values: ParameterValues | None,
+    seed: int,
+    executor: Executor | None,
+    progress: DesignProgress | None,
+) -> tuple[DualityBound | None, str]:
+    """The bound, or why there is none."""
+
+    def watch(step: GenerationRound) -> None:
+        if progress is not None:
+            progress(DesignStage(f"bound, round {step.number}: optimality gap {step.best - step.lower:.2f}"))
+
+    try:
+        found = upper_bound(
+            model, arm, limits, samples=samples, values=values, seed=seed, executor=executor, progress=watch
+        )
+        return found, ""
+    except InputError as error:
+        return None, error.what
+
+
+def _require_identifiable(experiment: Experiment, limits: Limits) -> None:
+    combinations = unidentifiable_combinations(experiment, limits)
+    if combinations:
+        remedy = "leave one of them out of the model (`fit --drop`)"
+        raise InputError(what=str(combinations[0]), where="model", remedy=remedy)

@@ -1,0 +1,1 @@
+"""Checks on held-out data."""

@@ -1,0 +1,52 @@
+"""Held-out recording with its noise and its recording-specific disturbances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from diagnosis.comparison.data_split import non_excited_noise
+from diagnosis.comparison.validation import validation_fit
+from diagnosis.selection.noise_reestimation import residual_with_tones
+from estimation.fit import Fit
+from estimation.noise.noise_estimation import estimate_noise
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.recordings.recording import Recording
+from modeling.chain.effect import Effect, NuisanceValues
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A recording that was not used for the fit, with its noise.
+
+    own    its recording-specific disturbances: drift, contact
+    start  initial values of their parameters
+    """
+
+    recording: Recording
+    noise: RecordingNoise
+    own: tuple[Effect, ...] = ()
+    start: NuisanceValues = field(default_factory=dict)
+    _carried: dict[Fit, Fit] = field(default_factory=dict, init=False, repr=False)
+
+    def carried(self, fit: Fit) -> Fit:
+        """Validation fit to this recording: its biases and its disturbances estimated here."""
+        if fit not in self._carried:
+            self._carried[fit] = validation_fit(fit, self.recording, self.noise, self.own, self.start)
+        return self._carried[fit]
+
+    @property
+    def disturbances_identifiable(self) -> bool:
+        """Whether disturbances are identifiable: it has non-excited lines, or a detected event."""
+        return non_excited_noise(self.noise) is not None or bool(self.noise.events)
+
+    def passing(self, fit: Fit) -> Fit:
+        """The validation fit restricted to the non-excited lines, where there are any."""
+        return replace(self.carried(fit), noise=(non_excited_noise(self.noise) or self.noise,))
+
+    def reestimated(self, fit: Fit) -> HeldOut:
+        """The recording with its disturbances and its noise without them re-estimated, given a fit."""
+        carried = self.carried(fit)
+        start = {p.name: carried.values[p.name] for e in self.own for p in e.qualified(fit.model.space)}
+        repeats = self.noise.source is NoiseSource.REPEATS
+        noise = estimate_noise(self.recording, residual_with_tones(carried, 0)) if repeats else self.noise
+        return replace(self, noise=noise, start=start)

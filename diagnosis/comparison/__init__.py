@@ -1,0 +1,1 @@
+"""Residual against noise: reduced chi-square, systematic error, residual maps, validation."""

@@ -1,0 +1,203 @@
+"""Comparison of a fit with a recording: residual, reduced chi-square, systematic error, lack-of-fit test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison.generic_terms import cross_validated_gain, event_mean_p_value
+from diagnosis.comparison.validation import validation_fit
+from estimation.confidence_intervals import inverse_trigamma
+from estimation.distributions import chi2_sf, f_sf
+from estimation.fit import Fit, table
+from estimation.fit_column_space import fit_column_space
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
+from estimation.noise.whitening import FourierLineWhitener
+from estimation.recordings.recording import Recording
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One recording against its prediction.
+
+    noise_floor      noise std of one sample, per channel
+    rms              RMS of the residual over all samples, per channel
+    explainable_rms  systematic error: root of the residual power that repeats or is slower than the repeats; None
+                     without repeats
+    explainable_std  standard error of the systematic power (explainable_rms²), from the noise alone
+    misfit           reduced chi-square of the whitened residual; None where the noise is estimated from the residual
+    lack_of_fit      p-value of "the residual is consistent with the noise"
+    """
+
+    recording: Recording
+    residual: Array
+    noise: RecordingNoise
+    noise_floor: Mapping[str, float]
+    rms: Mapping[str, float]
+    explainable_rms: Mapping[str, float] | None
+    explainable_std: Mapping[str, float] | None
+    misfit: float | None
+    lack_of_fit: float
+
+    @property
+    def space(self) -> Space:
+        """Planar or six axes."""
+        return Space(self.recording.dimension)
+
+    @cached_property
+    def explainable_limit(self) -> Mapping[str, float] | None:
+        """Upper limit of the systematic error per channel: its power plus two standard errors, as an RMS."""
+        if self.explainable_rms is None or self.explainable_std is None:
+            return None
+        return {c: float(np.sqrt(rms**2 + 2 * self.explainable_std[c])) for c, rms in self.explainable_rms.items()}
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Channel, unit, noise floor, RMS and systematic RMS, as text."""
+        explainable = self.explainable_rms or {}
+        return [
+            (c, unit, f"{self.noise_floor[c]:.4g}", f"{self.rms[c]:.4g}", _number(explainable.get(c)))
+            for c, unit in zip(self.recording.channels, self.space.units, strict=True)
+        ]
+
+    def __str__(self) -> str:
+        head = table(("channel", "unit", "noise floor", "rms", "systematic rms"), self.rows())
+        return f"{head}\nreduced chi-square {_number(self.misfit)}, lack of fit p = {self.lack_of_fit:.3g}"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def compare(fit: Fit, recording: Recording | None = None) -> Comparison:
+    """Compare a fit with one of its recordings, or with a held-out one (validation fit: its biases re-estimated)."""
+    if recording is None or recording in fit.recordings:
+        number = 0 if recording is None else fit.recordings.index(recording)
+        return comparison_of(fit, number)
+    return comparison_of(validation_fit(fit, recording), 0)
+
+
+def comparison_of(fit: Fit, number: int) -> Comparison:
+    """Comparison of a fit with its recording of that number."""
+    recording, noise, residual = fit.recordings[number], fit.noise[number], fit.residuals[number]
+    channels = recording.channels
+    power = (residual**2).mean(axis=0)
+    explainable = explainable_power(recording, residual, noise) if noise.source is NoiseSource.REPEATS else None
+    misfit, p_value = lack_of_fit_test(fit, number)
+    return Comparison(
+        recording=recording,
+        residual=residual,
+        noise=noise,
+        noise_floor=_by_channel(channels, noise.floor),
+        rms=_by_channel(channels, np.sqrt(power)),
+        explainable_rms=None if explainable is None else _by_channel(channels, np.sqrt(explainable[0])),
+        explainable_std=None if explainable is None else _by_channel(channels, explainable[1]),
+        misfit=misfit,
+        lack_of_fit=p_value,
+    )
+
+
+def _by_channel(channels: tuple[str, ...], values: Array) -> dict[str, float]:
+    return {c: float(v) for c, v in zip(channels, values, strict=True)}
+
+
+def explainable_power(recording: Recording, residual: Array, noise: RecordingNoise) -> tuple[Array, Array]:
+    """Systematic power of the residual per channel, and its standard error, both (p,).
+
+    For repeats e_r of the residual, each less its own mean, the power that repeats is the mean of e_r e_s over all
+    pairs of different repeats, to which independent noise contributes nothing on average. The variance of the
+    repeats' means in excess of that expected from the noise spectrum is added. With noise of spectrum S the standard
+    error is sqrt(2 mean(S²) / (N R (R - 1))).
+    """
+    repeats, once = recording.repeats, recording.samples_per_repeat
+    blocks = residual.reshape(repeats, once, -1)
+    means = blocks.mean(axis=1)
+    inner = blocks - means[:, None]
+    pairs = repeats * (repeats - 1)
+    repeating = ((inner.sum(axis=0) ** 2).sum(axis=0) - (inner**2).sum(axis=(0, 1))) / (once * pairs)
+    frequency = np.asarray(np.fft.rfftfreq(recording.samples, sample_step(recording))[1:], dtype=np.float64)
+    levels = np.stack([s(frequency) for s in noise.spectra], axis=1)
+    spread = np.sqrt(2 * (levels**2).mean(axis=0) / (once * pairs))
+    slow = means.var(axis=0, ddof=1) - _variance_of_means(levels, recording)
+    return np.maximum(repeating, 0.0) + np.maximum(slow, 0.0), spread
+
+
+def _variance_of_means(levels: Array, recording: Recording) -> Array:
+    """Expected variance over repeats of a repeat's mean, from the noise spectrum (lines, p)."""
+    n, repeats, once = recording.samples, recording.repeats, recording.samples_per_repeat
+    box = np.zeros(n)
+    box[:once] = 1 / once
+    gain = np.abs(np.fft.rfft(box)[1:]) ** 2
+    return np.asarray(2 * (gain[:, None] * levels).sum(axis=0) / n * repeats / (repeats - 1))
+
+
+def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
+    """Reduced chi-square of one recording of a fit, and the p-value of its lack of fit.
+
+    With a noise estimate independent of the residual, the whitened rows are tested in frequency bands (each against F,
+    as the spectrum is itself estimated), and the smallest p-value is Bonferroni-corrected. Where the noise is estimated
+    from the residual, the test is the cross-validated prediction of the residual by generic terms of the inputs.
+    """
+    noise = fit.noise[number]
+    if noise.source is NoiseSource.RESIDUAL:
+        return None, min(1.0, 2 * min(cross_validated_gain(fit, number).p_value, event_mean_p_value(fit, number)))
+    rows, leverage = _rows_and_leverage(fit, number)
+    excited = noise.whitener.periodic_rows
+    total = (rows[:excited] ** 2).sum() / max(1.0, excited - leverage[:excited].sum())
+    p_values = []
+    for band in frequency_bands(noise):
+        degrees_of_freedom = band.sum() - leverage[band].sum()
+        if degrees_of_freedom > 0.5:
+            power = float((rows[band] ** 2).sum())
+            shares = (rows * band)[:, None] ** 2 / max(power, 1e-300)
+            p_values.append(
+                chi_square_p_value(power, degrees_of_freedom, float(noise.log_power_variance_of(shares)[0]))
+            )
+    return float(total), float(min(1.0, len(p_values) * min(p_values, default=1.0)))
+
+
+def noise_from_residual(fit: Fit) -> bool:
+    """Whether any recording's noise is estimated from the residual."""
+    return any(n.source is NoiseSource.RESIDUAL for n in fit.noise)
+
+
+def _rows_and_leverage(fit: Fit, number: int) -> tuple[Array, Array]:
+    """Whitened residual rows of one recording, and their leverages."""
+    column_space = fit_column_space(fit)
+    start = sum(n.whitener.rows for n in fit.noise[:number])
+    part = slice(start, start + fit.noise[number].whitener.rows)
+    return column_space.residual[part], column_space.leverage[part]
+
+
+def frequency_bands(noise: RecordingNoise) -> list[NDArray[np.bool_]]:
+    """Masks of the rows tested together: excited lines by octaves, and non-excited lines below the fundamental.
+
+    A single band where rows are not Fourier lines.
+    """
+    whitener = noise.whitener
+    everything = np.arange(whitener.rows)
+    if not isinstance(whitener, FourierLineWhitener):
+        return [everything >= 0]
+    per_line = whitener.rows // (len(whitener.motion) + len(whitener.between))
+    harmonic = whitener.motion // whitener.repeats
+    octave = np.maximum(0, np.ceil(np.log2(np.maximum(harmonic, 1) / 8))).astype(int)
+    slow = np.where(whitener.between < whitener.repeats, -1, -2)
+    label = np.repeat(np.concatenate([octave, slow]), per_line)
+    return [label == o for o in np.unique(label) if o != -2]
+
+
+def chi_square_p_value(statistic: float, degrees_of_freedom: float, log_power_variance: float) -> float:
+    """P-value of a chi-square statistic, by F where the noise power is itself estimated.
+
+    `log_power_variance` is the variance of the estimated log power spectral density: trigamma(d / 2) for an estimate
+    with d degrees of freedom.
+    """
+    if log_power_variance <= 0:
+        return float(chi2_sf(statistic, degrees_of_freedom))
+    return float(f_sf(statistic / degrees_of_freedom, degrees_of_freedom, 2 * inverse_trigamma(log_power_variance)))

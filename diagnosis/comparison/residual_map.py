@@ -1,0 +1,179 @@
+"""Residual maps: mean residual in cells of one variable, with confidence intervals and false discovery rate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.generic_terms import gravity_direction
+from estimation.distributions import student_isf, student_sf
+from estimation.model_response import model_signals
+from estimation.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+CELLS = 16
+DISCOVERY_RATE = 0.10
+"""False discovery rate at which cells are significant."""
+MIN_RANGE = 1e-3
+"""Range, in its own unit, below which a variable counts as constant."""
+MAX_BLOCKS = 8
+"""Blocks of a single run that take the place of repeats."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualMap:
+    """Mean residual of one channel in cells of one variable.
+
+    centre, mean, low, high  (cells,) with a 95 % confidence interval over repeats (over blocks of a single run)
+    significant              cells of non-zero mean at a false discovery rate of 10 %, within this map
+    tolerance                mean below which a cell is negligible
+    explained                share of the channel's residual power that the cells' means explain
+    """
+
+    channel: str
+    channel_unit: str
+    variable: str
+    variable_unit: str
+    centre: Array
+    mean: Array
+    low: Array
+    high: Array
+    significant: NDArray[np.bool_]
+    tolerance: float
+    explained: float
+
+    @property
+    def striking(self) -> NDArray[np.bool_]:
+        """Cells whose mean residual is significant and above tolerance."""
+        return self.significant & (np.abs(self.mean) > self.tolerance)
+
+
+def map_variables(recording: Recording, load: Array) -> Mapping[str, tuple[Array, str]]:
+    """Variables (n,) and their units by name: direction, position, speed, acceleration, load, time, auxiliaries."""
+    signals = model_signals(recording)
+    found: dict[str, tuple[Array, str]] = {}
+    if recording.dimension == 2:
+        found["phi"] = (signals["phi"], "rad")
+        found["turning speed"] = (signals["dphi"], "rad/s")
+        found["turning acceleration"] = (signals["ddphi"], "rad/s²")
+        velocity = [signals[n] for n in ("vx", "vy") if n in signals]
+        direction = {"x": "vx", "y": "vy"}
+    else:
+        down = gravity_direction(signals)
+        found |= {f"gravity along {a}": (np.asarray(d), "g") for a, d in zip("xyz", down, strict=True)}
+        found["turning speed"] = (_length([signals[f"w{a}"] for a in "xyz"]), "rad/s")
+        found["turning acceleration"] = (_length([signals[f"al{a}"] for a in "xyz"]), "rad/s²")
+        velocity = [signals[n] for n in ("vpx", "vpy", "vpz") if n in signals]
+        direction = {a: f"vp{a}" for a in "xyz"}
+    for axis in "xyz":
+        if f"p{axis}" in signals:
+            found[f"position {axis}"] = (signals[f"p{axis}"], "m")
+    found |= {f"velocity {a}": (signals[name], "m/s") for a, name in direction.items() if name in signals}
+    if velocity:
+        found["speed"] = (_length(velocity), "m/s")
+    for channel, series in zip(recording.channels, load.T, strict=True):
+        found[f"load {channel}"] = (np.asarray(series, dtype=np.float64), "N" if channel.startswith("f") else "N m")
+    if recording.time is not None:
+        span = np.arange(recording.samples, dtype=np.float64) * (recording.dt or 1.0)
+        found["time"] = (span, "s")
+    else:
+        found["order"] = (signals["order"], "1")
+    found |= {name: (signals[name], "°C" if name == "temperature" else "as recorded") for name in recording.auxiliary}
+    return {name: pair for name, pair in found.items() if np.ptp(pair[0]) > MIN_RANGE}
+
+
+def _length(components: Sequence[Array]) -> Array:
+    return np.asarray(np.sqrt(np.sum(np.square(components), axis=0)))
+
+
+def residual_maps(comparison: Comparison, tolerance: Mapping[str, float]) -> list[ResidualMap]:
+    """Residual maps of every channel over every variable, by share of residual power explained, the largest first.
+
+    Variables with no cell visited in two repeats give no map.
+    """
+    recording, residual = comparison.recording, comparison.residual
+    load = recording.wrench - residual
+    repeat_of = _repeat_of_samples(recording)
+    maps = []
+    for variable, (series, unit) in map_variables(recording, load).items():
+        cells = _cells(series)
+        for number, (channel, channel_unit) in enumerate(zip(recording.channels, comparison.space.units, strict=True)):
+            names = (channel, channel_unit, variable, unit)
+            rows = _cell_rows(residual[:, number], series, cells, repeat_of)
+            if rows:
+                maps.append(_residual_map(rows, names, tolerance[channel], float((residual[:, number] ** 2).sum())))
+    return sorted(maps, key=lambda m: -m.explained)
+
+
+def _repeat_of_samples(recording: Recording) -> NDArray[np.intp]:
+    """The repeat, or block of a single run, of each sample."""
+    count = recording.repeats if recording.repeats > 1 else min(MAX_BLOCKS, max(2, recording.samples // 3))
+    return (np.arange(recording.samples) * count // recording.samples).astype(np.intp)
+
+
+def _cells(series: Array) -> NDArray[np.intp]:
+    """Cell of each sample: equal widths between the 1 % and 99 % quantiles."""
+    low, high = np.quantile(series, [0.01, 0.99])
+    count = int(min(CELLS, max(2, len(series) // 3)))
+    return np.asarray(np.clip((series - low) / max(high - low, 1e-300) * count, 0, count - 1), dtype=np.intp)
+
+
+CellStatistics = tuple[float, float, float, int, int]
+"""Centre, mean, standard error, number of repeats, number of samples."""
+
+
+def _cell_rows(
+    residual: Array, series: Array, cells: NDArray[np.intp], repeat_of: NDArray[np.intp]
+) -> list[CellStatistics]:
+    """Statistics of each cell that is visited in at least two repeats."""
+    rows = []
+    for cell in np.unique(cells):
+        inside = cells == cell
+        means = np.array([residual[inside & (repeat_of == g)].mean() for g in np.unique(repeat_of[inside])])
+        if len(means) >= 2:
+            error = float(means.std(ddof=1) / np.sqrt(len(means)))
+            rows.append((float(series[inside].mean()), float(means.mean()), error, len(means), int(inside.sum())))
+    return rows
+
+
+def false_discovery_rates(p_values: Array) -> Array:
+    """P-values (n,) adjusted for the false discovery rate (Benjamini and Hochberg, J. R. Stat. Soc. B 57, 1995).
+
+    Equal to `scipy.stats.false_discovery_control`, whose import takes longer than drawing all maps.
+    """
+    order = np.argsort(p_values)[::-1]
+    scaled = p_values[order] * len(order) / np.arange(len(order), 0, -1)
+    rates = np.empty_like(p_values)
+    rates[order] = np.minimum(np.minimum.accumulate(scaled), 1.0)
+    return rates
+
+
+def _residual_map(
+    rows: list[CellStatistics], names: tuple[str, str, str, str], tolerance: float, power: float
+) -> ResidualMap:
+    centre, mean, error, count, weight = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    degrees_of_freedom = count - 1
+    half_width = student_isf(0.025, degrees_of_freedom) * error
+    statistic = np.abs(mean) / np.maximum(error, 1e-300)
+    rates = false_discovery_rates(np.clip(2 * student_sf(statistic, degrees_of_freedom), 0, 1))
+    noise = np.minimum(error**2, mean**2)
+    explained = float((weight * (mean**2 - noise)).sum() / max(power, 1e-300))
+    channel, channel_unit, variable, unit = names
+    return ResidualMap(
+        channel=channel,
+        channel_unit=channel_unit,
+        variable=variable,
+        variable_unit=unit,
+        centre=centre,
+        mean=mean,
+        low=mean - half_width,
+        high=mean + half_width,
+        significant=rates < DISCOVERY_RATE,
+        tolerance=tolerance,
+        explained=explained,
+    )

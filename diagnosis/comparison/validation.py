@@ -1,0 +1,78 @@
+"""Validation fit: parameters kept from training, biases and recording-specific disturbances re-estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison.data_split import non_excited_noise
+from estimation.fit import Fit, initial_noise, initial_values
+from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
+from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
+from estimation.noise.recording_noise import RecordingNoise
+from estimation.parameter_layout import ParameterLayout, parameter_layout
+from estimation.recordings.recording import Recording
+from modeling.chain.effect import Effect
+from modeling.parameter import Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PartiallyFixedProblem(WhitenedProblem):
+    """A least-squares problem in the unknowns marked `free` (k,); the others are fixed at their initial values."""
+
+    free: NDArray[np.bool_]
+
+    def linearised(self, theta: Array) -> LinearisedRows:
+        """The whitened rows; their derivative is zero in the fixed unknowns."""
+        whole = super().linearised(theta)
+        return replace(whole, derivative=whole.derivative * self.free)
+
+    def minimise(self, start: Array) -> LeastSquaresMinimum:
+        """The least-squares minimum in the free unknowns; the fixed ones are returned unchanged, bit by bit."""
+        found = super().minimise(start)
+        return replace(found, theta=np.where(self.free, found.theta, start))
+
+
+def validation_fit(
+    fit: Fit,
+    recording: Recording,
+    noise: RecordingNoise | None = None,
+    own: Sequence[Effect] = (),
+    start: Mapping[str, float] | None = None,
+) -> Fit:
+    """The fit's parameters on another recording; only its biases and its disturbances `own` are estimated there.
+
+    Recording-specific effects of the fit's own recordings are dropped. The disturbances are estimated from the initial
+    values `start` on the non-excited lines, where there are any: on the excited lines they would absorb systematic
+    error of the fit.
+    """
+    lasting = fit.model.lasting
+    model = lasting + own
+    known = noise if noise is not None else initial_noise(lasting, (recording,))[0]
+    unknowns = parameter_layout(model, (recording,))
+    values = {n: v for n, v in fit.values.items() if n in {p.name for p in lasting.parameters}}
+    theta = initial_values(unknowns, {**values, **(start or {})})
+    biases = _mask_of(unknowns, model.biases)
+    added = _mask_of(unknowns, [p for e in own for p in e.qualified(model.space)])
+    disturbed = PartiallyFixedProblem(
+        unknowns, (recording,), (non_excited_noise(known) or known,), biases | added
+    ).minimise(theta)
+    biased = PartiallyFixedProblem(unknowns, (recording,), (known,), biases).minimise(disturbed.theta)
+    covariance = biased.covariance + disturbed.covariance * np.outer(added, added)
+    estimable = biased.shown | (disturbed.shown & added)
+    return Fit(model, (recording,), (known,), unknowns, biased.theta, covariance, estimable)
+
+
+def _mask_of(unknowns: ParameterLayout, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
+    names = {p.name for p in parameters}
+    return np.array([p.name in names for p in unknowns.parameters])
+
+
+def zero_shift(fit: Fit, carried: Fit) -> Mapping[str, float]:
+    """Change of each channel's bias from the fit's first recording to the validation recording."""
+    return {c: carried.values[f"bias_{c}"] - fit.values[f"bias_{c}"] for c in fit.recordings[0].channels}

@@ -1,0 +1,1 @@
+"""Process pool in SPMD style, and progress."""

@@ -1,0 +1,337 @@
+"""Forked processes that run one program (SPMD) and share out its batches; results do not depend on their number."""
+
+from __future__ import annotations
+
+import gc
+import io
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from mmap import mmap
+from multiprocessing import current_process, get_context
+from multiprocessing.connection import Connection
+from multiprocessing.context import ForkProcess
+from time import perf_counter
+from typing import Any, Protocol, TypeVar
+
+from diagnosis.parallel.progress import CountCallback
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+MAX_BATCH = 4096
+"""Items of a shared batch; longer batches are computed by every process in full."""
+
+
+def available_cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_spmd(count: int, program: Callable[[Workers], Result]) -> Result:
+    """Run a program in `count` processes (this one and forked copies of it, which end with it); return its result.
+
+    Each runs the whole program (single program, multiple data) and keeps its own caches; only the items given to
+    `Workers.map` are shared out. The program must do the same in every process. What copies write to the standard
+    streams is lost; interrupts are handled by the original alone. Where forking is not safe (macOS, Windows, inside
+    another worker) the program runs in this process only.
+    """
+    if count < 2 or not _can_fork():
+        return program(Workers())
+    context, claims = get_context("fork"), _Claims()
+    copies: list[tuple[ForkProcess, Connection]] = []
+    try:
+        for rank in range(1, count):
+            here, there = context.Pipe()
+            member = Workers(rank, count, claims, _LinkToOriginal(there))
+            inherited = [*(link for _, link in copies), here]
+            copy = context.Process(target=_run_copy, args=(program, member, inherited), daemon=True)
+            copy.start()
+            there.close()
+            copies.append((copy, here))
+        return program(Workers(0, count, claims, _LinksToCopies([link for _, link in copies])))
+    finally:
+        for copy, _ in copies:
+            copy.kill()
+        for copy, link in copies:
+            copy.join()
+            link.close()
+        claims.close()
+
+
+@dataclass(frozen=True)
+class WorkItem:
+    """A labelled task of a batch with several kinds of task."""
+
+    label: str
+    work: Callable[[], Any]
+
+
+@dataclass(eq=False)
+class Workers:
+    """The processes that run one program, as seen by one of them; by default it is the only one.
+
+    rank    its number, 0 for the original
+    count   number of processes
+    claims  items of the current batch that some process has taken
+    links   pipes to the others
+    """
+
+    rank: int = 0
+    count: int = 1
+    claims: _Claims | None = None
+    links: _Links | None = None
+    _batch: int = 0
+    _busy: bool = False
+    _own_times: dict[str, float] = field(default_factory=dict)
+    _others: set[str] = field(default_factory=set)
+
+    def map(
+        self,
+        function: Callable[[Item], Result],
+        items: Sequence[Item],
+        *,
+        label: Callable[[Item], str] | None = None,
+        shared: Sequence[object] = (),
+        announce: CountCallback | None = None,
+    ) -> list[Result]:
+        """The function of every item, in their order; each free process takes the next item (dynamic scheduling).
+
+        A process first takes items with a `label` that it had before, as its caches may serve them. `shared` are
+        objects that results may refer to and that are not sent: each process has its own. An exception is raised
+        unchanged in every process, that of the first item first. A result that cannot be pickled is computed by each
+        process; items of a killed copy are computed by the original, which also announces how many items are begun.
+        """
+        begun = announce if announce is not None and self.rank == 0 else _no_announcement
+        if self.claims is None or self.links is None or self._busy or not 1 < len(items) <= MAX_BATCH:
+            return [_announced(function, item, begun, place, len(items)) for place, item in enumerate(items)]
+        self._batch += 1
+        labels = [str(place) if label is None else label(item) for place, item in enumerate(items)]
+        batch = _Batch((self._batch, getattr(function, "__qualname__", ""), *labels), list(shared))
+        found: dict[int, Any] = {}
+        sent: dict[int, bytes | None] = {}
+        for place in self._order(labels):
+            if self.claims.take(place, self._batch):
+                begun(self.claims.taken(len(items), self._batch) - 1, len(items))
+                start = perf_counter()
+                found[place] = self._tried(function, items[place])
+                if labels[place] not in self._others:
+                    self._own_times[labels[place]] = perf_counter() - start
+                sent[place] = batch.packed(found[place])
+        gathered = self.links.gather(batch, sent)
+        if self.rank == 0:
+            for place in set(range(len(items))).difference(gathered):
+                found[place] = self._tried(function, items[place])
+                gathered[place] = batch.packed(found[place])
+        for place, packed in sorted(self.links.broadcast(gathered).items()):
+            if place not in found:
+                self._others.update({labels[place]} - self._own_times.keys())
+                found[place] = self._tried(function, items[place]) if packed is None else batch.unpacked(packed)
+        return [_result(found[place]) for place in range(len(items))]
+
+    def run(self, tasks: Sequence[WorkItem], *, shared: Sequence[object] = ()) -> list[Any]:
+        """The result of every task, in their order, computed by `map`."""
+        return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared)
+
+    def _order(self, labels: Sequence[str]) -> list[int]:
+        """Order in which a process takes items: labels it had before (longest first), new labels, labels of others."""
+        begin = self.rank * len(labels) // self.count
+        rotated = [*range(begin, len(labels)), *range(begin)]
+        return sorted(rotated, key=lambda p: (-self._own_times.get(labels[p], 0.0), labels[p] in self._others))
+
+    def _tried(self, function: Callable[[Item], Result], item: Item) -> Result | _Raised:
+        """The function's result or its exception; a nested batch is computed by this process alone."""
+        self._busy = True
+        try:
+            return function(item)
+        except Exception as error:
+            return _Raised(error)
+        finally:
+            self._busy = False
+
+
+class _Links(Protocol):
+    """A process's pipes to the others: gather and broadcast of one batch after the other.
+
+    Results are by index; None stands for one that cannot be pickled.
+    """
+
+    def gather(self, batch: _Batch, sent: dict[int, bytes | None]) -> dict[int, bytes | None]:
+        """At the original the results of all processes; elsewhere those that were sent."""
+
+    def broadcast(self, gathered: dict[int, bytes | None]) -> dict[int, bytes | None]:
+        """All results, from the original to every process."""
+
+
+@dataclass(eq=False)
+class _LinksToCopies:
+    """The original's pipes; a copy that was killed, or that runs another batch, is dropped."""
+
+    links: list[Connection]
+    _had: dict[Connection, set[int]] = field(default_factory=dict)
+
+    def gather(self, batch: _Batch, sent: dict[int, bytes | None]) -> dict[int, bytes | None]:
+        gathered = dict(sent)
+        for link in list(self.links):
+            try:
+                name, made = link.recv()
+            except (EOFError, OSError):
+                name, made = None, {}
+            if name == batch.name:
+                self._had[link] = set(made)
+                gathered |= made
+            else:
+                self.links.remove(link)
+        return gathered
+
+    def broadcast(self, gathered: dict[int, bytes | None]) -> dict[int, bytes | None]:
+        for link in list(self.links):
+            try:
+                link.send({p: made for p, made in gathered.items() if p not in self._had[link]})
+            except OSError:
+                self.links.remove(link)
+        return gathered
+
+
+@dataclass(eq=False)
+class _LinkToOriginal:
+    """A copy's pipe; the copy exits when the original has ended or has dropped it."""
+
+    link: Connection
+
+    def gather(self, batch: _Batch, sent: dict[int, bytes | None]) -> dict[int, bytes | None]:
+        try:
+            self.link.send((batch.name, sent))
+        except OSError:
+            os._exit(0)
+        return sent
+
+    def broadcast(self, gathered: dict[int, bytes | None]) -> dict[int, bytes | None]:
+        try:
+            others: dict[int, bytes | None] = self.link.recv()
+        except (EOFError, OSError):
+            os._exit(0)
+        return gathered | others
+
+
+class _Claims:
+    """Items of a batch that some process has taken, in shared memory.
+
+    Two processes that take an item at the same instant both compute it: the same result, a little later.
+    """
+
+    def __init__(self) -> None:
+        self._memory = mmap(-1, 4 * MAX_BATCH)
+        self._slots = memoryview(self._memory).cast("I")
+
+    def take(self, place: int, batch: int) -> bool:
+        """Take an item of a batch; False if it is taken already."""
+        if self._slots[place] == batch:
+            return False
+        self._slots[place] = batch
+        return True
+
+    def taken(self, total: int, batch: int) -> int:
+        """Number of a batch's items that are taken."""
+        return sum(slot == batch for slot in self._slots[:total])
+
+    def close(self) -> None:
+        """Release the shared memory."""
+        self._slots.release()
+        self._memory.close()
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Identity of one `map` call across processes, and serialisation of its results.
+
+    name    equal in all processes that run the same batch
+    shared  objects that results refer to by their index in this list
+    """
+
+    name: tuple[int | str, ...]
+    shared: list[object]
+
+    def packed(self, result: object) -> bytes | None:
+        """A result pickled; None for one that cannot be, or an exception that would not unpickle."""
+        buffer = io.BytesIO()
+        try:
+            _Pickler(buffer, {id(thing): place for place, thing in enumerate(self.shared)}).dump(result)
+            if isinstance(result, _Raised):
+                self.unpacked(buffer.getvalue())
+        except Exception:
+            return None
+        return buffer.getvalue()
+
+    def unpacked(self, packed: bytes) -> Any:
+        """A result unpickled."""
+        return _Unpickler(io.BytesIO(packed), self.shared).load()
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, places: Mapping[int, int]) -> None:
+        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
+        self._places = places
+
+    def persistent_id(self, thing: object) -> int | None:
+        return self._places.get(id(thing))
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads only what a copy of this process wrote into a private pipe, never a file."""
+
+    def __init__(self, file: io.BytesIO, shared: Sequence[object]) -> None:
+        super().__init__(file)
+        self._shared = shared
+
+    def persistent_load(self, place: int) -> object:
+        return self._shared[place]
+
+
+@dataclass(frozen=True)
+class _Raised:
+    """An exception in place of a result."""
+
+    error: Exception
+
+
+def _run_copy(program: Callable[[Workers], object], member: Workers, inherited: Sequence[Connection]) -> None:
+    """Body of a forked copy.
+
+    It closes inherited pipe ends, so that every copy notices the end of the original, and excludes inherited objects
+    from garbage collection, which would touch and so copy all their memory pages.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.freeze()
+    for link in inherited:
+        link.close()
+    with open(os.devnull, "w") as nowhere:
+        sys.stdout = sys.stderr = nowhere
+        try:
+            program(member)
+        finally:
+            os._exit(0)  # open files and buffers belong to the original
+
+
+def _can_fork() -> bool:
+    return sys.platform.startswith("linux") and not current_process().daemon
+
+
+def _no_announcement(_begun: int, _total: int) -> None:
+    """Announce nothing."""
+
+
+def _announced(
+    function: Callable[[Item], Result], item: Item, announce: CountCallback, place: int, total: int
+) -> Result:
+    announce(place, total)
+    return function(item)
+
+
+def _result(found: Any) -> Any:
+    if isinstance(found, _Raised):
+        raise found.error
+    return found

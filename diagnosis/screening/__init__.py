@@ -1,0 +1,1 @@
+"""Score tests of candidate effects."""

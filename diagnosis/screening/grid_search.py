@@ -1,0 +1,258 @@
+"""Grid search over an effect's nonlinear parameters: best score and effective number of tests."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.screening.finite_difference import GridPoint, score_columns
+from diagnosis.screening.multiplicity import effective_number_of_frequencies, effective_number_of_tests
+from diagnosis.screening.null_model import NullModel
+from diagnosis.screening.projection import PointScore, ProjectedColumns, WhitenedColumns
+from diagnosis.screening.row_selection import RowChoice, RowSet
+from diagnosis.screening.whitened_sensitivity import MAX_EXACT_POINTS, sensitivity_of
+from estimation.model_response import signals_are_periodic
+from estimation.parameter_layout import parameter_layout
+from modeling.chain.effect import Effect, NuisanceValues
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+MAX_MOVES = 8
+"""Most steps, each of up to a sample, in refining onset times; grids of windows at detected events are finer."""
+
+
+def grid_points(model: WrenchModel, effect: Effect, grid: Sequence[NuisanceValues]) -> list[GridPoint]:
+    """The points of an effect's grid, with the parameters' full names."""
+    own, full = effect.parameters(model.space), effect.qualified(model.space)
+    names = {p.name: q.name for p, q in zip(own, full, strict=True)}
+    amplitudes = tuple(p for p in full if not p.nuisance)
+    return [GridPoint({names[k]: v for k, v in values.items()}, amplitudes) for values in grid]
+
+
+def affected_rows(
+    null_model: NullModel, model: WrenchModel, point: GridPoint | None = None, *, tested: bool = True
+) -> RowChoice:
+    """The rows of each recording that a model's last effect changes, or (`tested`) those that enter its score test.
+
+    Given a `point` of its grid without finite differences, only the signals of the sensitivities there count.
+
+    Effects that do not repeat with the motion are tested on the non-excited lines only: on excited lines a contact or
+    a drift, whose spectrum is broad, would absorb any systematic error of the model.
+    """
+    fit, effect = null_model.fit, model.effects[-1]
+    alone = compiled_prediction(model.base + effect)
+    inputs = {*alone.load.inputs, *alone.zero.inputs}
+    lasting = all(signals_are_periodic(inputs, recording) for recording in fit.recordings)
+    unknowns = parameter_layout(model, fit.recordings)
+    choice = []
+    for own, recording, noise in zip(unknowns.models, fit.recordings, fit.noise, strict=True):
+        rest = noise.whitener.rows > noise.whitener.periodic_rows
+        if effect.id not in [e.id for e in own.effects]:
+            choice.append(RowSet.NONE)
+        elif not rest or signals_are_periodic(sensitivity_signals(own, point), recording):
+            choice.append(RowSet.EXCITED)
+        elif tested and not lasting and not signals_are_periodic(inputs, recording):
+            choice.append(RowSet.NON_EXCITED)
+        else:
+            choice.append(RowSet.WHOLE)
+    return tuple(choice)
+
+
+def sensitivity_signals(model: WrenchModel, point: GridPoint | None) -> set[str]:
+    """Signals that the sensitivities of a model's last effect depend on; all of the model's for finite differences."""
+    prediction = compiled_prediction(model)
+    parts = (prediction.load, prediction.zero)
+    everything = {name for part in parts for name in part.inputs}
+    if point is None or point.named or prediction.play or prediction.level or prediction.deflection:
+        return everything
+    names = [p.name for p in model.parameters]
+    which = tuple(names.index(p.name) for p in point.amplitudes)
+    if set(which) & set(prediction.transfer_parameters):
+        return everything
+    return {
+        name for part in parts if set(which) & set(part.active) for name in sensitivity_of(model, part, which).signals
+    }
+
+
+def projected_columns(
+    null_model: NullModel, model: WrenchModel, effect: Effect, grid: Sequence[NuisanceValues], *, refined: bool = False
+) -> ProjectedColumns:
+    """Projected score columns of an effect, the last of the model, at its grid points, in the rows of its score test.
+
+    A `refined` search evaluates its points once, whatever the amplitude's sign, and does not cache the columns.
+    """
+    points = grid_points(model, effect, grid)
+    combination = effect.combination(grid)
+    blocks = points if combination.blocks == tuple(grid) else grid_points(model, effect, combination.blocks)
+    choice = affected_rows(null_model, model, blocks[0])
+
+    def make() -> WhitenedColumns:
+        return WhitenedColumns(score_columns(null_model, model, blocks, choice), choice)
+
+    key = None if refined else _cache_key(null_model, model, blocks, choice)
+    low = -np.inf if refined else points[0].lowest()
+    return ProjectedColumns(null_model, null_model.workspace.whitened(key, make), combination, low)
+
+
+def _cache_key(
+    null_model: NullModel, model: WrenchModel, blocks: Sequence[GridPoint], choice: RowChoice
+) -> Hashable | None:
+    """Everything that whitened columns depend on; None where it changes from fit to fit, or the columns are few."""
+    fit, prediction = null_model.fit, compiled_prediction(model)
+    simple = prediction.instantaneous and len(fit.recordings) == 1 and not blocks[0].named
+    if len(blocks) <= MAX_EXACT_POINTS or not simple:
+        return None
+    names = [p.name for p in model.parameters]
+    which = tuple(names.index(p.name) for p in blocks[0].amplitudes)
+    parts = []
+    for emitted in (prediction.load, prediction.zero):
+        if set(which) & set(emitted.active):
+            found = sensitivity_of(model, emitted, which)
+            parts.append((found.expression, tuple((n, fit.values[n]) for n in found.parameters if n in fit.values)))
+    values = tuple(tuple(sorted(point.values.items())) for point in blocks)
+    return (fit.noise, fit.recordings, choice, tuple(parts), values)
+
+
+@dataclass(frozen=True, eq=False)
+class GridSearch:
+    """Score tests of an effect at every point of its grid.
+
+    best_index          index of the best point
+    best                the score test there
+    std                 standard deviations (g, a) of the amounts at each point
+    log_power_variance  variance of the estimated log power spectral density where the best score comes from
+    effective_tests     effective number of tests over the grid
+    nonzero             whether the effect changes any row
+    samples             of the longest recording
+    """
+
+    effect: Effect
+    space: Space
+    grid: tuple[GridPoint, ...]
+    best_index: int
+    best: PointScore
+    std: Array
+    log_power_variance: float
+    effective_tests: float
+    nonzero: bool
+    samples: int
+
+    @classmethod
+    def over(
+        cls, null_model: NullModel, model: WrenchModel, effect: Effect, grid: Sequence[NuisanceValues]
+    ) -> GridSearch:
+        """The search over a grid that is not empty."""
+        projected = projected_columns(null_model, model, effect, grid)
+        place = _best_point(projected)
+        best = projected.trial(place)
+        return cls(
+            effect=effect,
+            space=model.space,
+            grid=tuple(grid_points(model, effect, grid)),
+            best_index=place,
+            best=best,
+            std=projected.std,
+            log_power_variance=projected.log_power_variance(place),
+            effective_tests=effective_number_of_tests(projected.noise_scores(), best.rank)
+            if len(grid) > 1 and best.rank
+            else 1.0,
+            nonzero=bool(projected.gram.any()),
+            samples=max(r.samples for r in null_model.fit.recordings),
+        )
+
+    @property
+    def point(self) -> GridPoint:
+        """The grid point of the best score."""
+        return self.grid[self.best_index]
+
+    @property
+    def start(self) -> NuisanceValues:
+        """Initial values of a refit."""
+        return self.point.start(self.best.amounts)
+
+    @property
+    def number_of_tests(self) -> float:
+        """Effective number of tests: that of the grid, or, for a tone, at least that over all frequencies."""
+        nuisances = [p for p in self.effect.parameters(self.space) if p.nuisance]
+        if any(p.unit == "Hz" for p in nuisances):
+            return max(self.effective_tests, effective_number_of_frequencies(self.best.score, self.samples))
+        return self.effective_tests
+
+    @property
+    def unidentifiable_reason(self) -> str:
+        """Why the effect's amplitudes are not identifiable."""
+        if not self.nonzero:
+            return "not excited by this motion"
+        return "collinear with other parameters of the model in this motion"
+
+    def amounts(self) -> Mapping[str, tuple[float, float]]:
+        """Estimate of each amplitude's change from nominal, with its std; of the value itself if nominal is infinite.
+
+        An amplitude with infinite nominal value acts by its inverse: the amount a at the grid value v means v / a.
+        """
+        found = {}
+        for p, amount, std in zip(self.point.amplitudes, self.best.amounts, self.best.std, strict=True):
+            unit = self.point.unit_of(p)
+            if isfinite(p.nominal):
+                found[p.name] = (float(amount * unit), float(std * abs(unit)))
+            else:
+                found[p.name] = (unit, float(abs(unit) * std))
+        return found
+
+    def detectable(self, separation: float) -> Mapping[str, float]:
+        """Change of each amplitude from nominal that has this noncentrality (whitened separation from no effect).
+
+        Where the nominal value is infinite, the effect decreases with the value: the value within the grid range, from
+        the grid point whose own noncentrality is nearest.
+        """
+        needed = np.sqrt(separation) * self.std
+        found = {}
+        for i, p in enumerate(self.point.amplitudes):
+            if isfinite(p.nominal):
+                found[p.name] = float(needed[self.best_index, i] * abs(self.point.unit_of(p)))
+                continue
+            sizes = np.array([point.unit_of(p) for point in self.grid])
+            amount = np.maximum(np.where(needed[:, i] > 0, needed[:, i], np.inf), 1e-300)
+            near = int(np.argmin(np.abs(np.log(amount))))
+            found[p.name] = float(np.clip(sizes[near] / amount[near], sizes.min(), sizes.max()))
+        return found
+
+
+def _best_point(projected: ProjectedColumns) -> int:
+    """Index of the largest score; where all are zero, of a point where the effect is identifiable."""
+    return int(np.lexsort((-np.arange(len(projected.found[0])), projected.directions[1], projected.found[0]))[-1])
+
+
+def refine_onsets(null_model: NullModel, effect: Effect, start: NuisanceValues) -> NuisanceValues:
+    """Initial values of a refit with its onset times (s) moved, in quarter samples, to the largest score.
+
+    An edge shorter than a sample has no derivative in its time between samples, so that the exact refit could not
+    move away from the grid; in low-frequency noise an error of half a sample already costs much of the score.
+    """
+    fit = null_model.fit
+    model = fit.model + effect
+    own = model.effects[-1].qualified(model.space)
+    times = [p.name for p in own if p.nuisance and p.unit == "s"]
+    steps = [r.dt for r in fit.recordings if r.dt is not None and r.repeats > 1]
+    if not times or not steps:
+        return start
+    short = {p.name: p.name.removeprefix(f"{effect.id}.") for p in own}
+    nuisances = {p.name: start[p.name] for p in own if p.nuisance}
+    shifts = list(product(min(steps) * np.linspace(-1.0, 1.0, 9), repeat=len(times)))
+    for _ in range(MAX_MOVES):
+        moved = [nuisances | {t: nuisances[t] + by for t, by in zip(times, shift, strict=True)} for shift in shifts]
+        grid = [{short[name]: value for name, value in values.items()} for values in moved]
+        scores = projected_columns(null_model, model, model.effects[-1], grid, refined=True).found[0]
+        best = moved[int(scores.argmax())]
+        if scores.max() <= scores[len(shifts) // 2]:
+            break
+        nuisances = best
+    return start | nuisances

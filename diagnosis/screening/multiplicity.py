@@ -1,0 +1,71 @@
+"""Bonferroni-corrected chi-square thresholds, detectable noncentrality, effective number of tests of a search."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.distributions import chi2_isf, chi2_sf, noncentrality
+from modeling.chain.model import WrenchModel
+
+Array = NDArray[np.float64]
+
+SIGNIFICANCE = 0.01
+"""Significance level of a decision."""
+POWER = 0.8
+"""Power at which an effect counts as detectable."""
+
+
+def bonferroni_level(candidates: int) -> float:
+    """Bonferroni-corrected significance level of one of several candidate effects: 1 % over their number."""
+    return SIGNIFICANCE / max(1, candidates)
+
+
+def chi_square_penalty(model: WrenchModel, candidates: int) -> float:
+    """Penalty on the whitened chi-square for a model's effects: the sum of their Bonferroni thresholds.
+
+    That of an effect of k parameters is the chi-square quantile with k degrees of freedom at 1 % over the number of
+    candidates, as in the score test.
+    """
+    return sum(bonferroni_threshold(len(e.parameters(model.space)), candidates) for e in model.effects)
+
+
+def bonferroni_threshold(parameters: int, candidates: int) -> float:
+    """Bonferroni-corrected chi-square threshold for adding one of several candidates with so many parameters."""
+    return float(chi2_isf(bonferroni_level(candidates), parameters))
+
+
+def detectable_noncentrality(freedom: int, significance: float) -> float:
+    """Noncentrality that a chi-square test of these degrees of freedom and significance detects with 80 % power."""
+    return float(noncentrality(chi2_isf(significance, freedom), freedom, POWER))
+
+
+def holm_adjusted(p_values: Sequence[float]) -> list[float]:
+    """Holm-adjusted p-values, in the order given (Scand. J. Stat. 6, 1979)."""
+    adjusted, highest = [0.0] * len(p_values), 0.0
+    for rank, place in enumerate(sorted(range(len(p_values)), key=lambda i: p_values[i])):
+        highest = max(highest, min(1.0, (len(p_values) - rank) * p_values[place]))
+        adjusted[place] = highest
+    return adjusted
+
+
+def effective_number_of_tests(noise_scores: Array, rank: int) -> float:
+    """Effective number of independent tests of a search over nonlinear parameters.
+
+    `noise_scores` are largest scores of the search in draws of noise. The tail of their distribution is approximated
+    by that of one chi-square (`rank` degrees of freedom) times the number of tests that their 90 % quantile implies.
+    """
+    high = float(np.quantile(noise_scores, 0.9))
+    return max(1.0, 0.1 / max(float(chi2_sf(high, rank)), 1e-12))
+
+
+def effective_number_of_frequencies(score: float, samples: int) -> float:
+    """Effective number of independent tests of a search over all frequencies of a record.
+
+    The score over frequency is a chi-square process; its supremum exceeds a high value u with the probability at one
+    frequency times W sqrt(u / 2), where W = sqrt(4 pi) times the bandwidth times the std of the sampling instants
+    (Davies 1987; Baluev 2008), here half the sampling rate and n steps / sqrt(12): about n / 2.
+    """
+    return float(max(1.0, samples / 2 * np.sqrt(np.pi / 3) * np.sqrt(max(score, 2.0) / 2)))

@@ -1,0 +1,71 @@
+"""Row sets of a whitened recording: excited lines, non-excited lines, all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.noise.recording_noise import RecordingNoise
+from estimation.noise.whitening import Whitener
+
+Array = NDArray[np.float64]
+RowIndex = slice | NDArray[np.intp]
+
+
+class RowSet(Enum):
+    """Rows of one recording: none, the excited lines, the non-excited lines between them, or all."""
+
+    NONE = "none"
+    EXCITED = "excited lines"
+    NON_EXCITED = "non-excited lines"
+    WHOLE = "all"
+
+    def within(self, whitener: Whitener) -> tuple[int, int]:
+        """First row and the one after the last, within the recording."""
+        ends = {
+            RowSet.NONE: (0, 0),
+            RowSet.EXCITED: (0, whitener.periodic_rows),
+            RowSet.NON_EXCITED: (whitener.periodic_rows, whitener.rows),
+            RowSet.WHOLE: (0, whitener.rows),
+        }
+        return ends[self]
+
+    def whitened(self, whitener: Whitener, series: Array, *, periodic: bool) -> Array:
+        """These rows (r, ...) of a whitened series (n, p, ...) over one repeat (periodic) or the whole record."""
+        if self is RowSet.NONE:
+            return np.zeros((0, *series.shape[2:]))
+        if periodic:
+            if self is RowSet.EXCITED:
+                return whitener.steady(series)
+            first, last = self.within(whitener)
+            found = np.zeros((last - first, *series.shape[2:]), order="F")
+            if self is RowSet.WHOLE:
+                found[: whitener.periodic_rows] = whitener.steady(series)
+            return found
+        if self is RowSet.NON_EXCITED:
+            return whitener.rest(series)
+        first, last = self.within(whitener)
+        return whitener.series(series)[first:last]
+
+
+RowChoice = tuple[RowSet, ...]
+"""Row set of each recording of a fit."""
+
+
+def row_index(choice: RowChoice, noise: Sequence[RecordingNoise]) -> RowIndex:
+    """Indices of the chosen rows among the concatenated rows of all recordings."""
+    ranges, start = [], 0
+    for rows, own in zip(choice, noise, strict=True):
+        first, last = rows.within(own.whitener)
+        if last > first:
+            ranges.append((start + first, start + last))
+        start += own.whitener.rows
+    if not ranges:
+        return slice(0, 0)
+    if all(end == begin for (_, end), (begin, _) in pairwise(ranges)):
+        return slice(ranges[0][0], ranges[-1][1])
+    return np.concatenate([np.arange(first, last) for first, last in ranges])

@@ -1,0 +1,168 @@
+"""Score test of each candidate effect given the fitted model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from diagnosis.comparison.comparison import chi_square_p_value
+from diagnosis.parallel.progress import CountCallback
+from diagnosis.screening.finite_difference import GridPoint
+from diagnosis.screening.grid_search import GridSearch, refine_onsets
+from diagnosis.screening.multiplicity import SIGNIFICANCE, bonferroni_level, detectable_noncentrality, holm_adjusted
+from diagnosis.screening.null_model import NullModel
+from diagnosis.screening.screening_cache import ScreeningCache
+from diagnosis.screening.search_domain import search_domain
+from estimation.fit import Fit, shared_objects
+from estimation.model_response import missing_inputs
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.whitening import FourierLineWhitener
+from estimation.recordings.recording import Recording
+from modeling.chain.chain import Stage
+from modeling.chain.effect import Effect, NuisanceValues
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreTest:
+    """Score test of one effect given a fit.
+
+    statistic   drop of the whitened chi-square by its amplitudes' linear estimate (0 when not excited)
+    p_value     corrected for the effective number of grid points tested, not for the number of effects
+    start       initial values of the exact refit
+    amounts     estimated changes of the amplitudes from nominal, with their std
+    detectable  changes of the amplitudes that are detected with 80 % power
+    point       grid point of the best score, None when not excited
+    reason      why it is not excited, empty when it is
+    """
+
+    effect: Effect
+    statistic: float
+    p_value: float
+    start: NuisanceValues
+    amounts: Mapping[str, tuple[float, float]]
+    detectable: Mapping[str, float]
+    point: GridPoint | None = None
+    reason: str = ""
+
+    @property
+    def excited(self) -> bool:
+        """Whether the effect is identifiable from the recordings."""
+        return not self.reason
+
+
+def screen(
+    fit: Fit,
+    effects: Sequence[Effect],
+    *,
+    candidates: int | None = None,
+    workspace: ScreeningCache | None = None,
+    announce: CountCallback | None = None,
+) -> list[ScoreTest]:
+    """Score tests of all effects that the model lacks, given the fit; the most significant first.
+
+    `candidates` is the number of candidate effects for the multiplicity correction, by default of those given. The
+    `workspace` caches what fits in the same noise share; no effect is searched twice given the same fit.
+    """
+    count = len(effects) if candidates is None else candidates
+    searches = run_searches(
+        absent_effects(fit, effects), ScreeningCache() if workspace is None else workspace, announce
+    )
+    found = [_score_test(s, count) if isinstance(s, GridSearch) else s for s in searches]
+    return sorted(found, key=lambda s: (s.p_value, -s.statistic))
+
+
+def absent_effects(fit: Fit, effects: Sequence[Effect]) -> list[tuple[Fit, Effect]]:
+    """Pairs of the fit and each of the effects that its model lacks."""
+    present = {e.id for e in fit.model.effects}
+    return [(fit, e) for e in effects if e.id not in present]
+
+
+def run_searches(
+    wanted: Sequence[tuple[Fit, Effect]], workspace: ScreeningCache, announce: CountCallback | None = None
+) -> list[GridSearch | ScoreTest]:
+    """Grid searches of effects, each given a fit, shared out among the workers and cached in the workspace."""
+    fits = list({fit: None for fit, _ in wanted})
+    for fit in {fit: None for fit, effect in wanted if not workspace.contains((fit, effect))}:
+        NullModel.of(fit, workspace).prepare()
+    return workspace.results(
+        wanted,
+        lambda key: _search(NullModel.of(key[0], workspace), key[1]),
+        label=lambda key: key[1].id,
+        shared=[thing for fit in fits for thing in shared_objects(fit)],
+        announce=announce,
+    )
+
+
+def refit_initial_values(fit: Fit, screening: ScoreTest, workspace: ScreeningCache | None = None) -> NuisanceValues:
+    """Initial values of the exact refit with a screened effect, its onset times refined."""
+    null_model = NullModel.of(fit, ScreeningCache() if workspace is None else workspace)
+    return refine_onsets(null_model, screening.effect, screening.start)
+
+
+def adjusted_p_values(score_tests: Sequence[ScoreTest]) -> dict[str, float]:
+    """Holm-adjusted p-values of the excited effects, by id."""
+    excited = [s for s in score_tests if s.excited]
+    return dict(zip((s.effect.id for s in excited), holm_adjusted([s.p_value for s in excited]), strict=True))
+
+
+def significant_effects(score_tests: Sequence[ScoreTest]) -> list[ScoreTest]:
+    """The excited effects that are significant at 1 % (Holm), in the order given."""
+    adjusted = adjusted_p_values(score_tests)
+    return [s for s in score_tests if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
+
+
+def _search(null_model: NullModel, new: Effect) -> GridSearch | ScoreTest:
+    """The grid search of an effect, or a score test that says why there is none."""
+    fit = null_model.fit
+    model = fit.model + new
+    effect = model.effects[-1]
+    alone = compiled_prediction(model.base + effect).model
+    missing = [_missing_inputs(alone, effect, r, n) for r, n in zip(fit.recordings, fit.noise, strict=True)]
+    numbers = [i for i, absent in enumerate(missing) if not absent]
+    static = [effect.stage is Stage.LINEAR_DYNAMICS and r.at_rest for r in fit.recordings]
+    everywhere = effect.per_recording or all(s or not m for s, m in zip(static, missing, strict=True))
+    if not numbers or not everywhere:
+        first = next(i for i, absent in enumerate(missing) if absent)
+        return _not_excited(effect, f"{fit.recordings[first].name} has no {', '.join(missing[first])}")
+    grid = effect.nuisance_grid(search_domain(null_model, numbers[0], effect))
+    if not grid:
+        return _not_excited(effect, "the recording has no position")
+    return GridSearch.over(null_model, model, effect, grid)
+
+
+def _missing_inputs(alone: WrenchModel, effect: Effect, recording: Recording, noise: RecordingNoise) -> tuple[str, ...]:
+    """What a recording lacks for an effect: signals, or repeats where without them it is aliased."""
+    missing = missing_inputs(alone, recording)
+    searched = {p.unit for p in effect.parameters(alone.space) if p.nuisance}
+    whitener = noise.whitener
+    if "Hz" in searched and not (isinstance(whitener, FourierLineWhitener) and len(whitener.between)):
+        return (*missing, "repeats without pause, whose non-excited lines would show a tone")
+    if recording.repeats > 1 or recording.at_rest:
+        return missing
+    if effect.needs_repeats:
+        return (*missing, "repeats, without which the effect is aliased with other slow ones")
+    if "s" in searched and noise.source is NoiseSource.RESIDUAL and not noise.events:
+        return (*missing, "detected event, nor repeats in which a small one would be significant")
+    return missing
+
+
+def _not_excited(effect: Effect, reason: str) -> ScoreTest:
+    return ScoreTest(effect, 0.0, 1.0, {}, {}, {}, reason=reason)
+
+
+def _score_test(search: GridSearch, candidates: int) -> ScoreTest:
+    best, effect = search.best, search.effect
+    if best.rank == 0:
+        return _not_excited(effect, search.unidentifiable_reason)
+    level = bonferroni_level(candidates) / search.number_of_tests
+    return ScoreTest(
+        effect=effect,
+        statistic=best.score,
+        p_value=min(1.0, search.number_of_tests * chi_square_p_value(best.score, best.rank, search.log_power_variance)),
+        start=search.start,
+        amounts=search.amounts(),
+        detectable=search.detectable(detectable_noncentrality(best.rank, level)),
+        point=search.point,
+    )

@@ -1,0 +1,110 @@
+"""Cache shared by score tests in the same noise: noise draws, whitened sensitivities, search results."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.parallel.progress import CountCallback
+from diagnosis.parallel.workers import Workers
+from estimation.fit_column_space import fit_column_space
+from estimation.noise.recording_noise import RecordingNoise
+
+Array = NDArray[np.float64]
+Key = TypeVar("Key", bound=Hashable)
+Result = TypeVar("Result")
+
+
+class SizedColumns(Protocol):
+    """An object that knows its size in memory."""
+
+    @property
+    def bytes(self) -> int: ...
+
+
+Columns = TypeVar("Columns", bound=SizedColumns)
+
+NOISE_DRAWS = 100
+NOISE_SEED = 0
+"""Noise draws (and their seed) that give a search its effective number of tests."""
+MAX_BYTES = 120e6
+"""Memory (bytes) for cached whitened sensitivities."""
+MAX_FITS = 4
+"""Null models cached: those screened together, at most one for each effect of a set."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScreeningCache:
+    """Noise draws, whitened sensitivities that do not depend on the fit, null models, and finished searches.
+
+    Its contents depend neither on the order of requests nor on the number of `workers`.
+    """
+
+    workers: Workers = field(default_factory=Workers)
+    _draws: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    _sensitivities: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
+    _null_models: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
+    _found: dict[Hashable, object] = field(default_factory=dict)
+
+    def forget(self) -> None:
+        """Empty the cache: null models and their cache refer to each other, and are large."""
+        for cache in (self._draws, self._sensitivities, self._null_models, self._found):
+            cache.clear()
+        fit_column_space.cache_clear()
+
+    def contains(self, key: Hashable) -> bool:
+        """Whether the result of a key is cached."""
+        return key in self._found
+
+    def null_model(self, fit: Hashable, make: Callable[[], Result]) -> Result:
+        """The null model of a fit; the MAX_FITS used last are cached."""
+        if fit not in self._null_models:
+            self._null_models[fit] = make()
+            while len(self._null_models) > MAX_FITS:
+                self._null_models.popitem(last=False)
+        self._null_models.move_to_end(fit)
+        found: Result = self._null_models[fit]
+        return found
+
+    def draws(self, noise: Sequence[RecordingNoise]) -> Array:
+        """White noise (rows, NOISE_DRAWS) over all rows; seeded, so that p-values are reproducible."""
+        key = tuple(n.whitener.rows for n in noise)
+        if key not in self._draws:
+            self._draws.clear()
+            self._draws[key] = np.random.default_rng(NOISE_SEED).standard_normal((sum(key), NOISE_DRAWS))
+        return self._draws[key]
+
+    def whitened(self, key: Hashable | None, make: Callable[[], Columns]) -> Columns:
+        """Whitened sensitivities by key; the least recently used are dropped beyond MAX_BYTES. None is not cached."""
+        if key is None:
+            return make()
+        if key not in self._sensitivities:
+            made = make()
+            if made.bytes > MAX_BYTES / 2:
+                return made
+            self._sensitivities[key] = made
+            while sum(w.bytes for w in self._sensitivities.values()) > MAX_BYTES:
+                self._sensitivities.popitem(last=False)
+        self._sensitivities.move_to_end(key)
+        found: Columns = self._sensitivities[key]
+        return found
+
+    def results(
+        self,
+        keys: Sequence[Key],
+        make: Callable[[Key], Result],
+        *,
+        label: Callable[[Key], str] | None = None,
+        shared: Sequence[object] = (),
+        announce: CountCallback | None = None,
+    ) -> list[Result]:
+        """The result of each key, computed once, shared out among the workers."""
+        new = [key for key in keys if key not in self._found]
+        made = self.workers.map(make, new, label=label, shared=shared, announce=announce)
+        self._found.update(zip(new, made, strict=True))
+        return [self._found[key] for key in keys]  # type: ignore[misc]

@@ -1,0 +1,189 @@
+"""Whitened sensitivities of the prediction to an effect's amplitudes at many values of its nonlinear parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.screening.null_model import NullModel
+from diagnosis.screening.row_selection import RowChoice, RowSet
+from estimation.model_response import SensorDynamics, model_response, model_signals, signals_are_periodic
+from estimation.noise.whitening import FourierLineWhitener, Whitener
+from estimation.parameter_layout import ParameterLayout, parameter_layout
+from estimation.recordings.recording import Recording
+from modeling.chain.effect import NuisanceValues
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import VectorFunction, compiled_prediction
+from modeling.evaluation.sensitivity import Sensitivity
+
+Array = NDArray[np.float64]
+
+MAX_ELEMENTS = 4_500_000
+"""Samples x channels x columns evaluated and whitened at once: the memory limit."""
+BATCH_ELEMENTS = 1_500_000
+"""Elements of each batch where there are more: smaller batches move less memory."""
+MAX_EXACT_POINTS = 8
+"""Grid points up to which a model with deflection or clipping is differentiated exactly, and nothing is cached."""
+
+
+def whitened_sensitivities(
+    null_model: NullModel,
+    model: WrenchModel,
+    grid: Sequence[NuisanceValues],
+    amplitudes: Sequence[str],
+    choice: RowChoice,
+) -> Array:
+    """Whitened derivatives (r, g, a) in a amplitudes of the last effect at their nominal values, in the chosen rows."""
+    fit = null_model.fit
+    unknowns = parameter_layout(model, fit.recordings)
+    parts = [
+        _recording_sensitivities(null_model, unknowns, number, grid, amplitudes, rows)
+        for number, rows in enumerate(choice)
+        if rows is not RowSet.NONE
+    ]
+    if not parts:
+        return np.zeros((0, len(grid), len(amplitudes)))
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _recording_sensitivities(
+    null_model: NullModel,
+    unknowns: ParameterLayout,
+    number: int,
+    grid: Sequence[NuisanceValues],
+    amplitudes: Sequence[str],
+    rows: RowSet,
+) -> Array:
+    fit = null_model.fit
+    own, recording, whitener = unknowns.models[number], fit.recordings[number], fit.noise[number].whitener
+    names = [unknowns.parameters[i].name for i in unknowns.index[number]]
+    known = np.array([fit.values.get(n, p.nominal) for n, p in zip(names, own.parameters, strict=True)])
+    theta = np.tile(known, (len(grid), 1))
+    place = {p.name: i for i, p in enumerate(own.parameters)}
+    for point, values in zip(theta, grid, strict=True):
+        for name, value in values.items():
+            point[place[name]] = value
+    which = tuple(place[name] for name in amplitudes)
+    samples = recording.samples_per_repeat if rows is RowSet.EXCITED else recording.samples
+    numbers = samples * len(recording.channels) * len(which)
+    if numbers * len(theta) <= MAX_ELEMENTS:
+        return _whitened_derivatives(own, recording, whitener, theta, which, rows)
+    first, last = rows.within(whitener)
+    found = np.empty((last - first, len(theta), len(which)), order="F")
+    for start in range(0, len(theta), at_once := max(1, BATCH_ELEMENTS // numbers)):
+        part = slice(start, start + at_once)
+        found[:, part] = _whitened_derivatives(own, recording, whitener, theta[part], which, rows)
+    return found
+
+
+def _whitened_derivatives(
+    model: WrenchModel, recording: Recording, whitener: Whitener, theta: Array, which: tuple[int, ...], rows: RowSet
+) -> Array:
+    """Whitened derivatives (r, g, len(which)) in some parameters, at g parameter vectors theta (g, k)."""
+    prediction, first, last = compiled_prediction(model), *rows.within(whitener)
+    clipped = prediction.level is not None
+    if (
+        set(which) & set(prediction.transfer_parameters)
+        or prediction.deflection is not None
+        or (clipped and len(theta) <= MAX_EXACT_POINTS)
+    ):
+        found = np.zeros((last - first, len(theta), len(which)))
+        for place, row in enumerate(theta):
+            reached = whitener.reached(model_response(model, recording, row))[first:, 1:]
+            found[: len(reached), place] = reached[: last - first, list(which)]
+        return found
+    parts = [summand.whitened(rows, whitener) for summand in sensitivity_series(model, recording, theta, which)]
+    for part in parts[1:]:
+        parts[0] += part
+    return parts[0] if parts else np.zeros((last - first, len(theta), len(which)))
+
+
+@dataclass(frozen=True, eq=False)
+class SensitivitySummand:
+    """A summand (n, p, g, a) of a reading's derivatives, over one repeat (`periodic`) or the whole record.
+
+    `passage` are the sensor dynamics still to be applied to it, None where there are none.
+    """
+
+    series: Array
+    periodic: bool
+    passage: SensorDynamics | None = None
+
+    def read(self) -> Array:
+        """The summand after the sensor dynamics."""
+        return self.series if self.passage is None else self.passage.remembered(self.series)
+
+    def whitened(self, rows: RowSet, whitener: Whitener) -> Array:
+        """Whitened, in some rows (r, g, a); on Fourier lines a transfer function is a factor of each line."""
+        after = whitener if self.passage is None else _whitener_with_transfer(self.passage, whitener)
+        if after is None:
+            return rows.whitened(whitener, self.read(), periodic=self.periodic)
+        return rows.whitened(after, self.series, periodic=self.periodic)
+
+
+def _whitener_with_transfer(passage: SensorDynamics, whitener: Whitener) -> Whitener | None:
+    """Whitener that also applies the sensor's transfer function; None where that is not a factor of each line."""
+    prediction, recording = passage.prediction, passage.recording
+    if not prediction.has_memory or recording.dt is None:
+        return whitener
+    if not (isinstance(whitener, FourierLineWhitener) and recording.repeats > 1 and recording.continuous):
+        return None
+    return whitener.behind(lambda omega: prediction.transfer(omega, passage.theta)[0], recording.dt)
+
+
+def sensitivity_series(
+    model: WrenchModel, recording: Recording, theta: Array, which: tuple[int, ...]
+) -> Iterator[SensitivitySummand]:
+    """Summands of the reading's derivatives in some parameters, at g parameter vectors theta (g, k).
+
+    For models without deflection, in parameters that are not of the transfer function.
+    """
+    prediction = compiled_prediction(model)
+    outside = None if prediction.level is None else _clipped(model, recording, theta[0])
+    repeats = all(signals_are_periodic(e.inputs, recording) for e in (prediction.load, prediction.zero))
+    for emitted, passed in ((prediction.load, True), (prediction.zero, False)):
+        if not set(which) & set(emitted.active):
+            continue
+        sensitivity = sensitivity_of(model, emitted, which)
+        around = emitted.inputs if prediction.play is not None else sensitivity.signals  # play acts on the whole load
+        periodic = signals_are_periodic(around, recording)
+        samples = recording.samples_per_repeat if periodic else recording.samples
+        values = {n: theta[:, emitted.names.index(n)] for n in sensitivity.parameters}
+        slopes = sensitivity.values(model_signals(recording), values, samples)
+        if slopes.shape[2] != len(theta):  # equal for all parameter vectors
+            slopes = np.repeat(slopes, len(theta), axis=2)
+        summand = SensitivitySummand(slopes, periodic)
+        if passed and (prediction.play is not None or prediction.has_memory):
+            load = emitted.value(model_signals(recording), theta[0], samples)  # amplitudes nominal: equal for all
+            passage = SensorDynamics(prediction, recording, theta[0], load)
+            summand = SensitivitySummand(passage.played(slopes), periodic, passage)
+        yield summand if outside is None else _zero_where_clipped(summand, outside, recording, whole=not repeats)
+
+
+def _zero_where_clipped(
+    summand: SensitivitySummand, outside: NDArray[np.bool_], recording: Recording, *, whole: bool
+) -> SensitivitySummand:
+    """A summand with zeros where readings (n, p) are clipped; tiled to the `whole` record where clipping is not
+    periodic."""
+    slopes, periodic = summand.read(), summand.periodic
+    if periodic and whole:
+        slopes, periodic = np.tile(slopes, (recording.repeats, 1, 1, 1)), False
+    slopes[outside[: len(slopes)]] = 0.0
+    return SensitivitySummand(slopes, periodic)
+
+
+def _clipped(model: WrenchModel, recording: Recording, theta: Array) -> NDArray[np.bool_]:
+    """Mask (n, p) of clipped readings, whose only non-zero derivative is that in the saturation level."""
+    prediction = compiled_prediction(model)
+    assert prediction.level is not None
+    limit = prediction.level.value({}, theta, 1)[0]
+    return np.asarray(np.abs(model_response(model, recording, theta, derivative=False).value) >= limit)
+
+
+def sensitivity_of(model: WrenchModel, emitted: VectorFunction, which: tuple[int, ...]) -> Sensitivity:
+    """Symbolic derivative of a part of a model in some of its parameters, at their nominal values."""
+    parameters = model.parameters
+    return Sensitivity.of(emitted, which, tuple(parameters[i].nominal for i in which))

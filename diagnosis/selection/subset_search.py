@@ -1,0 +1,301 @@
+"""Beam search over sets of effects with exact refits, Holm-adjusted entry and backward elimination."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from diagnosis.comparison.comparison import comparison_of, noise_from_residual
+from diagnosis.parallel.progress import CountCallback, Progress, count_progress, silent
+from diagnosis.parallel.workers import Workers
+from diagnosis.screening.multiplicity import SIGNIFICANCE, bonferroni_threshold, chi_square_penalty
+from diagnosis.screening.null_model import NullModel
+from diagnosis.screening.score_test import (
+    ScoreTest,
+    absent_effects,
+    refit_initial_values,
+    run_searches,
+    screen,
+    significant_effects,
+)
+from diagnosis.screening.screening_cache import ScreeningCache
+from estimation.fit import Fit, reestimated_noise, refit, shared_objects
+from modeling.chain.effect import Effect
+from modeling.errors import InputError
+
+BEAM_WIDTH = 2
+"""Sets of effects kept at each size."""
+MAX_REFITS = 3
+"""Significant effects refitted exactly for each set."""
+MAX_EFFECTS = 4
+"""Largest set size."""
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateModel:
+    """A model with a set of effects, refitted exactly.
+
+    among      number of candidate effects, for the multiplicity correction
+    workspace  cache of score tests in the same noise
+    """
+
+    fit: Fit
+    among: int
+    workspace: ScreeningCache = field(default_factory=ScreeningCache)
+    _without: dict[str, CandidateModel] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """The ids of its effects."""
+        return frozenset(e.id for e in self.fit.model.effects)
+
+    @property
+    def null_model(self) -> NullModel:
+        """Its fit as null model of score tests."""
+        return NullModel.of(self.fit, self.workspace)
+
+    @cached_property
+    def cost(self) -> float:
+        """Whitened chi-square."""
+        return self.null_model.cost
+
+    def without(self, effect_id: str) -> CandidateModel:
+        """The candidate without one of its effects, refitted once."""
+        if effect_id not in self._without:
+            self._without[effect_id] = refit_effects(self, [e for e in self.fit.model.effects if e.id != effect_id])
+        return self._without[effect_id]
+
+    def without_each(self, tried: Sequence[CandidateModel] = ()) -> dict[str, CandidateModel]:
+        """The candidate without each of its effects in turn, by effect id; refitted by all workers unless `tried`."""
+        own, known = self.fit.model.effects, {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
+        found = {e.id: known.get(self.ids - {e.id}, self._without.get(e.id)) for e in own}
+        new = [e for e in own if found[e.id] is None]
+        smaller = self.workspace.workers.map(
+            lambda effect: self.without(effect.id),
+            new,
+            label=lambda effect: effect.id,
+            shared=[self, *shared_objects(self.fit), self.workspace],
+        )
+        self._without.update(zip((e.id for e in new), smaller, strict=True))
+        return {e.id: found[e.id] or self._without[e.id] for e in own}
+
+    def screened(self, effects: Sequence[Effect], announce: CountCallback | None = None) -> list[ScoreTest]:
+        """Score tests of the effects that it lacks."""
+        return screen(self.fit, effects, workspace=self.workspace, announce=announce)
+
+    @cached_property
+    def lack_of_fit(self) -> float:
+        """P-value of lack of fit in any recording, Bonferroni-corrected for their number."""
+        number = len(self.fit.recordings)
+        return min(1.0, number * min(comparison_of(self.fit, i).lack_of_fit for i in range(number)))
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the residual is consistent with the noise."""
+        return self.lack_of_fit >= SIGNIFICANCE
+
+    @property
+    def excess(self) -> float:
+        """Whitened chi-square in excess of its expectation under noise alone, at least 1."""
+        return max(1.0, self.cost - sum(n.whitener.rows for n in self.fit.noise) + len(self.fit.theta))
+
+    @property
+    def criterion(self) -> float:
+        """Selection criterion: whitened chi-square plus the Bonferroni threshold of each effect."""
+        return self.cost + chi_square_penalty(self.fit.model, self.among)
+
+
+@dataclass(frozen=True, eq=False)
+class SubsetSearch:
+    """Result of the search: the base model, the chosen set, and all sets tried."""
+
+    base: CandidateModel
+    chosen: CandidateModel
+    tried: tuple[CandidateModel, ...] = field(default=())
+
+    def refitted(self, candidate: CandidateModel, effects: Sequence[Effect]) -> CandidateModel:
+        """The candidate with another set of effects: the tried one if in the same noise, else refitted."""
+        return _tried_or_refitted({c.ids: c for c in (self.base, *self.tried)}, candidate, effects)
+
+
+def search_subsets(
+    base: Fit, effects: Sequence[Effect], progress: Progress = silent, workers: Workers | None = None
+) -> SubsetSearch:
+    """Beam search over sets of effects until no further effect is significant.
+
+    Each set is extended by the effects that are significant given those in it (score test, Holm, 1 %) and refitted
+    exactly. The best set by the criterion goes through backward elimination and is replaced by a smaller one that is
+    as good.
+    """
+    start = CandidateModel(base, len(effects), ScreeningCache(workers or Workers()))
+    level, tried = [start], {start.ids: start}
+    for _ in range(MAX_EFFECTS):
+        extended = _extended_sets(level, effects, tried, progress)
+        if not extended:
+            break
+        level = sorted(extended, key=lambda c: c.criterion)[: 1 if noise_from_residual(base) else BEAM_WIDTH]
+        best = min(tried.values(), key=lambda c: c.criterion)
+        if best.adequate:
+            if best not in level:
+                break
+            level = [best]
+    best = level[0] if noise_from_residual(base) else min(tried.values(), key=lambda c: c.criterion)
+    if len(best.ids) > 1 and not noise_from_residual(base):
+        best = _exchanged(best, effects, tried, progress)
+    return SubsetSearch(
+        start,
+        _most_parsimonious(_backward_elimination(best, tried, progress), tuple(tried.values())),
+        tuple(tried.values()),
+    )
+
+
+def _exchanged(
+    best: CandidateModel, effects: Sequence[Effect], tried: dict[frozenset[str], CandidateModel], progress: Progress
+) -> CandidateModel:
+    """The best set after one exchange pass: each effect in turn is replaced by others significant given the rest."""
+    _extended_sets(list(best.without_each(list(tried.values())).values()), effects, tried, progress)
+    return min(tried.values(), key=lambda c: c.criterion)
+
+
+def _ids(effects: Sequence[Effect]) -> str:
+    return " + ".join(sorted(e.id for e in effects))
+
+
+def _tried_or_refitted(
+    tried: Mapping[frozenset[str], CandidateModel], candidate: CandidateModel, effects: Sequence[Effect]
+) -> CandidateModel:
+    """The candidate with another set of effects: the tried one if in the same noise, else refitted."""
+    known = tried.get(frozenset(e.id for e in effects))
+    return known if known is not None and known.fit.noise is candidate.fit.noise else refit_effects(candidate, effects)
+
+
+def _most_parsimonious(best: CandidateModel, tried: Sequence[CandidateModel]) -> CandidateModel:
+    """The adequate set with the fewest parameters whose chi-square is not significantly above that of the best."""
+    if noise_from_residual(best.fit):
+        return _best_with_common_noise(best, tried)
+    alternatives = [best]
+    for other in tried:
+        saved = len(best.fit.theta) - len(other.fit.theta)
+        worse = other.cost - best.cost
+        if saved > 0 and worse < bonferroni_threshold(saved, best.among) and other.adequate:
+            alternatives.append(other)
+    return min(alternatives, key=lambda c: (len(c.fit.theta), c.criterion))
+
+
+def _best_with_common_noise(best: CandidateModel, tried: Sequence[CandidateModel]) -> CandidateModel:
+    """The best set by the criterion when all are refitted in one common noise.
+
+    Where each set's noise is estimated from its own residual, every reduced chi-square is near one: no comparison.
+    """
+    others = [c for c in tried if c.ids != best.ids and c.adequate]
+    shared = [*shared_objects(best.fit), best.workspace]
+    refits = best.workspace.workers.map(
+        lambda c: refit_effects(best, c.fit.model.effects, c.fit.values),
+        others,
+        label=lambda c: _ids(c.fit.model.effects),
+        shared=shared,
+    )
+    return min([best, *refits], key=lambda c: c.criterion)
+
+
+def _extended_sets(
+    level: Sequence[CandidateModel],
+    effects: Sequence[Effect],
+    tried: dict[frozenset[str], CandidateModel],
+    progress: Progress,
+) -> list[CandidateModel]:
+    """The sets extended by one significant effect, unless tried already; they are added to `tried`."""
+    given = "; ".join(_ids(c.fit.model.effects) or "the rigid tool" for c in level)
+    screen_all(level, effects, count_progress(progress, f"score tests given {given}"))
+    wanted = [extension for c in level for extension in _significant_extensions(c, c.screened(effects))]
+    extended = []
+    while wanted := [extension for extension in wanted if extension.ids not in tried]:
+        first = list({extension.ids: extension for extension in reversed(wanted)}.values())[::-1]
+        doing = "refit with " + "; ".join(" + ".join(sorted(extension.ids)) for extension in first)
+        shared = [thing for c in level for thing in (*shared_objects(c.fit), c.workspace)]
+        workers, announce = level[0].workspace.workers, count_progress(progress, doing)
+        found = workers.map(
+            _refit_extension,
+            first,
+            label=lambda extension: extension.screening.effect.id,
+            shared=shared,
+            announce=announce,
+        )
+        for extension, new in zip(first, found, strict=True):
+            if new is not None:
+                tried[extension.ids] = new
+                extended.append(new)
+        wanted = [extension for extension in wanted if extension not in first]
+    return extended
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """A candidate and a significant effect to add to it."""
+
+    candidate: CandidateModel
+    screening: ScoreTest
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """The ids of the extended set."""
+        return self.candidate.ids | {self.screening.effect.id}
+
+
+def screen_all(
+    level: Sequence[CandidateModel], effects: Sequence[Effect], announce: CountCallback | None = None
+) -> None:
+    """Run the grid searches of all effects that the candidates lack, in one batch per workspace."""
+    for workspace in {c.workspace: None for c in level}:
+        wanted = [key for c in level if c.workspace is workspace for key in absent_effects(c.fit, effects)]
+        run_searches(wanted, workspace, announce)
+
+
+def _significant_extensions(candidate: CandidateModel, screenings: Sequence[ScoreTest]) -> list[Extension]:
+    """The extensions by significant effects, the largest score first, at most MAX_REFITS."""
+    significant = sorted(significant_effects(screenings), key=lambda s: -s.statistic)
+    return [Extension(candidate, s) for s in significant[:MAX_REFITS]]
+
+
+def _refit_extension(extension: Extension) -> CandidateModel | None:
+    """The extended set, refitted and tested; None where the initial values have no solution."""
+    try:
+        new = refit_with_effect(extension.candidate, extension.screening)
+        _ = new.cost, new.lack_of_fit
+    except InputError:
+        return None
+    return new
+
+
+def refit_with_effect(candidate: CandidateModel, screening: ScoreTest) -> CandidateModel:
+    """The candidate with one more effect, refitted exactly from the score test's initial values."""
+    before = candidate.fit
+    start = {**before.values, **refit_initial_values(before, screening, candidate.workspace)}
+    after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
+    if noise_from_residual(before):
+        after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
+    return CandidateModel(after, candidate.among, candidate.workspace)
+
+
+def refit_effects(
+    candidate: CandidateModel, effects: Sequence[Effect], start: Mapping[str, float] | None = None
+) -> CandidateModel:
+    """The candidate with another set of effects, refitted exactly in the same noise."""
+    before = candidate.fit
+    model = before.model.base + effects
+    start = {**before.values, **(start or {})}
+    after = refit(model, before.recordings, noise=before.noise, start=start)
+    return CandidateModel(after, candidate.among, candidate.workspace)
+
+
+def _backward_elimination(
+    candidate: CandidateModel, tried: Mapping[frozenset[str], CandidateModel], progress: Progress
+) -> CandidateModel:
+    """Drop effects one by one while that lowers the criterion."""
+    if candidate.ids:
+        progress(f"backward elimination: refit without each of {_ids(candidate.fit.model.effects)}")
+    for smaller in candidate.without_each(list(tried.values())).values():
+        if smaller.criterion < candidate.criterion:
+            return _backward_elimination(smaller, tried, progress)
+    return candidate

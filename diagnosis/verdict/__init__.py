@@ -1,0 +1,1 @@
+"""Verdicts, upper limits, aliases, result.json."""

@@ -1,0 +1,81 @@
+"""Selection steps: models with 0..n effects compared on training and held-out recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.acceptance.held_out import HeldOut
+from diagnosis.comparison.comparison import Comparison, comparison_of
+from diagnosis.comparison.generic_terms import cross_validated_gain
+from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
+from estimation.fit import Fit
+from estimation.noise.recording_noise import NoiseSource
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionStep:
+    """The model after one more effect, compared with the training and the held-out recordings."""
+
+    effect: str | None
+    fit: Fit
+    training: tuple[Comparison, ...]
+    validation: tuple[Comparison, ...]
+
+
+def selection_steps(
+    selection: SubsetSearch, final: CandidateModel, held_out: Sequence[HeldOut]
+) -> tuple[SelectionStep, ...]:
+    """The models from the rigid tool to the last effect added, each refitted."""
+    steps = [_selection_step(None, selection.base.fit, held_out)]
+    effects = final.fit.model.effects
+    for count in range(1, len(effects) + 1):
+        partial = final if count == len(effects) else selection.refitted(final, effects[:count])
+        steps.append(_selection_step(effects[count - 1].id, partial.fit, held_out))
+    return tuple(steps)
+
+
+def _selection_step(effect: str | None, fitted: Fit, held_out: Sequence[HeldOut]) -> SelectionStep:
+    training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
+    validation = tuple(comparison_of(o.carried(fitted), 0) for o in held_out)
+    return SelectionStep(effect, fitted, training, validation)
+
+
+def explainable_power_by_step(steps: Sequence[SelectionStep]) -> Array:
+    """Systematic power of the training residual after each step, relative to the noise power, over all recordings.
+
+    With repeats it is the power that repeats. In a single run it is the power in excess of a stated noise; without one,
+    the power in excess of the last step's residual plus the cross-validated gain of generic terms on that residual.
+    """
+    powers = [
+        _single_run_power(steps, number) if last.explainable_rms is None else _repeating_power(steps, number)
+        for number, last in enumerate(steps[-1].training)
+    ]
+    return np.asarray(np.sum(powers, axis=0))
+
+
+def _repeating_power(steps: Sequence[SelectionStep], number: int) -> Array:
+    """Systematic power relative to the noise after each step, of a recording with repeats."""
+    sizes = [s.training[number].explainable_rms or {} for s in steps]
+    return _relative_to_noise(steps[-1].training[number], [{c: v**2 for c, v in size.items()} for size in sizes])
+
+
+def _single_run_power(steps: Sequence[SelectionStep], number: int) -> Array:
+    """Systematic power relative to the noise after each step, of a recording without repeats."""
+    last, fit = steps[-1].training[number], steps[-1].fit
+    power = [{c: v**2 for c, v in s.training[number].rms.items()} for s in steps]
+    if last.noise.source is NoiseSource.RIG:
+        return _relative_to_noise(last, [{c: v - last.noise_floor[c] ** 2 for c, v in p.items()} for p in power])
+    removed = _relative_to_noise(last, [{c: v - power[-1][c] for c, v in p.items()} for p in power])
+    unexplained = cross_validated_gain(fit, number).gain * len(fit.model.channels) / fit.noise[number].whitener.rows
+    return removed + max(unexplained, 0.0)
+
+
+def _relative_to_noise(last: Comparison, powers: Sequence[Mapping[str, float]]) -> Array:
+    """The positive parts of the powers relative to the last step's noise power, summed over the channels."""
+    return np.array([sum(max(v, 0.0) / max(last.noise_floor[c], 1e-300) ** 2 for c, v in p.items()) for p in powers])

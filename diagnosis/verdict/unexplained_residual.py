@@ -1,0 +1,89 @@
+"""Unexplained residual: the map where it is most significant, and a sparse regression on generic terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.generic_terms import generic_terms, standardised_columns
+from diagnosis.comparison.residual_map import ResidualMap, residual_maps
+
+Array = NDArray[np.float64]
+
+MAX_TERMS = 3
+"""Generic terms of the sparse regression."""
+
+
+@dataclass(frozen=True)
+class UnexplainedResidual:
+    """Systematic residual of a recording that no effect explains.
+
+    where            a sentence: channel, variable of its residual map and location of the largest mean
+    looks_like       generic terms of its sparse regression
+    share            share of its power that these terms explain together
+    explainable_rms  systematic error per channel
+    """
+
+    where: str
+    looks_like: tuple[str, ...]
+    share: float
+    explainable_rms: Mapping[str, float | None]
+
+
+def describe_residual(
+    comparison: Comparison, tolerance: Mapping[str, float], *, fitted: bool = True
+) -> UnexplainedResidual:
+    """Describe the unexplained residual of a recording: its largest residual map and a sparse regression.
+
+    A held-out recording (not `fitted`) is named.
+    """
+    size = comparison.explainable_rms or {}
+    maps = residual_maps(comparison, tolerance)
+    worst = worst_channel(comparison)
+    best = next((m for m in maps if worst is None or m.channel == worst), None)
+    channel = best.channel if best is not None else worst or comparison.recording.channels[0]
+    where = f"{channel}, with too few samples for a residual map" if best is None else _sentence(best)
+    where = where if fitted else f"on {comparison.recording.name}, {where}"
+    number = comparison.recording.channels.index(channel)
+    terms, share = sparse_description(comparison, number)
+    return UnexplainedResidual(where, terms, share, {c: size.get(c) for c in comparison.recording.channels})
+
+
+def _sentence(best: ResidualMap) -> str:
+    peak = int(np.argmax(np.abs(best.mean)))
+    rises = "rises" if best.mean[peak] > 0 else "falls"
+    place = f"{best.variable} = {best.centre[peak]:.3g} {best.variable_unit}"
+    return f"{best.channel} {rises} near {place} (by {abs(best.mean[peak]):.2g} {best.channel_unit})"
+
+
+def worst_channel(comparison: Comparison) -> str | None:
+    """The channel with the largest ratio of systematic error to noise floor; None without repeats."""
+    size = comparison.explainable_rms
+    if size is None:
+        return None
+    return max(size, key=lambda c: size[c] / max(comparison.noise_floor[c], 1e-300))
+
+
+def sparse_description(comparison: Comparison, channel: int) -> tuple[tuple[str, ...], float]:
+    """Forward selection of up to three generic terms, and the share of the mean residual over repeats they explain."""
+    recording = comparison.recording
+    once = recording.samples_per_repeat
+    load = recording.wrench - comparison.residual
+    terms = {k: v[:once] for k, v in generic_terms(recording, load).items() if np.ptp(v[:once]) > 0}
+    columns, names = standardised_columns(terms), list(terms)
+    target = comparison.residual[:, channel].reshape(recording.repeats, once).mean(axis=0)
+    target = target - target.mean()
+    picked: list[int] = []
+    residual = target
+    for _ in range(MAX_TERMS):
+        gain = np.abs(columns.T @ residual)
+        gain[picked] = 0
+        picked.append(int(gain.argmax()))
+        solution = np.linalg.lstsq(columns[:, picked], target, rcond=None)[0]
+        residual = target - columns[:, picked] @ solution
+    share = 1 - float(residual @ residual) / max(float(target @ target), 1e-300)
+    return tuple(names[i] for i in picked), share

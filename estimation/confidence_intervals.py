@@ -1,0 +1,246 @@
+"""Student-t confidence intervals with effective degrees of freedom of the estimated noise (Satterthwaite)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+from scipy.special import zeta
+
+from estimation.distributions import student_isf
+from estimation.least_squares.column_space import orthonormal_basis
+from estimation.least_squares.estimates import table
+from estimation.least_squares.whitened_problem import WhitenedProblem
+from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth_power_spectrum
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.parameter_layout import ParameterLayout
+from estimation.recordings.recording import Recording
+from modeling.parameter import Parameter
+
+Array = NDArray[np.float64]
+
+MAX_DEGREES_OF_FREEDOM = 1e4
+"""Upper limit of the degrees of freedom: from here on the t quantile is the normal one to four digits."""
+MIN_DEGREES_OF_FREEDOM = 2.0
+"""Lower limit: that of the power at a record's lowest line, whose scatter the extrapolated spectrum omits."""
+MIN_RESIDUAL_SHARE = 0.5
+"""Share of a line's power that must remain in the residual for the line to enter the noise spectrum."""
+NEWTON_TOLERANCE = 1e-8
+"""Relative to x: convergence is quadratic, so the step after one this short is below rounding."""
+
+
+class WhitenedFit(Protocol):
+    """The attributes of a fit that confidence intervals need: `estimation.fit.Fit` has them."""
+
+    @property
+    def layout(self) -> ParameterLayout: ...
+    @property
+    def recordings(self) -> tuple[Recording, ...]: ...
+    @property
+    def noise(self) -> tuple[RecordingNoise, ...]: ...
+    @property
+    def theta(self) -> Array: ...
+    @property
+    def covariance(self) -> Array: ...
+    @property
+    def shown(self) -> NDArray[np.bool_]: ...
+    @property
+    def unknowns(self) -> tuple[Parameter, ...]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Two-sided confidence intervals of a fit's parameters, in the order of its `theta`.
+
+    std      (k,) standard deviation; for a single run corrected for the colour that the autoregression left
+    freedom  (k,) effective degrees of freedom of std
+    """
+
+    fit: WhitenedFit
+    level: float
+    std: Array
+    freedom: Array
+
+    @property
+    def half_width(self) -> Array:
+        """(k,) t quantile times std; infinite for an unidentifiable parameter."""
+        quantile = student_isf(0.5 - self.level / 2, self.freedom)
+        return np.asarray(np.where(self.fit.shown, quantile * self.std, np.inf))
+
+    @property
+    def low(self) -> Array:
+        """Lower ends (k,)."""
+        return np.asarray(self.fit.theta - self.half_width)
+
+    @property
+    def high(self) -> Array:
+        """Upper ends (k,)."""
+        return np.asarray(self.fit.theta + self.half_width)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Name, value, std, degrees of freedom, both ends and unit of every parameter, as text."""
+        columns = zip(self.fit.unknowns, self.fit.theta, self.std, self.freedom, self.low, self.high, strict=True)
+        return [
+            (p.name, f"{value:.6g}", f"{std:.2g}", f"{nu:.3g}", f"{low:.6g}", f"{high:.6g}", p.unit)
+            if np.isfinite(low)
+            else (p.name, "-", "not identifiable", "-", "-", "-", p.unit)
+            for p, value, std, nu, low, high in columns
+        ]
+
+    def __str__(self) -> str:
+        ends = (f"{100 * self.level:g} % from", "to")
+        return table(("parameter", "value", "std", "freedom", *ends, "unit"), self.rows())
+
+
+def intervals(fit: WhitenedFit, *, level: float = 0.95, pull: Array | None = None) -> Intervals:
+    """Confidence intervals with nominal coverage, though the noise was estimated from the same recordings.
+
+    theta's error is sum_r a_rj w_r over the whitened rows' noise w, with the influence a = D C of least squares
+    (rows, k), or the one given (`pull`). Its variance is sum_r a_rj² times the power of row r, which is 1 as far as
+    whitening succeeded: every row was divided by an estimate. With q_r the shares of the rows in the variance and
+    v = var(sum_r q_r log power_r), the variance is distributed as chi-square with f degrees of freedom, whose logarithm
+    has variance trigamma(f / 2): f = 2 trigamma^-1(v) (F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110-114, on the
+    logarithm). Error over std is then Student's t with f degrees of freedom.
+
+    A single run is whitened by an autoregression of its own residual, whose low-frequency part depends on few samples
+    and on the orders tried. The spectrum of the whitened residual is therefore estimated again, as a smooth curve, and
+    multiplied in (prewhitening: D. W. K. Andrews and J. C. Monahan, Econometrica 60 (1992) 953-966), together with the
+    variance of that curve.
+    """
+    residual, derivative = WhitenedProblem(fit.layout, fit.recordings, fit.noise).evaluate(fit.theta)
+    pull = derivative @ fit.covariance if pull is None else pull
+    parts = list(_variance_contributions(fit, residual, derivative, pull))
+    variance = np.sum([part.variance for part in parts], axis=0)
+    safe = np.maximum(variance, 1e-300)
+    log_variance = np.sum([part.log_variance(safe) for part in parts], axis=0)
+    freedom = np.array([degrees_of_freedom_of(float(v)) for v in log_variance])
+    return Intervals(fit, level, np.sqrt(variance), freedom)
+
+
+def degrees_of_freedom_of(log_variance: float) -> float:
+    """Degrees of freedom of a power whose logarithm has the variance `log_variance`, clipped to the limits above."""
+    return (
+        float(np.clip(2 * inverse_trigamma(log_variance), MIN_DEGREES_OF_FREEDOM, MAX_DEGREES_OF_FREEDOM))
+        if log_variance > 0
+        else MAX_DEGREES_OF_FREEDOM
+    )
+
+
+def inverse_trigamma(value: float) -> float:
+    """The x > 0 at which trigamma(x) = zeta(2, x) has this value.
+
+    By Newton's method on 1 / trigamma, which is convex and nearly linear: from 1/2 + 1 / value it decreases to x
+    monotonically (Smyth, Statistical Applications in Genetics and Molecular Biology 3, 2004, appendix).
+    """
+    x, step = 0.5 + 1 / value, np.inf
+    while step > NEWTON_TOLERANCE * x:
+        trigamma = zeta(2, x)
+        step = trigamma * (1 - trigamma / value) / (2 * zeta(3, x))
+        x -= step
+    return float(x)
+
+
+class VarianceContribution(ABC):
+    """Contribution of one recording to the variance of every parameter."""
+
+    @property
+    @abstractmethod
+    def variance(self) -> Array:
+        """Contribution (k,) to the variance."""
+
+    @abstractmethod
+    def log_variance(self, total: Array) -> Array:
+        """Variance (k,) of log `total`, the variance over all recordings, due to this one's noise estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedRowContribution(VarianceContribution):
+    """Whitened rows as they are: squared influences (rows, k)."""
+
+    noise: RecordingNoise
+    squares: Array
+
+    @property
+    def variance(self) -> Array:
+        """Sum of the squares."""
+        return np.asarray(self.squares.sum(axis=0))
+
+    def log_variance(self, total: Array) -> Array:
+        """From the uncertainty of the noise estimate."""
+        return self.noise.log_power_variance_of(self.squares / total)
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralContribution(VarianceContribution):
+    """A single run in the cosine transform: power spectrum per channel, and squared influences times it (lines, k)."""
+
+    frequency: Array
+    spectra: tuple[PowerSpectrum, ...]
+    squares: tuple[Array, ...]
+
+    @property
+    def variance(self) -> Array:
+        """Sum over channels and lines."""
+        return np.asarray(np.sum([s.sum(axis=0) for s in self.squares], axis=0))
+
+    def log_variance(self, total: Array) -> Array:
+        """From the uncertainty of the spectra; the channels are independent."""
+        parts = zip(self.spectra, self.squares, strict=True)
+        return np.asarray(
+            sum(curve.mean_log_power_variance(self.frequency, squares / total) for curve, squares in parts)
+        )
+
+
+def _variance_contributions(
+    fit: WhitenedFit, residual: Array, derivative: Array, pull: Array
+) -> Iterator[VarianceContribution]:
+    basis = orthonormal_basis(derivative)
+    ends = np.cumsum([noise.whitener.rows for noise in fit.noise])[:-1]
+    blocks = zip(*(np.split(rows, ends) for rows in (residual, basis, pull)), strict=True)
+    for recording, noise, (own_residual, own_basis, own_pull) in zip(fit.recordings, fit.noise, blocks, strict=True):
+        if _may_be_coloured(recording, noise):
+            yield _spectral_contribution(len(recording.channels), own_residual, own_basis, own_pull)
+        else:
+            yield WhitenedRowContribution(noise, own_pull**2)
+
+
+def _may_be_coloured(recording: Recording, noise: RecordingNoise) -> bool:
+    """Whether rows are innovations of a single run, possibly still coloured, and enough of them for a spectrum."""
+    lines = noise.whitener.rows // len(recording.channels)
+    return noise.source is NoiseSource.RESIDUAL and not recording.at_rest and lines > 2 * MIN_ORDINATES
+
+
+def _spectral_contribution(channels: int, residual: Array, basis: Array, pull: Array) -> SpectralContribution:
+    """One run in the cosine transform, each channel with the power spectrum of its residual.
+
+    The fit absorbs the share h of a line's power, its leverage: the squares of a basis of the column space.
+    """
+    power, leverage, squared = (_cosine_lines(rows, channels) ** 2 for rows in (residual[:, None], basis, pull))
+    share = 1 - leverage.sum(axis=2)
+    ordinates = np.where(share > MIN_RESIDUAL_SHARE, power[:, :, 0] / np.maximum(share, MIN_RESIDUAL_SHARE), 0.0)
+    # The mean is a line of its own, half a line below the first: its power is extrapolated from the spectrum.
+    frequency = np.maximum(np.arange(len(power)), 0.5) / (2 * len(power))
+    spectra = tuple(
+        smooth_power_spectrum(frequency[1:], o[1:], shape=0.5, start=float(frequency[0])) for o in ordinates.T
+    )
+    squares = (
+        squared[:, c] * _line_power(spectrum, frequency, ordinates[:, c])[:, None] for c, spectrum in enumerate(spectra)
+    )
+    return SpectralContribution(frequency, spectra, tuple(squares))
+
+
+def _cosine_lines(rows: Array, channels: int) -> Array:
+    """Cosine transform (lines, channels, k) of the rows (lines channels, k) of a run."""
+    return np.asarray(dct(rows.reshape(-1, channels, rows.shape[1]), axis=0, norm="ortho"))
+
+
+def _line_power(spectrum: PowerSpectrum, frequency: Array, ordinates: Array) -> Array:
+    """Power at the lines: the smooth spectrum, or the ordinate of a tone where that is larger."""
+    level = spectrum(frequency)
+    level[1:] = np.where(spectrum.tones, np.maximum(level[1:], ordinates[1:]), level[1:])
+    return level

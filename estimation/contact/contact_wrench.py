@@ -1,0 +1,213 @@
+"""Contact wrench of the environment on the tool, sample by sample, with its covariance (22.13 corrected).
+
+Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators"
+(Bassi et al.).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.contact.calibrated_model import CalibratedModel
+from estimation.contact.contact_detection import ContactDetection, ContactInterval, detect_contacts
+from estimation.contact.point_force import PointForce
+from estimation.fit import Fit, check_channels, table
+from estimation.model_response import model_response
+from estimation.recordings.recording import Recording
+from estimation.streaming.streamed_fit import StreamedFit
+from modeling.chain.contact_gain import contact_gain_at, group_delay
+from modeling.space import Space
+from modeling.tool.wrench_components import contact_components
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactWrench:
+    """Contact wrench during a recording, with covariance and detected contact intervals.
+
+    wrench      (n, p) of the environment on the tool, whatever the readings' signs: fcx, fcy, tauc in the plane (x',
+                y', clockwise), fcx .. tcz in the sensor frame in six axes; N and N m, about the sensor origin
+    noise       (p, p) covariance of one sample's noise; `doubt` (n, p, p) that from parameters and zero
+    zero_shift  (p,) zero of the readings less that of the calibration, in the channels' units
+    late        s, group delay of the sensor's dynamics at low frequency
+    unknown     per unidentifiable parameter of the calibration, the largest change of the contact wrench per unit of it
+    """
+
+    recording: Recording
+    calibration: CalibratedModel
+    detection: ContactDetection
+    wrench: Array
+    noise: Array
+    doubt: Array
+    zero_shift: Array
+    late: float
+    unknown: Mapping[str, float]
+    tip_length: float | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The components' names."""
+        return contact_components(self.space)
+
+    @property
+    def space(self) -> Space:
+        """Plane or space."""
+        return self.calibration.model.space
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (n, p, p) of each sample: noise, parameters and zero."""
+        return self.noise + self.doubt
+
+    @property
+    def floor(self) -> Array:
+        """Std (p,) of one sample by the sensor's noise in the recordings of the fit."""
+        inverse = np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0])
+        return np.asarray(np.sqrt(inverse**2 @ self.calibration.floor**2))
+
+    @property
+    def noise_ratio(self) -> Array:
+        """Std (p,) of the contact-free part of this recording over that of the sensor's noise in the fit."""
+        return np.asarray(np.sqrt(np.diag(self.noise)) / np.maximum(self.floor, 1e-300))
+
+    def systematic_contact_error(self, true: Array) -> Array:
+        """RMS (p,) of the systematic part of the error against the true contact wrench (n, p).
+
+        The error's mean over R repeats has the mean square s² + n²/R, s systematic, n random: PHYSICS.md, erratum 6.
+        Negative estimates of s² count as zero. A single run's error counts as systematic altogether.
+        """
+        error = (self.wrench - true).reshape(self.recording.repeats, -1, len(self.names))
+        mean, repeats = error.mean(axis=0), len(error)
+        noise = ((error - mean) ** 2).mean(axis=(0, 1)) / max(1, repeats - 1)
+        return np.asarray(np.sqrt(np.maximum((mean**2).mean(axis=0) - noise, 0.0)))
+
+    @property
+    def systematic_contact_error_limit(self) -> Array:
+        """Detection limit (p,) of `systematic_contact_error`: root of two standard errors of its square under noise.
+
+        The standard error is n² sqrt(2 / (N R (R - 1))) for N samples in each of R repeats; for a single run the limit
+        is the noise std.
+        """
+        recording = self.recording
+        pairs = recording.samples * (recording.repeats - 1)
+        return np.asarray(self.floor * (np.sqrt(2 * np.sqrt(2 / pairs)) if pairs else 1.0))
+
+    @cached_property
+    def point_force(self) -> PointForce:
+        """In the plane: the best fitting force at the end of the tip (22.14); without a tip length (fcx, fcy)."""
+        return PointForce.of(self.wrench, self.covariance, self.noise, self.tip_length)
+
+    @property
+    def magnitude(self) -> Array:
+        """Size of the contact force, N (n,)."""
+        if self.space is Space.PLANE:
+            return self.point_force.magnitude
+        return np.asarray(np.linalg.norm(self.wrench[:, :3], axis=1))
+
+    @property
+    def magnitude_std(self) -> Array:
+        """Standard deviation of the magnitude, N (n,), along the force."""
+        if self.space is Space.PLANE:
+            return self.point_force.magnitude_std
+        force = self.wrench[:, :3]
+        unit = force / np.maximum(np.linalg.norm(force, axis=1), 1e-300)[:, None]
+        return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", unit, self.covariance[:, :3, :3], unit)))
+
+    @property
+    def intervals(self) -> tuple[ContactInterval, ...]:
+        """Detected contact intervals."""
+        return self.detection.intervals
+
+    def time_of(self, sample: int) -> float:
+        """Time (s) of a sample; its index for static poses."""
+        time = self.recording.time
+        return float(sample) if time is None else float(time[min(sample, len(time) - 1)])
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Each interval: from, to, mean of each component and the largest magnitude, as text."""
+        return [
+            (
+                f"{self.time_of(i.first):.3f}",
+                f"{self.time_of(i.last):.3f}",
+                *(f"{v:.3g}" for v in self.wrench[i.first : i.last].mean(axis=0)),
+                f"{self.magnitude[i.first : i.last].max():.3g}",
+                f"{i.p_value:.1g}",
+            )
+            for i in self.intervals
+        ]
+
+    def __str__(self) -> str:
+        if not self.intervals:
+            return "no contact found"
+        return table(("from", "to", *self.names, "largest force", "p"), self.rows())
+
+
+def compensate(
+    fitted: Fit | StreamedFit | CalibratedModel,
+    recording: Recording,
+    *,
+    keep_zero: bool = False,
+    tip_length: float | None = None,
+    false_alarms: float = 0.01,
+) -> ContactWrench:
+    """The contact wrench of a recording: its readings less the fitted tool's load (22.13).
+
+    A reading is G (tool - contact) + zero, so that contact = G^-1 (predicted - measured), predicted with the zero of
+    this recording. The zero is the mean residual where the tool is free (`detect_contacts`), or the calibration's with
+    `keep_zero`; the parameters' covariance propagates about that zero, since an error in the weight moves the zero too.
+    The sensor's dynamics are not inverted, which would amplify the noise (`late`).
+    `tip_length` (m) is where a planar contact acts; by default the rig's.
+    Raises InputError when the channels differ or a signal that the model needs is missing.
+    """
+    known = (fitted if isinstance(fitted, CalibratedModel) else CalibratedModel.of(fitted)).lasting
+    check_channels(known.model, (recording,))
+    response = model_response(known.model, recording, known.theta)
+    gain, slopes = contact_gain_at(known.model, known.theta)
+    biases = np.arange(len(known.model.biases))
+    residual = recording.wrench - response.value
+    found = detect_contacts(
+        residual,
+        recording.dt,
+        floor=known.floor,
+        remainder=known.remainder,
+        zero=np.zeros(len(biases)) if keep_zero else None,
+        false_alarms=false_alarms,
+    )
+    inverse = np.linalg.inv(gain)
+    wrench = (residual - found.zero) @ inverse.T
+    tangent = response.derivative
+    if not keep_zero:
+        tangent = tangent - tangent[found.free].mean(axis=0)
+    # From reading = value(theta) + gain(theta) contact: d contact = -gain^-1 (d value + d gain contact).
+    tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
+    unidentifiable = np.abs(tangent[:, :, ~known.known]).max(axis=(0, 1), initial=0.0)
+    tangent, covariance = tangent[:, :, known.known], known.covariance[np.ix_(known.known, known.known)]
+    doubt = np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True)
+    return ContactWrench(
+        recording=recording,
+        calibration=known,
+        detection=found,
+        wrench=wrench,
+        noise=inverse @ found.covariance @ inverse.T,
+        doubt=doubt + inverse @ found.zero_covariance @ inverse.T,
+        zero_shift=found.zero,
+        late=group_delay(known.model, known.theta),
+        unknown=_unidentified_parameters(known, unidentifiable),
+        tip_length=_tip_length(recording, tip_length),
+    )
+
+
+def _unidentified_parameters(known: CalibratedModel, change: Array) -> dict[str, float]:
+    """Unidentifiable parameters of the calibration with their largest effect (k,) per unit, where not zero."""
+    names = [p.name for p, is_known in zip(known.model.parameters, known.known, strict=True) if not is_known]
+    return {name: float(amount) for name, amount in zip(names, change, strict=True) if amount > 0}
+
+
+def _tip_length(recording: Recording, stated: float | None) -> float | None:
+    return stated if stated is not None or recording.rig is None else recording.rig.tip_length

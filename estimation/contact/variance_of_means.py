@@ -1,0 +1,109 @@
+"""Variance of means of coloured noise, from an autoregression or from differences of successive means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+Array = NDArray[np.float64]
+
+NORMAL_QUARTILE = float(norm.isf(0.375))
+"""Lower quartile of the absolute value of a standard normal variable."""
+MIN_DIFFERENCES = 4
+"""Least number of independent differences that the power at a scale is estimated from."""
+
+
+@dataclass(frozen=True, eq=False)
+class VarianceOfMeans:
+    """Covariance of means over 1 .. n successive samples of stationary noise with p channels.
+
+    variance     (n, p): of the mean over 1, 2, .. n samples of each channel
+    correlation  (p, p) between the channels, assumed the same for all means
+    constant     (p,) variance that averaging does not reduce: the model's systematic residual
+    """
+
+    variance: Array
+    correlation: Array
+    constant: Array
+
+    @classmethod
+    def of_autoregression(
+        cls, coefficients: Array, innovations: Array, longest: int, constant: Array
+    ) -> VarianceOfMeans:
+        """The noise of an autoregression (order, p) with innovations of covariance (p, p), up to means of `longest`.
+
+        With autocovariance g, the mean over L samples has the variance (L g_0 + 2 sum_{k<L} (L - k) g_k) / L²; g is
+        the transform of the spectrum s / |1 - sum a_k exp(-i w k)|² on a grid long enough against wrap-around.
+        """
+        grid = 1 << int(np.ceil(np.log2(max(8 * longest, 4096))))
+        variances = np.diag(innovations)
+        columns = []
+        for a, s in zip(coefficients.T, variances, strict=True):
+            response = 1 / np.fft.rfft(np.concatenate([[1.0], -a]), n=grid)
+            autocovariance = np.fft.irfft(s * np.abs(response) ** 2, n=grid)[:longest]
+            columns.append(_variance_of_means(autocovariance))
+        scale = np.sqrt(variances)
+        return cls(np.stack(columns, axis=1), innovations / np.outer(scale, scale), constant)
+
+    @classmethod
+    def of_differences(
+        cls, series: Array, constant: Array, quiet: NDArray[np.bool_] | None = None, *, doubt: float = 0.5
+    ) -> VarianceOfMeans:
+        """The noise of a series' (n, p) `quiet` (contact-free) samples, or of its quieter part, from successive means.
+
+        Two successive means over L have half of their sum with the variance V_2L, and half of their difference with
+        D_L / 4, so that V_L = V_2L + D_L / 4: V_L is a sum over the scales above (Haar's wavelet variances; Allan's up
+        to a factor). No noise model is needed. D_L is the mean square of the differences between means over quiet
+        samples. Where those are unknown it comes from the lower quartile of the absolute differences, which a contact
+        in less than three quarters of the record does not affect. Few differences leave D uncertain: from quiet ones
+        it is the limit that D exceeds with probability `doubt`, by default its median. At the largest scales D is
+        extrapolated as constant, as for 1/f noise.
+        """
+        sums = np.concatenate([np.zeros((1, series.shape[1])), np.cumsum(series, axis=0)])
+        disturbed = np.concatenate([[0], np.cumsum(np.zeros(len(series)) if quiet is None else ~quiet)])
+        scales = 2 ** np.arange(int(np.log2(max(len(series), 2))) + 1)
+        powers: list[Array] = []
+        for scale in map(int, scales):
+            start = np.arange(0, len(series) + 1 - 2 * scale, max(1, scale // 4))
+            start = start[disturbed[start + 2 * scale] == disturbed[start]]
+            independent = len(start) * max(1, scale // 4) / (2 * scale)
+            if powers and independent < MIN_DIFFERENCES:
+                powers.append(powers[-1])
+                continue
+            difference = (sums[start + 2 * scale] - 2 * sums[start + scale] + sums[start]) / scale
+            factor = max(independent, 1.0) / chi2.isf(1 - doubt, max(independent, 1.0)) if quiet is not None else None
+            powers.append(_difference_power(difference, factor))
+        levels = np.cumsum(np.stack(powers)[::-1], axis=0)[::-1] / 4 + 1e-300
+        length = np.log(np.arange(1, len(series) + 1))
+        variance = [np.exp(np.interp(length, np.log(scales), np.log(level))) for level in levels.T]
+        return cls(np.stack(variance, axis=1), np.eye(series.shape[1]), constant)
+
+    def at_least(self, other: VarianceOfMeans) -> VarianceOfMeans:
+        """The larger variance of both for every mean: an autoregression misses the slow part of 1/f noise."""
+        return replace(self, variance=np.maximum(self.variance, other.variance))
+
+    def covariance(self, length: int) -> Array:
+        """Covariance (p, p) of a mean over `length` samples, the constant part included."""
+        scale = np.sqrt(self.variance[length - 1])
+        return np.asarray(self.correlation * np.outer(scale, scale) + np.diag(self.constant))
+
+
+def _difference_power(difference: Array, factor: float | None) -> Array:
+    """Mean square (p,) of differences times a factor; without one, from their lower quartile."""
+    if not len(difference):
+        return np.full(difference.shape[1], 1e-300)
+    if factor is None:
+        return np.asarray((np.quantile(np.abs(difference), 0.25, axis=0) / NORMAL_QUARTILE) ** 2)
+    return np.asarray((difference**2).mean(axis=0) * factor)
+
+
+def _variance_of_means(autocovariance: Array) -> Array:
+    """Variance of means over 1 .. n samples from the autocovariance at lags 0 .. n - 1."""
+    n = len(autocovariance)
+    lags, length = np.arange(n), np.arange(1, n + 1)
+    plain, weighted = np.cumsum(autocovariance), np.cumsum(lags * autocovariance)
+    total = length * autocovariance[0] + 2 * (length * (plain - autocovariance[0]) - weighted)
+    return np.asarray(np.maximum(total, 1e-12 * autocovariance[0] * length) / length**2)

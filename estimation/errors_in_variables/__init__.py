@@ -1,0 +1,1 @@
+"""Errors in variables: fits that account for noise in the measured motion."""

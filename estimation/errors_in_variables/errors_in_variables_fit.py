@@ -1,0 +1,109 @@
+"""Errors-in-variables fit: a model whose motion signals are measured with noise, by the corrected score."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from estimation.errors_in_variables.corrected_score import CorrectedScoreProblem
+from estimation.errors_in_variables.input_noise import InputNoise
+from estimation.fit import Fit, fit, refit
+from estimation.least_squares.estimates import table
+from estimation.noise.recording_noise import RecordingNoise
+from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
+from modeling.errors import InputError
+
+REWEIGHTING_ROUNDS = 2
+"""Of weights: at ordinary least squares, then at the corrected values; more change no value by 0.01 std."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorsInVariables:
+    """Two fits of one model to the same recordings: `plain` least squares, and `corrected` for the input noise.
+
+    Both have the same weights, so that they differ by the bias alone.
+
+    noise        of the inputs, of one sample
+    reliability  smallest share of true motion in the information of any direction of the parameters
+    """
+
+    plain: Fit
+    corrected: Fit
+    noise: InputNoise
+    reliability: float
+
+    @cached_property
+    def bias(self) -> Mapping[str, float]:
+        """Estimated bias of ordinary least squares, plain minus corrected, of each identifiable parameter."""
+        found = self.corrected.parameters.items()
+        return {name: self.plain.values[name] - e.value for name, e in found if np.isfinite(e.std)}
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Name, plain value, corrected value with std, bias of the plain one, and that in std, as text."""
+        return [self._row(name) for name in self.corrected.parameters]
+
+    def _row(self, name: str) -> tuple[str, ...]:
+        plain, found = self.plain.parameters[name], self.corrected.parameters[name]
+        if name not in self.bias:
+            return name, f"{plain.value:.6g}", "-", "not identifiable", "-", "-", found.unit
+        bias = self.bias[name]
+        ratio = f"{bias / found.std:.1f}" if found.std else "-"
+        return name, f"{plain.value:.6g}", f"{found.value:.6g}", f"{found.std:.2g}", f"{bias:.2g}", ratio, found.unit
+
+    def __str__(self) -> str:
+        header = ("parameter", "plain", "corrected", "std", "bias of plain", "in std", "unit")
+        return f"{table(header, self.rows())}\nnoise of one sample of the motion: {self.noise}"
+
+
+def errors_in_variables_fit(
+    model: WrenchModel,
+    recordings: Recording | Iterable[Recording],
+    *,
+    input_noise: InputNoise | None = None,
+    noise: Sequence[RecordingNoise] | None = None,
+    start: Mapping[str, float] | None = None,
+) -> ErrorsInVariables:
+    """Estimate a model's parameters from recordings with noisy motion, and the bias of ordinary least squares.
+
+    `input_noise` is that of one sample of one repeat, the same in all recordings; unless given, it is measured from
+    the first recording that has repeats. Averaging over R repeats (22.12 in chapter 22, "Characterization of the
+    Dynamical Model of a Force Sensor for Robot Manipulators", Bassi et al.) leaves 1/R of its covariance. The weights
+    are those of the effective noise of readings and inputs; nothing is then lost against orthogonal regression
+    (`CorrectedScoreProblem` has the comparison). The covariance is the sandwich N^-1 V N^-1: the inverse information N
+    of the true signals is not the variance, since the gradient has the variance V, which includes the noise of the
+    regressor.
+    Raises InputError as `fit` does; when no input noise can be measured, or it belongs to no signal of the recordings;
+    and for models with dynamics, in which the noise of one sample affects many.
+    """
+    first = fit(model, recordings, noise=noise, start=start)
+    _require_no_dynamics(first)
+    inputs = input_noise if input_noise is not None else InputNoise.measured(_first_repeated(first.recordings))
+    problem, theta = CorrectedScoreProblem.of(first, inputs), first.theta
+    for _ in range(REWEIGHTING_ROUNDS):
+        problem = problem.weighted(theta, first.noise)
+        theta, found, converged = problem.minimise(theta)
+    plain = refit(first.model, first.recordings, noise=problem.problem.noise, start=first.values)
+    corrected = replace(
+        plain, theta=theta, covariance=found.covariance, shown=found.shown, converged=converged and plain.converged
+    )
+    return ErrorsInVariables(plain, corrected, inputs, found.reliability)
+
+
+def _first_repeated(recordings: Sequence[Recording]) -> Recording:
+    return next((r for r in recordings if r.repeats > 1), recordings[0])
+
+
+def _require_no_dynamics(fitted: Fit) -> None:
+    for own in fitted.layout.models:
+        own.require_direct("errors_in_variables_fit")
+    if any(compiled_prediction(own).has_memory for own in fitted.layout.models):
+        raise InputError(
+            what="input noise cannot be propagated through a lag or a delay",
+            where="errors_in_variables_fit",
+            remedy="leave sensor_lag and time_delay out, or average over more repeats and use fit",
+        )

@@ -1,0 +1,40 @@
+"""Orthonormal basis of the whitened sensitivity columns, and the leverage of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.fit import Fit
+from estimation.least_squares.column_space import ColumnSpace
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FitColumnSpace:
+    """Whitened residual (rows,) of a fit, the rows `reached` by its sensitivities, and their column space there."""
+
+    residual: Array
+    reached: slice | NDArray[np.intp]
+    directions: ColumnSpace
+
+    @property
+    def leverage(self) -> Array:
+        """Leverage (rows,): diagonal of the hat matrix."""
+        found = np.zeros(len(self.residual))
+        found[self.reached] = np.einsum("ij,ij->i", self.directions.basis, self.directions.basis)
+        return found
+
+
+@lru_cache(maxsize=1)
+def fit_column_space(fit: Fit) -> FitColumnSpace:
+    """Column space of a fit, cached for the last one: its tests ask for it more than once.
+
+    The derivative itself is not kept: it is as large as all the rest and not needed again.
+    """
+    linearised = fit.linearised()
+    return FitColumnSpace(linearised.residual, linearised.reached, ColumnSpace.of(linearised.derivative))

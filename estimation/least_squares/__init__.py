@@ -1,0 +1,1 @@
+"""Least squares: square-root information, Levenberg-Marquardt, identifiability and constraints."""

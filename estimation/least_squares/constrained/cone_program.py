@@ -1,0 +1,118 @@
+"""Cone program: least squares within bounds and the cone of consistent tools, by CVXPY and Clarabel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.least_squares.constrained.quadratic_model import QuadraticModel
+from estimation.least_squares.constraints.conic_solver import cvxpy, solve_conic
+from estimation.least_squares.constraints.feasible_region import FeasibleRegion
+
+Array = NDArray[np.float64]
+
+UNIDENTIFIABLE_DAMPING = 1e-6
+"""Damping of the unidentifiable directions: too small to affect the identifiable ones."""
+DISTANT_BOUND = 1e4
+"""Distance in step lengths beyond which a bound is left out for conditioning; the next step has it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConeSolution:
+    """Parameters (k,), multipliers of lower and upper bounds, (k,), in chi-square per unit, and of J, Z (n, n)."""
+
+    theta: Array
+    low: Array
+    high: Array
+    Z: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ConeProgram:
+    """Minimise |R d - z|² + prior + damping |y|² over the region, d = B y, B of the quadratic model.
+
+    In y the chi-square has unit curvature. The program is in u = y / length, the objective divided by length², each
+    bound by its parameter's std and the length, and J scaled to unit size: in any units and at any distance of the
+    region, the solver gets numbers about 1.
+    """
+
+    local: QuadraticModel
+    region: FeasibleRegion
+    damping: float
+
+    @cached_property
+    def u(self) -> Any:
+        """CVXPY's variable (k,)."""
+        return cvxpy().Variable(len(self.local.theta))
+
+    @cached_property
+    def length(self) -> float:
+        """Scale of the step in std: 1 plus the distances to the unconstrained minimum and to the region."""
+        local, region = self.local, self.region
+        beyond = np.maximum(region.low - local.theta, local.theta - region.high) / local.spread
+        values, vectors = np.linalg.eigh(region.matrix(local.theta) / np.outer(*[inertia_scale(local, region)] * 2))
+        inner = vectors / inertia_scale(local, region)[:, None]
+        sizes = np.linalg.norm(np.einsum("na,knm,ma->ak", inner, region.slopes, inner) @ local.basis, axis=1)
+        below = -values / np.where(sizes > 0, sizes, 1.0)
+        return 1 + float(np.linalg.norm(local.reach)) + float(max(beyond.max(initial=0.0), below.max(initial=0.0)))
+
+    @property
+    def _whole(self) -> float:
+        """Divisor of the objective."""
+        return self.length**2 + (0.0 if self.region.prior is None else self.region.prior.weight)
+
+    def _objective(self) -> Any:
+        cp, local = cvxpy(), self.local
+        squares = cp.sum_squares((local.data.root @ local.basis) @ self.u - local.data.target / self.length)
+        held = np.sqrt(self.damping + np.where(local.seen, 0.0, UNIDENTIFIABLE_DAMPING))
+        objective = self.length**2 / self._whole * (squares + cp.sum_squares(cp.multiply(held, self.u)))
+        prior = self.region.prior
+        if prior is None:
+            return objective
+        X = self._moved(prior.inertia.at(local.theta), prior.inertia.slopes, prior.whitening)
+        return objective + prior.weight / self._whole * (cp.trace(X) - cp.log_det(X))
+
+    def _end(self, *, lower: bool) -> tuple[Any, NDArray[np.intp]]:
+        """The condition of the lower or upper bounds within reach of a step, and their indices."""
+        local, region = self.local, self.region
+        slack = (local.theta - region.low if lower else region.high - local.theta) / local.spread / self.length
+        kept = np.flatnonzero(slack < DISTANT_BOUND)
+        move = (local.basis[kept] / local.spread[kept, None]) @ self.u if kept.size else np.zeros(0)
+        return (slack[kept] + move if lower else slack[kept] - move) >= 0, kept
+
+    def _moved(self, matrix: Array, slopes: Array, outer: Array) -> Any:
+        """outer J(theta + B y) outer', symmetric, as a CVXPY expression."""
+        n = len(matrix)
+        turned = (outer @ slopes @ outer.T).reshape(len(slopes), -1).T @ self.local.basis * self.length
+        return outer @ matrix @ outer.T + cvxpy().reshape(turned @ self.u, (n, n), order="C")
+
+    def solve(self) -> ConeSolution | None:
+        """The solution, None when the solver fails."""
+        cp, local, region = cvxpy(), self.local, self.region
+        ends = [self._end(lower=lower) for lower in (True, False)]
+        conditions = [condition for condition, kept in ends if kept.size]
+        scale = inertia_scale(local, region, self.length)
+        cone = self._moved(region.matrix(local.theta), region.slopes, np.diag(1 / scale)) >> 0 if scale.size else None
+        if not solve_conic(cp.Problem(cp.Minimize(self._objective()), conditions + ([] if cone is None else [cone]))):
+            return None
+        theta = np.clip(local.theta + local.basis @ self.u.value * self.length, region.low, region.high)
+        Z = np.zeros((0, 0)) if cone is None else self._whole * cone.dual_value / np.outer(scale, scale)
+        low, high = (self._multiplier(condition, kept) for condition, kept in ends)
+        return ConeSolution(theta, low, high, Z)
+
+    def _multiplier(self, condition: Any, kept: NDArray[np.intp]) -> Array:
+        found = np.zeros(len(self.local.theta))
+        if kept.size:
+            found[kept] = self._whole * condition.dual_value / self.local.spread[kept] / self.length
+        return found
+
+
+def inertia_scale(local: QuadraticModel, region: FeasibleRegion, length: float = 1.0) -> Array:
+    """Square roots (n,) of the size of J's diagonal: its value, or its change by `length` std of the parameters."""
+    diagonal = np.abs(np.diag(region.matrix(local.theta)))
+    shifts = length * np.linalg.norm(np.diagonal(region.slopes, axis1=1, axis2=2).T @ local.basis, axis=1)
+    return np.asarray(np.sqrt(np.maximum(np.maximum(diagonal, shifts), 1e-300)))

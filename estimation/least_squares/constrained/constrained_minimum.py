@@ -1,0 +1,148 @@
+"""Constrained least-squares minimum, its covariance, and the increase of chi-square due to the constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.least_squares.constrained.active_constraint import (
+    ACTIVE_CONSTRAINT_HEADER,
+    ActiveConstraint,
+    active_constraints,
+    chi_bar_squared_sf,
+    constraints_lifted,
+    p_value_text,
+    strictly_active,
+)
+from estimation.least_squares.constrained.active_set import ActiveSet
+from estimation.least_squares.constrained.kkt_conditions import KKTConditions
+from estimation.least_squares.constrained.quadratic_model import LeastSquaresProblem, QuadraticModel
+from estimation.least_squares.constrained.sequential_cone_programs import sequential_cone_programs
+from estimation.least_squares.constraints.constraints import Constraints
+from estimation.least_squares.constraints.feasible_region import FeasibleRegion
+from estimation.least_squares.estimates import table
+from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ConstrainedMinimum:
+    """Parameters at the minimum of chi-square and prior within a region; extends `LeastSquaresMinimum`.
+
+    theta       (k,)
+    covariance  (k, k) of data and prior, zero for a fixed parameter. Active inequalities are not treated as equalities:
+                the region is convex, so that the constrained estimate is nearer to any truth inside than the
+                unconstrained one, in the metric of the data, and the unconstrained covariance is conservative; that on
+                the tangent (`tangent_covariance`) would be far too small where the truth lies off the boundary
+    shown       (k,) whether data and prior identify a parameter
+    cost        chi-square of the data alone
+    converged   whether the KKT conditions are met
+    free        the unconstrained minimum (parameters' own bounds only)
+    optimality  multipliers and residual of the KKT conditions
+    """
+
+    theta: Array
+    covariance: Array
+    shown: NDArray[np.bool_]
+    cost: float
+    converged: bool
+    free: LeastSquaresMinimum
+    region: FeasibleRegion
+    optimality: KKTConditions
+
+    @cached_property
+    def active(self) -> tuple[ActiveConstraint, ...]:
+        """The active constraints, by decreasing chi-square."""
+        return active_constraints(self.optimality)
+
+    @cached_property
+    def tangent_covariance(self) -> Array:
+        """Covariance (k, k) with the strictly active constraints as equalities, the curvature of the cone included.
+
+        Times the derivative's transpose it is the sensitivity of the estimate to the readings for this active set.
+        """
+        return constraints_lifted(
+            self.optimality, np.zeros(len(self.optimality.unit_multipliers), dtype=bool)
+        ).covariance
+
+    @property
+    def rise(self) -> float:
+        """Increase of the data's chi-square above the unconstrained minimum."""
+        return max(self.cost - self.free.cost, 0.0)
+
+    @property
+    def pulled(self) -> float:
+        """Contribution of the prior's divergence to the chi-square."""
+        return self.region.added(self.theta)
+
+    @property
+    def p_value(self) -> float | None:
+        """p-value of the rise if the truth satisfies all constraints: an upper limit, as in `ActiveConstraint`.
+
+        None with a prior, which biases the estimate in any case.
+        """
+        count = int(strictly_active(self.optimality).sum())
+        return None if self.region.prior is not None else chi_bar_squared_sf(self.rise, count) if count else 1.0
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Each active constraint as text, under `ACTIVE_CONSTRAINT_HEADER`."""
+        return [row for active in self.active for row in active.rows()]
+
+    def __str__(self) -> str:
+        inactive = "no constraint is active" + (
+            ": this is the unconstrained minimum" if self.region.prior is None else ""
+        )
+        lines = [table(ACTIVE_CONSTRAINT_HEADER, self.rows()) if self.active else inactive]
+        if self.rise:
+            chance = "" if self.p_value is None else f" (p <= {p_value_text(self.p_value)})"
+            lines.append(f"chi-square {self.cost:.6g}, {self.rise:.4g} above the unconstrained minimum{chance}")
+        if self.region.prior is not None:
+            lines.append(f"the prior adds {self.pulled:.4g} to the chi-square")
+        if not self.converged:
+            lines.append("not converged: the KKT conditions are not met, the estimates are not final")
+        return "\n".join(lines)
+
+
+def minimise_constrained(problem: LeastSquaresProblem, start: Array, constraints: Constraints) -> ConstrainedMinimum:
+    """The minimum of chi-square and prior under constraints.
+
+    The unconstrained minimum where it is feasible. Otherwise by `sequential_cone_programs` from there.
+    Raises InputError when the constraints have unknown names, are infeasible together or fit no tool.
+    """
+    region = constraints.region(problem.layout)
+    free = problem.minimise(start)
+    if region.prior is None and region.contains(free.theta):
+        return _unconstrained_minimum(problem, region, free)
+    found = sequential_cone_programs(problem, region, free.theta)
+    relaxed = constraints_lifted(found, ~found.edge.sign_free)
+    free_parameters = ~region.fixed
+    return ConstrainedMinimum(
+        theta=found.edge.local.theta,
+        covariance=relaxed.covariance * np.outer(free_parameters, free_parameters),
+        shown=relaxed.shown,
+        cost=found.edge.local.cost,
+        converged=found.met,
+        free=free,
+        region=region,
+        optimality=found,
+    )
+
+
+def _unconstrained_minimum(
+    problem: LeastSquaresProblem, region: FeasibleRegion, free: LeastSquaresMinimum
+) -> ConstrainedMinimum:
+    """The unconstrained minimum as a constrained one; a bound of an effect may be active."""
+    return ConstrainedMinimum(
+        theta=free.theta,
+        covariance=free.covariance,
+        shown=free.shown,
+        cost=free.cost,
+        converged=free.converged,
+        free=free,
+        region=region,
+        optimality=KKTConditions(ActiveSet.touched(region, QuadraticModel.at(problem, free.theta, None))),
+    )

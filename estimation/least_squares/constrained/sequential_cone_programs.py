@@ -1,0 +1,82 @@
+"""Constrained minimum by sequential cone programs, polished by Newton steps on the active set."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.least_squares.constrained.active_set import ActiveSet
+from estimation.least_squares.constrained.cone_program import ConeProgram
+from estimation.least_squares.constrained.kkt_conditions import KKTConditions, sum_of_squares
+from estimation.least_squares.constrained.null_space_step import NullSpaceStep
+from estimation.least_squares.constrained.quadratic_model import LeastSquaresProblem, QuadraticModel
+from estimation.least_squares.constraints.feasible_region import FeasibleRegion
+from estimation.least_squares.levenberg_marquardt import MAX_STEPS, STEP_TOLERANCE
+from modeling.errors import TruewrenchError
+
+Array = NDArray[np.float64]
+
+MAX_NEWTON_STEPS = 20
+
+
+def sequential_cone_programs(problem: LeastSquaresProblem, region: FeasibleRegion, start: Array) -> KKTConditions:
+    """The minimum of chi-square and prior over the region, from any initial value, with its multipliers.
+
+    Each step minimises the quadratic model over the whole region, so that every iterate after the first is feasible and
+    the sum of squares is the merit function; Levenberg damping handles nonlinear predictions. The active set of a step
+    is then polished, and the result is the first point that meets the KKT conditions.
+    Raises TruewrenchError when the solver finds no point at all.
+    """
+    local, merit, damping = QuadraticModel.at(problem, start, region.prior), np.inf, 0.0
+    found = None
+    for _ in range(MAX_STEPS):
+        solution = ConeProgram(local, region, damping).solve()
+        if solution is not None:
+            edge = ActiveSet.of_solution(region, local, solution).at(
+                QuadraticModel.at(problem, solution.theta, region.prior)
+            )
+            cost = edge.local.cost + region.added(solution.theta)
+            if cost < merit:
+                found = newton_polished(problem, edge)
+                if found.met or merit - cost < STEP_TOLERANCE:
+                    break
+                local, merit, damping = edge.local, cost, damping / 10 if damping > 1e-9 else 0.0
+                continue
+        damping = max(10 * damping, 1e-6)
+        if damping > 1e6:
+            break
+    if found is None:
+        raise TruewrenchError(
+            "constraints: the solver found no solution of the cone program; widen or remove some of them"
+        )
+    return found
+
+
+def newton_polished(problem: LeastSquaresProblem, edge: ActiveSet) -> KKTConditions:
+    """Newton steps on the KKT conditions with the active set held, as long as they halve the residual.
+
+    A step that corrects the curvature of the boundary can increase the residual before the next one reduces it: one
+    such step is allowed.
+    """
+    best, region, failures = KKTConditions(edge), edge.region, 0
+    latest = best
+    for _ in range(MAX_NEWTON_STEPS):
+        if failures > 1 or best.exact:
+            break
+        latest = KKTConditions(edge.at(QuadraticModel.at(problem, _tangent_step(latest), region.prior)))
+        failures = 0 if latest.residual < best.residual / 2 else failures + 1
+        best = latest if latest.residual < best.residual else best
+    return best
+
+
+def _tangent_step(found: KKTConditions) -> Array:
+    """The point after one step on the active set, active bounds met exactly; halved until the prior is finite."""
+    edge, region = found.edge, found.edge.region
+    step = NullSpaceStep(edge.local, *sum_of_squares(edge, found.inner), edge.normals, edge.values).step
+    for _ in range(MAX_STEPS):
+        theta = edge.local.theta + step
+        theta = np.asarray(np.where(edge.low, region.low, np.where(edge.high, region.high, theta)))
+        if np.isfinite(region.added(theta)):
+            break
+        step = step / 2
+    return theta

@@ -1,0 +1,1 @@
+"""Constraints on parameters: bounds, physical consistency and a prior; their feasible region."""

@@ -1,0 +1,52 @@
+"""Bounds: stated intervals of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Self
+
+from estimation.least_squares.constraints.parameter_file import is_real_number, read_parameter_file
+from modeling.errors import InputError
+
+BOUNDS_REMEDY = "write name = [low, high], in the parameter's SI unit; inf leaves a side unbounded"
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Lower and upper bound of parameters by name, inclusive, in the parameters' units.
+
+    Equal bounds fix a parameter. With several recordings `bias_fx` is the first one's, `bias_fx@name` another's.
+    `where` names their source in an InputError.
+    """
+
+    intervals: Mapping[str, tuple[float, float]]
+    where: str = "bounds"
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """The bounds of a TOML file: `m = [0.1, 3.0]`, `"viscous_drag.c" = [0, inf]`.
+
+        Raises InputError, in one line with file and key, for an invalid interval.
+        """
+        return cls.from_data(read_parameter_file(path), where=str(path))
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, object], *, where: str = "bounds") -> Self:
+        """The bounds of a plain dictionary with the file's layout."""
+        return cls({name: _interval(name, value, where) for name, value in data.items()}, where)
+
+
+def _interval(name: str, value: object, where: str) -> tuple[float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 2 or not all(map(is_real_number, value)):
+        text = repr(value)
+        given = text if len(text) <= 60 else text[:57] + "..."
+        raise InputError(what=f"{name}: two numbers were expected, and {given} came", where=where, remedy=BOUNDS_REMEDY)
+    low, high = map(float, value)
+    if low > high or low == inf or high == -inf:
+        raise InputError(
+            what=f"{name}: [{low:g}, {high:g}] contains no finite value", where=where, remedy=BOUNDS_REMEDY
+        )
+    return low, high

@@ -1,0 +1,48 @@
+"""Constraints of a fit: bounds, physical consistency of the tool, and a prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimation.least_squares.constraints.bounds import Bounds
+from estimation.least_squares.constraints.feasible_region import FeasibleRegion
+from estimation.least_squares.constraints.infeasible_subset import require_interior
+from estimation.least_squares.constraints.parameter_file import require_known_names
+from estimation.least_squares.constraints.prior import Prior
+from estimation.parameter_layout import ParameterLayout
+from modeling.chain.pseudo_inertia import pseudo_inertia
+
+
+@dataclass(frozen=True, kw_only=True)
+class Constraints:
+    """Bounds of parameters, physical consistency of the tool, and a reference tool as prior; each is optional.
+
+    physical    the pseudo-inertia is positive semidefinite: some mass distribution has these moments
+    prior       implies physical consistency where its weight is not 0
+    """
+
+    bounds: Bounds | None = None
+    physical: bool = False
+    prior: Prior | None = None
+
+    def region(self, unknowns: ParameterLayout) -> FeasibleRegion:
+        """Feasible region of a fit's parameters; the tool is that of the first recording's model.
+
+        Raises InputError when a name is unknown, the tool's moments are not linear in the parameters, or the
+        constraints are infeasible together (it names an irreducible subset).
+        """
+        names = [p.name for p in unknowns.parameters]
+        bounds = self.bounds or Bounds({})
+        require_known_names(bounds.intervals, names, bounds.where)
+        inertia = pseudo_inertia(unknowns.models[0]) if self.physical or self.prior is not None else None
+        divergence = None if self.prior is None or inertia is None else self.prior.divergence(inertia, names)
+        weighted = divergence is not None and divergence.weight > 0
+        region = FeasibleRegion(
+            parameters=unknowns.parameters,
+            stated={names.index(name): interval for name, interval in bounds.intervals.items()},
+            inertia=inertia.over(names) if inertia is not None and self.physical and not weighted else None,
+            prior=divergence if weighted else None,
+            where=bounds.where,
+        )
+        require_interior(region)
+        return region

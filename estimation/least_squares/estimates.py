@@ -1,0 +1,118 @@
+"""Estimated parameters with std and unit, and their unidentifiable combinations."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.least_squares.identifiability import (
+    LeastCertainDirection,
+    UnidentifiableDirection,
+    least_certain_direction,
+    unidentifiable_directions,
+)
+from estimation.least_squares.levenberg_marquardt import MAX_STEPS, NEGLIGIBLE_COLUMN_LENGTH, SINGULAR_VALUE_TOLERANCE
+from estimation.least_squares.linear_least_squares import ScaledSVD
+from estimation.least_squares.square_root_information import SquareRootInformation
+from estimation.text_table import table as table
+from modeling.parameter import Parameter
+
+Array = NDArray[np.float64]
+
+ILL_CONDITIONED = 1e3
+"""Condition number above which a table remarks on it: one direction is a thousand times less certain than another."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One estimated parameter: value and standard deviation in `unit`."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+
+
+class Estimates(ABC):
+    """Parameters estimated by least squares, from recordings or a stream.
+
+    theta        (k,), its covariance (k, k), and `shown` (k,), whether a parameter is identifiable
+    converged    whether the iteration converged
+    """
+
+    theta: Array
+    covariance: Array
+    shown: NDArray[np.bool_]
+    converged: bool
+
+    @property
+    @abstractmethod
+    def information(self) -> SquareRootInformation:
+        """Square-root information of theta from the whitened rows."""
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The estimated parameters, in the order of theta."""
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Estimate]:
+        """Every parameter by name, with std and unit; an unidentifiable one has an infinite std."""
+        std = np.where(self.shown, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.inf)
+        return {
+            p.name: Estimate(p.name, float(value), float(s), p.unit)
+            for p, value, s in zip(self.unknowns, self.theta, std, strict=True)
+        }
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of every parameter by name."""
+        return {name: estimate.value for name, estimate in self.parameters.items()}
+
+    @cached_property
+    def scaled_svd(self) -> ScaledSVD:
+        """Scaled SVD of the information: its identifiable directions."""
+        return ScaledSVD.of(self.information.root, SINGULAR_VALUE_TOLERANCE, NEGLIGIBLE_COLUMN_LENGTH)
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the whitened columns scaled to unit norm, over the identifiable directions."""
+        return self.scaled_svd.condition
+
+    @cached_property
+    def unseen(self) -> tuple[UnidentifiableDirection, ...]:
+        """Unidentifiable parameter combinations."""
+        return unidentifiable_directions(self.scaled_svd, self.unknowns)
+
+    @cached_property
+    def weakest(self) -> LeastCertainDirection | None:
+        """The least certain of the identifiable directions."""
+        return least_certain_direction(self.scaled_svd, self.unknowns)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Name, value, std and unit of every parameter, as text."""
+        return [
+            (e.name, f"{e.value:.6g}", f"{e.std:.2g}", e.unit)
+            if np.isfinite(e.std)
+            else (e.name, "-", "not identifiable", e.unit)
+            for e in self.parameters.values()
+        ]
+
+    def remarks(self) -> list[str]:
+        """Remarks on the estimate: ill-conditioning, unidentifiable combinations, missing convergence."""
+        found = [f"condition {self.condition:.2g}; {self.weakest}"] if self.condition > ILL_CONDITIONED else []
+        alone = [d.names[0] for d in self.unseen if len(d.names) == 1]
+        if len(alone) > 1:
+            found.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
+        found += [str(d) for d in self.unseen if len(d.names) > 1 or len(alone) == 1]
+        return (
+            found if self.converged else [*found, f"not converged after {MAX_STEPS} steps: the estimates are not final"]
+        )
+
+    def __str__(self) -> str:
+        return "\n".join([table(("parameter", "value", "std", "unit"), self.rows()), *self.remarks()])

@@ -1,0 +1,116 @@
+"""Levenberg-Marquardt minimisation within bounds, from square-root information."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.least_squares.linear_least_squares import LinearSolution, ScaledSVD
+from estimation.least_squares.square_root_information import EPS, SquareRootInformation
+from modeling.errors import InputError
+
+Array = NDArray[np.float64]
+
+STEP_TOLERANCE = 1e-6
+"""Decrease of chi-square below which a refit has converged: a thousandth of a std from its minimum."""
+MAX_STEPS = 40
+NEGLIGIBLE_STEP = 1e-6
+"""Relative change of every parameter below which a step is accepted without evaluating it."""
+SLOW_PROGRESS_SHARE = 0.1
+"""Share of the chi-square that a step must gain while it is above `far`."""
+SINGULAR_VALUE_TOLERANCE = 1e-9
+"""Relative singular value, of columns of unit norm, below which a direction is only rounding of smoothed signals."""
+
+NEGLIGIBLE_COLUMN_LENGTH = 1e-6
+"""Norm of a whitened column that is only rounding: a million SI units would not move the readings by a std."""
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquaresMinimum:
+    """Parameters (k,) at a minimum, their covariance (k, k), which are identifiable (k,), and the chi-square.
+
+    `converged` is False when the steps ran out before the chi-square settled. `information` is that of the rows at the
+    minimum, for theta itself.
+    """
+
+    theta: Array
+    covariance: Array
+    shown: NDArray[np.bool_]
+    cost: float
+    converged: bool
+    information: SquareRootInformation
+
+    @classmethod
+    def at(cls, theta: Array, steps: SquareRootInformation, converged: bool) -> LeastSquaresMinimum:
+        """At theta, from the information on a step from theta."""
+        scaled_svd = ScaledSVD.of(steps.root, SINGULAR_VALUE_TOLERANCE, NEGLIGIBLE_COLUMN_LENGTH)
+        return cls(theta, scaled_svd.covariance, scaled_svd.shown, steps.cost, converged, steps.moved(-theta))
+
+
+def levenberg_marquardt(
+    information: Callable[[Array], SquareRootInformation],
+    start: Array,
+    bounds: tuple[Array, Array],
+    far: float = np.inf,
+) -> LeastSquaresMinimum:
+    """The least-squares minimum within bounds; `information(theta)` is that of the rows at theta, for a step from it.
+
+    Gauss-Newton steps with Levenberg's damping on columns of unit norm, clipped to the bounds. A linear model takes one
+    step, and a second one that refines it with the residual in the data. A step that gains nothing by the linear model
+    of the rows (relative offset: Bates and Watts, Technometrics 23, 1981) and moves no parameter by more than
+    `NEGLIGIBLE_STEP` is the last, without evaluating the rows there.
+    A trial without a prediction (a spring too soft to carry its tool) counts as a step without gain.
+    A caller that only tests whether the chi-square falls below some value gives a limit `far` above it: there the
+    iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the chi-square.
+    """
+    theta, damping = np.clip(start, *bounds), 0.0
+    here = information(theta)
+    for _ in range(MAX_STEPS):
+        trial = np.clip(theta + levenberg_marquardt_step(here, theta, bounds, damping), *bounds)
+        predicted = here.moved(trial - theta)
+        if not damping and abs(here.cost - predicted.cost) < STEP_TOLERANCE and _is_negligible_step(theta, trial):
+            return LeastSquaresMinimum.at(trial, predicted, True)
+        there = _information_or_none(information, trial)
+        gain = -np.inf if there is None else here.cost - there.cost
+        if there is not None and gain > 0:
+            theta, here = trial, there
+            if here.cost > far and gain < SLOW_PROGRESS_SHARE * here.cost:
+                return LeastSquaresMinimum.at(theta, here, False)
+            damping = damping / 10 if damping > 1e-9 else 0.0
+        else:
+            damping = max(10 * damping, 1e-6)
+        # With very many rows the rounding of the chi-square itself exceeds the tolerance.
+        if abs(gain) < STEP_TOLERANCE + 4 * EPS * here.cost or damping > 1e6:
+            return LeastSquaresMinimum.at(theta, here, True)
+    return LeastSquaresMinimum.at(theta, here, False)
+
+
+def _is_negligible_step(theta: Array, trial: Array) -> bool:
+    """Whether a step moves no parameter by more than its last digits, where every model is linear."""
+    return bool(np.all(np.abs(trial - theta) <= NEGLIGIBLE_STEP * np.abs(trial)))
+
+
+def _information_or_none(
+    information: Callable[[Array], SquareRootInformation], trial: Array
+) -> SquareRootInformation | None:
+    """The information at a trial, None where the model has no prediction."""
+    try:
+        return information(trial)
+    except InputError:
+        return None
+
+
+def levenberg_marquardt_step(
+    here: SquareRootInformation, theta: Array, bounds: tuple[Array, Array], damping: float
+) -> Array:
+    """A Levenberg step with parameters at active bounds held fixed, zero along unidentifiable directions."""
+    gradient = here.root.T @ here.target
+    free = ~(((theta <= bounds[0]) & (gradient < 0)) | ((theta >= bounds[1]) & (gradient > 0)))
+    part = here.only(free)
+    step = np.zeros_like(theta)
+    damped = part.held(np.sqrt(damping)) if damping else part
+    step[free] = LinearSolution.of(damped, rounding=SINGULAR_VALUE_TOLERANCE, faint=NEGLIGIBLE_COLUMN_LENGTH).theta
+    return step

@@ -1,0 +1,129 @@
+"""The whitened least-squares problem of one model, its recordings and their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum, levenberg_marquardt
+from estimation.least_squares.square_root_information import SquareRootInformation
+from estimation.model_response import model_response
+from estimation.noise.recording_noise import RecordingNoise
+from estimation.parameter_layout import ParameterLayout
+from estimation.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisedRows:
+    """Whitened residual and derivative at one theta; the derivative only in rows where it does not vanish.
+
+    residual    (rows,) measured minus predicted
+    derivative  (r, k) of the prediction in the rows `reached`; in all others it vanishes
+    reached     slice or (r,) index: for a prediction periodic with the motion the excited lines alone
+    """
+
+    residual: Array
+    derivative: Array
+    reached: slice | NDArray[np.intp]
+
+    @property
+    def reached_residual(self) -> Array:
+        """The residual in the rows `reached`, (r,)."""
+        return np.asarray(self.residual[self.reached])
+
+    @property
+    def cost(self) -> float:
+        """Whitened chi-square."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def whole(self) -> Array:
+        """The derivative in all rows, (rows, k)."""
+        if len(self.derivative) == len(self.residual):
+            return self.derivative
+        derivative = np.zeros((len(self.residual), self.derivative.shape[1]))
+        derivative[self.reached] = self.derivative
+        return derivative
+
+    @property
+    def _unreached_power(self) -> float:
+        """Sum of squares of the residual in the other rows."""
+        if len(self.derivative) == len(self.residual):
+            return 0.0
+        others = np.delete(self.residual, self.reached)
+        return float(others @ others)
+
+    @property
+    def information(self) -> SquareRootInformation:
+        """Square-root information of the whitened rows on a step from theta."""
+        rows = self.derivative
+        nonzero = np.flatnonzero(np.einsum("ij,ij->j", rows, rows))  # columns of zeros need no factorisation
+        whole = len(nonzero) == rows.shape[1]
+        found = SquareRootInformation.of(rows if whole else rows[:, nonzero], self.reached_residual)
+        found = replace(found, power=found.power + self._unreached_power, rows=len(self.residual))
+        return found if whole else found.spread(nonzero, rows.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedProblem:
+    """The whitened least-squares problem of one model, its recordings and their noise."""
+
+    layout: ParameterLayout
+    recordings: tuple[Recording, ...]
+    noise: tuple[RecordingNoise, ...]
+
+    @cached_property
+    def measured(self) -> tuple[Array, ...]:
+        """Whitened readings of each recording, (rows,)."""
+        return tuple(n.readings(r) for n, r in zip(self.noise, self.recordings, strict=True))
+
+    def linearised(self, theta: Array) -> LinearisedRows:
+        """The whitened rows about theta (k,)."""
+        residuals, parts, reached, start = [], [], [], 0
+        for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
+            index = self.layout.index[number]
+            rows = noise.whitener.reached(model_response(self.layout.models[number], recording, theta[index]))
+            residual = self.measured[number].copy()
+            residual[: len(rows)] -= rows[:, 0]
+            residuals.append(residual)
+            if len(index) == self.layout.size and (index == np.arange(len(index))).all():
+                derivative = rows[:, 1:]
+            else:
+                derivative = np.zeros((len(rows), self.layout.size))
+                derivative[:, index] = rows[:, 1:]
+            parts.append(derivative)
+            reached.append((start, start + len(rows)))
+            start += len(residual)
+        return LinearisedRows(_joined(residuals), _joined(parts), _rows(reached))
+
+    def evaluate(self, theta: Array) -> tuple[Array, Array]:
+        """Whitened residual (rows,), measured minus predicted, and derivative of the prediction (rows, k)."""
+        linearised = self.linearised(theta)
+        return linearised.residual, linearised.whole
+
+    def information(self, theta: Array) -> SquareRootInformation:
+        """Square-root information of the whitened rows on a step from theta."""
+        return self.linearised(theta).information
+
+    def minimise(self, start: Array) -> LeastSquaresMinimum:
+        """The least-squares minimum within the parameters' bounds; derivatives are exact."""
+        low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
+        return levenberg_marquardt(self.information, start, (low, high))
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _rows(ranges: Sequence[tuple[int, int]]) -> slice | NDArray[np.intp]:
+    """Ranges of rows as one slice where they follow each other, else as an index."""
+    if all(end == start for (_, end), (start, _) in pairwise(ranges)):
+        return slice(ranges[0][0], ranges[-1][1])
+    return np.concatenate([np.arange(start, end) for start, end in ranges])

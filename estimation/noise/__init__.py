@@ -1,0 +1,1 @@
+"""Noise of recordings: spectra, autoregression, whitening, leakage and recording-specific disturbances."""

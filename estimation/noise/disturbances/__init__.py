@@ -1,0 +1,1 @@
+"""Recording-specific disturbances: drift, transient events and tones."""

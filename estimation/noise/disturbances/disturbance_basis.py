@@ -1,0 +1,39 @@
+"""Orthonormal basis of recording-specific disturbances (drift, auxiliary signals, transient events, tones).
+
+Their part that is periodic with the motion is subtracted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.noise.disturbances.tones import sinusoids
+from estimation.noise.recording_noise import sample_step
+from estimation.recordings.recording import Recording
+from modeling.effects import BiasDrift
+
+Array = NDArray[np.float64]
+
+DRIFT_DEGREE = BiasDrift().degree
+"""Degree of the polynomials that count as drift, not noise: four half-waves over the record to 0.1 % of power."""
+
+
+def disturbance_basis(
+    recording: Recording, events: Sequence[tuple[float, float]], tones: Sequence[float] = ()
+) -> Array:
+    """Orthonormal basis (n, k) of drift, auxiliary signals, events (s) and tones (Hz), less their mean over repeats."""
+    n, repeats = recording.samples, recording.repeats
+    columns = list(np.polynomial.legendre.legvander(np.linspace(-1, 1, n), DRIFT_DEGREE)[:, 1:].T)
+    columns += [recording.signals[name] for name in recording.auxiliary]
+    time = np.arange(n) * sample_step(recording)
+    columns += [((time >= start) & (time < end)).astype(float) for start, end in events]
+    columns += list(sinusoids(recording, tones).T)
+    blocks = np.stack(columns, axis=1).reshape(repeats, n // repeats, -1)
+    nonperiodic = (blocks - blocks.mean(axis=0)).reshape(n, -1)
+    scale = np.linalg.norm(nonperiodic, axis=0)
+    nonperiodic = nonperiodic[:, scale > 1e-12 * max(scale.max(), 1e-300)]
+    left, singular, _ = np.linalg.svd(nonperiodic / np.linalg.norm(nonperiodic, axis=0), full_matrices=False)
+    return np.asarray(left[:, singular > 1e-9 * singular[0]])

@@ -1,0 +1,157 @@
+"""Transient events in a recording with repeats: intervals where one repeat deviates from the others.
+
+Generalised least squares over candidate windows, Bonferroni-corrected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.distributions import chi2_isf
+from estimation.noise.disturbances.disturbance_basis import disturbance_basis
+from estimation.noise.leakage import LEAKAGE_SAMPLES, impulse_responses
+from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
+from estimation.noise.recording_noise import sample_step
+from estimation.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+MAX_EVENTS = 3
+
+
+def find_events_in_repeats(recording: Recording, residual: Array) -> tuple[tuple[float, float], ...]:
+    """Intervals (s) in which a repeat deviates from the others by more than noise and drift explain.
+
+    Rectangular pulses over a grid of starts and lengths are fitted one after another, together with drift, by
+    generalised least squares at the non-excited lines, Bonferroni-corrected for all windows (1 in 1000). An event must
+    be significant without its largest sample too: of an outlier nothing remains, of an event all but that sample in
+    white noise and one of its two edges in noise of strong low-frequency power.
+    """
+    if recording.repeats < 3:
+        return ()
+    found: list[tuple[float, float]] = []
+    for _ in range(MAX_EVENTS):
+        window = _most_significant_window(recording, residual, found)
+        if window is None:
+            break
+        found.append(window)
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _WindowScores:
+    """Score tests of rectangular pulses b by generalised least squares, from cumulative sums.
+
+    For channel c with weight W_c = 1/S_c at the non-excited lines and nuisance columns D_c (drift, leakage), the score
+    of a pulse is (b' M r)² / (b' M b), M = W - W D (D' W D)^-1 D' W.
+
+    product     (n + 1, p) cumulative sum of M r
+    nuisance    (n + 1, p, k) cumulative sum of W D (D' W D)^-1/2
+    information (n + 1, p) b' W b of a pulse by its length
+    """
+
+    product: Array
+    nuisance: Array
+    information: Array
+
+    def scores(self, start: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
+        """Chi-square of pulses over samples start <= t < end, with as many degrees of freedom as channels."""
+        product = self.product[end] - self.product[start]
+        explained = ((self.nuisance[end] - self.nuisance[start]) ** 2).sum(axis=2)
+        information = self.information[end - start]
+        return np.asarray((product**2 / np.maximum(information - explained, 1e-3 * information)).sum(axis=1))
+
+    def share_without_largest_sample(self, start: int, end: int) -> float:
+        """Share of the pulse's product b' M r in its strongest channel without the largest sample."""
+        parts = np.diff(self.product[start : end + 1], axis=0)
+        channel = int(np.argmax(np.abs(parts.sum(axis=0)) / np.sqrt(self.information[end - start])))
+        signed = parts[:, channel] * np.sign(parts[:, channel].sum())
+        return float((signed.sum() - signed.max()) / signed.sum())
+
+
+def _window_scores(recording: Recording, residual: Array, found: Sequence[tuple[float, float]]) -> _WindowScores:
+    n, repeats, dt = recording.samples, recording.repeats, sample_step(recording)
+    disturbances = disturbance_basis(recording, found)
+    index = np.arange(n // 2 + 1)
+    spectra = _event_free_spectra(recording, residual)
+    frequency = np.maximum(index, 1) / (n * dt)
+    weight = (index % repeats != 0)[:, None] / np.stack([s(frequency) for s in spectra], axis=1)
+    leakage = impulse_responses(spectra, n, dt)
+    product, nuisance, information = [], [], []
+    for c in range(len(spectra)):
+        columns = np.column_stack([disturbances, leakage[:, c, c * LEAKAGE_SAMPLES : (c + 1) * LEAKAGE_SAMPLES]])
+        columns = columns / np.linalg.norm(columns, axis=0)
+        weighted = np.fft.irfft(np.fft.rfft(columns, axis=0) * weight[:, c, None], n=n, axis=0)
+        values, vectors = np.linalg.eigh(columns.T @ weighted)
+        independent = values > 1e-9 * values.max()
+        orthonormal = weighted @ (vectors[:, independent] / np.sqrt(values[independent]))
+        plain = np.fft.irfft(np.fft.rfft(residual[:, c]) * weight[:, c], n=n)
+        product.append(plain - orthonormal @ (orthonormal.T @ residual[:, c]))
+        nuisance.append(np.cumsum(np.vstack([np.zeros(orthonormal.shape[1]), orthonormal]), axis=0))
+        correlation = np.fft.irfft(weight[:, c], n=n)
+        sums = np.cumsum(correlation)
+        information.append(np.concatenate([[0.0], 2 * np.cumsum(sums) - np.arange(1, n + 1) * correlation[0]]))
+    size = max(d.shape[1] for d in nuisance)
+    nuisance = [np.pad(d, ((0, 0), (0, size - d.shape[1]))) for d in nuisance]
+    cumulative = np.cumsum(np.vstack([np.zeros(len(product)), np.stack(product, axis=1)]), axis=0)
+    return _WindowScores(cumulative, np.stack(nuisance, axis=1), np.stack(information, axis=1))
+
+
+def _event_free_spectra(recording: Recording, residual: Array) -> tuple[PowerSpectrum, ...]:
+    """Spectra from the quieter pairs of repeats: the lower quartile over all pairs of their difference's power.
+
+    An event in one or two repeats leaves enough pairs without it. Mean and variance of the quartile of such dependent
+    powers come from simulated white noise.
+    """
+    repeats, period = recording.repeats, recording.samples_per_repeat
+    lines = np.fft.rfft(residual.reshape(repeats, period, -1), axis=1)[:, 1:-1]
+    drawn = np.random.default_rng(0).standard_normal((repeats, 4000, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+    reference = _lower_quartile_of_pairs(drawn)
+    power = _lower_quartile_of_pairs(lines / np.sqrt(period)) / reference.mean()
+    shape = float(reference.mean() ** 2 / reference.var())
+    frequency = np.arange(1, len(power) + 1) / (period * sample_step(recording))
+    lowest = 1 / (recording.samples * sample_step(recording))
+    return tuple(smooth_power_spectrum(frequency, column, shape=shape, start=lowest) for column in power.T)
+
+
+def _lower_quartile_of_pairs(lines: NDArray[np.complex128]) -> Array:
+    """Lower quartile over pairs of repeats (the first axis) of |difference|² / 2."""
+    first, second = np.triu_indices(len(lines), 1)
+    power = np.sort(np.abs(lines[first] - lines[second]) ** 2 / 2, axis=0)
+    return np.asarray(power[(len(first) - 1) // 4])
+
+
+def _most_significant_window(
+    recording: Recording, residual: Array, found: Sequence[tuple[float, float]]
+) -> tuple[float, float] | None:
+    n, p = residual.shape
+    windows = _window_scores(recording, residual, found)
+    lengths = np.unique(np.geomspace(max(8, n // 400), n // 2, 24).astype(int))
+    starts = [np.arange(0, n - length, max(1, length // 8)) for length in lengths]
+    start = np.concatenate(starts)
+    end = start + np.repeat(lengths, [len(s) for s in starts])
+    score = windows.scores(start, end)
+    best = int(score.argmax())
+    limit = chi2_isf(0.001 / len(start), p)
+    first, last = _refined_window(windows, int(start[best]), int(end[best]), n)
+    if score[best] * windows.share_without_largest_sample(first, last) ** 2 < limit:
+        return None
+    return first * sample_step(recording), last * sample_step(recording)
+
+
+def _refined_window(windows: _WindowScores, start: int, end: int, n: int) -> tuple[int, int]:
+    """The window moved at both ends, by ever smaller steps, to where its score is largest."""
+    step = max(1, (end - start) // 8)
+    while True:
+        moves = np.array([(start + i * step, end + j * step) for i in range(-4, 5) for j in range(-4, 5)])
+        moves = moves[(moves[:, 0] >= 0) & (moves[:, 1] <= n) & (moves[:, 1] - moves[:, 0] >= 4)]
+        best = moves[windows.scores(moves[:, 0], moves[:, 1]).argmax()]
+        if (best == (start, end)).all():
+            if step == 1:
+                return start, end
+            step = max(1, step // 2)
+        start, end = int(best[0]), int(best[1])

@@ -1,0 +1,167 @@
+"""Transient events in a single run: one interval with a constant wrench that the rigid tip cannot explain.
+
+Student's t, Bonferroni-corrected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.distributions import student_isf
+from estimation.model_response import model_response
+from estimation.parameter_layout import ParameterLayout, parameter_layout
+from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel
+
+Array = NDArray[np.float64]
+
+BLOCKS_PER_RUN = 120
+"""Blocks that a run is averaged into; an event lasts at least two of them."""
+EVENT_FALSE_ALARM = 0.01
+"""Probability of finding an event in a run without one."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockAverages:
+    """Readings and regressor of recordings averaged over blocks, slow enough for a tool's load or an event.
+
+    reading (b, p), regressor (b, p, k) in the unknowns of the layout, owner (b,) the recording of each block
+    raw_spread (recordings, p): median over blocks of the raw samples' std about their block
+    """
+
+    unknowns: ParameterLayout
+    reading: Array
+    regressor: Array
+    owner: NDArray[np.intp]
+    raw_spread: Array
+
+    @cached_property
+    def scale(self) -> Array:
+        """Std of each block and channel (b, p): the median size of the recording's successive differences."""
+        scale = np.ones_like(self.reading)
+        for number in np.unique(self.owner):
+            in_run = self.owner == number
+            steps = np.abs(np.diff(self.reading[in_run], axis=0))
+            scale[in_run] = np.maximum(np.median(steps, axis=0), 1e-9 + 1e-6 * np.abs(self.reading[in_run]).max(axis=0))
+        return scale
+
+    def residual_without(self, left_out: NDArray[np.bool_]) -> Array:
+        """Residual (b, p) of all blocks after a weighted fit to those not left out."""
+        used = ~left_out
+        rows = (self.regressor / self.scale[:, :, None])[used].reshape(-1, self.unknowns.size)
+        target = (self.reading / self.scale)[used].ravel()
+        length = np.linalg.norm(rows, axis=0)
+        length[length == 0] = 1.0
+        solution = np.linalg.lstsq(rows / length, target, rcond=1e-6)[0] / length
+        return np.asarray(self.reading - self.regressor @ solution)
+
+    def constant_wrench(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """A constant wrench (p,) in a window, estimated together with the tip, and the inflation of its std (p,).
+
+        The inflation is 1 where the tip is not collinear with such a wrench, and grows without limit as it becomes so.
+        """
+        p = self.reading.shape[1]
+        constant = inside[:, None, None] * np.eye(p)
+        rows = (np.concatenate([self.regressor, constant], axis=2) / self.scale[:, :, None]).reshape(
+            len(inside) * p, -1
+        )
+        length = np.linalg.norm(rows, axis=0)
+        length[length == 0] = 1.0
+        left, singular, right = np.linalg.svd(rows / length, full_matrices=False)
+        independent = singular > 1e-9 * singular[0]
+        inverse = right[independent].T / singular[independent]
+        wrench = (inverse @ (left[:, independent].T @ (self.reading / self.scale).ravel()) / length)[-p:]
+        inflation = np.linalg.norm(inverse, axis=1)[-p:]
+        return wrench, np.asarray(inflation)
+
+
+def find_events_in_single_runs(
+    model: WrenchModel, recordings: Sequence[Recording]
+) -> tuple[tuple[tuple[float, float], ...], ...]:
+    """At most one interval (s) per single run in which a constant wrench explains what the rigid tip cannot.
+
+    The window is the one without which the tip fits the other blocks best. It is an event when a constant wrench in
+    it, estimated together with the tip, is significant: Student's t with the larger of the std of the residual outside
+    and of the raw samples about their block, with as many degrees of freedom as there are independent blocks outside
+    (by their lag-one correlation), Bonferroni-corrected for channels and windows. Repeats detect far smaller events.
+    """
+    single = [r.repeats == 1 and not r.at_rest and r.samples >= 10 * BLOCKS_PER_RUN for r in recordings]
+    if not any(single):
+        return ((),) * len(recordings)
+    averages = _block_averages(model.base, recordings)
+    found: list[tuple[tuple[float, float], ...]] = []
+    for number, recording in enumerate(recordings):
+        window = _event_window(averages, number) if single[number] else None
+        step = recording.samples / BLOCKS_PER_RUN * (recording.dt or 0.0)
+        found.append(() if window is None else ((window[0] * step, window[1] * step),))
+    return tuple(found)
+
+
+def _block_averages(model: WrenchModel, recordings: Sequence[Recording]) -> BlockAverages:
+    unknowns = parameter_layout(model, recordings)
+    readings, regressors, owners, spreads = [], [], [], []
+    for number, recording in enumerate(recordings):
+        response = model_response(unknowns.models[number], recording, np.zeros(len(unknowns.models[number].parameters)))
+        whole = np.zeros((recording.samples, len(recording.channels), unknowns.size))
+        whole[:, :, unknowns.index[number]] = response.derivative
+        count = recording.samples if recording.at_rest else min(BLOCKS_PER_RUN, recording.samples)
+        parts = np.array_split(np.arange(recording.samples), count)
+        readings += [recording.wrench[part].mean(axis=0) for part in parts]
+        regressors += [whole[part].mean(axis=0) for part in parts]
+        owners += [number] * count
+        spreads.append(np.median([recording.wrench[part].std(axis=0) for part in parts], axis=0))
+    owner = np.array(owners, dtype=np.intp)
+    return BlockAverages(unknowns, np.array(readings), np.array(regressors), owner, np.array(spreads))
+
+
+def _event_window(averages: BlockAverages, number: int) -> tuple[int, int] | None:
+    in_run = np.flatnonzero(averages.owner == number)
+    coarse = [(i, j) for i in range(0, BLOCKS_PER_RUN, 6) for j in range(i + 6, BLOCKS_PER_RUN + 1, 6)]
+    best = _best_window(averages, in_run, coarse)
+    fine = range(-5, 6)
+    near = [(best[0] + i, best[1] + j) for i in fine for j in fine]
+    start, end = _best_window(averages, in_run, [(i, j) for i, j in near if 0 <= i < j - 1 and j <= BLOCKS_PER_RUN])
+    inside = np.zeros(len(averages.owner), dtype=bool)
+    inside[in_run[start:end]] = True
+    residual = averages.residual_without(inside)
+    outside = residual[np.setdiff1d(in_run, in_run[start:end])]
+    wrench, inflation = averages.constant_wrench(inside)
+    windows = len(coarse) + len(near)
+    raw_spread = averages.raw_spread[number]
+    return (start, end) if _is_significant(wrench, inflation, outside, raw_spread, windows) else None
+
+
+def _best_window(averages: BlockAverages, in_run: NDArray[np.intp], windows: list[tuple[int, int]]) -> tuple[int, int]:
+    """The window of largest likelihood: the fit to the blocks outside, each block inside with a wrench of its own."""
+    scores = []
+    for start, end in windows:
+        inside = np.zeros(len(averages.owner), dtype=bool)
+        inside[in_run[start:end]] = True
+        outside = (averages.residual_without(inside) / averages.scale)[in_run][~inside[in_run]]
+        count = len(outside)
+        scores.append(
+            np.inf if count < BLOCKS_PER_RUN // 5 else float(count * np.log((outside**2).mean(axis=0) + 1e-12).sum())
+        )
+    # Inside the window every block has a wrench of its own; its likelihood counts as that of the whole run's residual.
+    spread = np.log(
+        ((averages.residual_without(np.zeros(len(averages.owner), dtype=bool)) / averages.scale)[in_run] ** 2).mean(
+            axis=0
+        )
+        + 1e-12
+    ).sum()
+    totals = [s + (end - start) * spread for s, (start, end) in zip(scores, windows, strict=True)]
+    return windows[int(np.argmin(totals))]
+
+
+def _is_significant(wrench: Array, inflation: Array, outside: Array, raw_spread: Array, windows: int) -> bool:
+    """Whether a constant wrench exceeds Student's t limit for the residual outside the window and for the raw noise."""
+    spread = np.sqrt((outside**2).mean(axis=0))
+    correlation = np.clip((outside[1:] * outside[:-1]).mean(axis=0) / np.maximum(spread**2, 1e-300), 0.0, 0.99)
+    freedom = np.maximum(2.0, len(outside) * (1 - correlation) / (1 + correlation))
+    limit = student_isf(EVENT_FALSE_ALARM / 2 / (len(wrench) * windows), freedom)
+    return bool(np.any(np.abs(wrench) > limit * inflation * np.maximum(spread, raw_spread)))

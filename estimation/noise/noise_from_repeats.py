@@ -1,0 +1,131 @@
+"""Noise spectra from the non-excited lines of a periodic recording, or from the differences between separate runs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.noise.disturbances.disturbance_basis import disturbance_basis
+from estimation.noise.disturbances.events_in_repeats import find_events_in_repeats
+from estimation.noise.disturbances.tones import find_tones, sinusoids, without_sinusoids
+from estimation.noise.leakage import without_leakage
+from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise, repeat_noise_floor, sample_step
+from estimation.noise.whitening import FourierLineWhitener, inverse_cholesky_factor
+from estimation.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+COHERENCE_BANDS = 8
+"""Frequency bands in each of which the channels' coherence is taken constant, at the most."""
+
+
+def noise_from_repeats(recording: Recording, residual: Array) -> RecordingNoise:
+    """Noise from the non-excited lines, less recording-specific disturbances: drift, warm-up, events and tones.
+
+    Projecting orthonormal columns Q out of noise of spectrum S leaves S (1 - h) at a line, h = sum |Q's line|² / n;
+    the ordinates are divided by that, and lines with h above one half are not used. The strongest tone stays on the
+    non-excited lines, where an effect may explain it; from the excited lines it is projected out, and all other tones
+    from every row.
+    """
+    if not recording.continuous:
+        return _from_separate_runs(recording, residual)
+    tones = find_tones(recording, residual)
+    events = find_events_in_repeats(recording, without_sinusoids(residual, recording, tones))
+    n, repeats = len(residual), recording.repeats
+    disturbances = disturbance_basis(recording, events, tones)
+    undisturbed = residual - disturbances @ (disturbances.T @ residual)
+    remaining = 1 - (np.abs(np.fft.rfft(disturbances, axis=0)) ** 2).sum(axis=1) / n
+    lines = np.fft.rfft(undisturbed, axis=0)
+    index = np.arange(len(lines))
+    usable = (index % repeats != 0) & (remaining > 0.5) & (2 * index != n)
+    non_excited = index[usable]
+    lines = lines / np.sqrt(np.maximum(remaining, 0.5))[:, None]
+    frequency, lowest = non_excited / (n * sample_step(recording)), 1 / (n * sample_step(recording))
+    spectra = tuple(
+        smooth_power_spectrum(frequency, np.abs(column) ** 2 / n, start=lowest) for column in lines[usable].T
+    )
+    tone_free = ~np.any([s.tones for s in spectra], axis=0)
+    tonal = np.zeros(len(index), dtype=bool)
+    tonal[non_excited[~tone_free]] = True
+    excited = index[(index % repeats == 0) & ~(np.roll(tonal, 1) & np.roll(tonal, -1))]
+    others = index[(index % repeats != 0) & ~tonal]
+    order = np.concatenate([excited, others])
+    ordered = np.maximum(order, 1) / (n * sample_step(recording))
+    levels = np.stack([s(ordered) for s in spectra], axis=1)
+    white = lines[non_excited[tone_free]] / np.sqrt(n * np.stack([s(frequency[tone_free]) for s in spectra], axis=1))
+    root = _coherence_roots(non_excited[tone_free], white, order) / np.sqrt(levels)[:, None, :]
+    freedom = sum(s.freedom for s in spectra) / len(spectra) / len(non_excited)
+    plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
+    waves = [_in_each_channel(sinusoids(recording, [tone]), residual.shape[1]) for tone in tones]
+    projected = np.concatenate(waves, axis=2) if waves else None
+    judged = waves[0].shape[2] if waves else 0
+    whitener = without_leakage(plain, spectra, sample_step(recording), projected, judged=judged)
+    doubt = _log_power_variance(spectra, ordered)
+    return RecordingNoise(
+        repeat_noise_floor(recording), whitener, NoiseSource.REPEATS, doubt, spectra, events, ordered, tones
+    )
+
+
+def _in_each_channel(waves: Array, channels: int) -> Array:
+    """Series (n, k) as readings (n, p, k p) of one channel each."""
+    return np.concatenate([np.multiply.outer(waves, row).swapaxes(1, 2) for row in np.eye(channels)], axis=2)
+
+
+def _log_power_variance(spectra: tuple[PowerSpectrum, ...], frequency: Array) -> Array:
+    """Variance of the log power of each row of a line whitener: two rows per line and channel, real parts first."""
+    doubt = np.stack([s.doubt(frequency) for s in spectra], axis=1)
+    return np.concatenate([doubt, doubt], axis=1).ravel()
+
+
+def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise:
+    """Runs that were started one by one: Fourier lines of one run, the noise from the differences between runs."""
+    repeats, period = recording.repeats, recording.samples_per_repeat
+    lines = np.fft.rfft(residual.reshape(repeats, period, -1), axis=1)
+    differences = lines - lines.mean(0)
+    excited = np.arange(lines.shape[1])
+    inner = excited[1:-1]
+    frequency = np.maximum(excited, 0.5) / (period * sample_step(recording))
+    power = (np.abs(differences) ** 2).sum(0) / ((repeats - 1) * period)
+    spectra = tuple(
+        smooth_power_spectrum(frequency[inner], c, shape=repeats - 1.0, start=float(frequency[0]))
+        for c in power[inner].T
+    )
+    tone_free = np.ones(len(excited), dtype=bool)
+    tone_free[inner] = ~np.any([s.tones for s in spectra], axis=0)
+    levels = np.stack([s(frequency) for s in spectra], axis=1)
+    white = differences / np.sqrt(period * levels) * np.sqrt(repeats / (repeats - 1))
+    used = tone_free & (excited > 0)
+    index = np.tile(excited[used], repeats)
+    root = _coherence_roots(index, white[:, used].reshape(len(index), -1), excited[tone_free])
+    root = root / np.sqrt(levels[tone_free])[:, None, :]
+    plain = FourierLineWhitener(
+        period * repeats, repeats, excited[tone_free] * repeats, np.zeros(0, dtype=np.intp), root
+    )
+    whitener = without_leakage(plain, spectra, sample_step(recording))
+    used_frequency = frequency[tone_free]
+    doubt = _log_power_variance(spectra, used_frequency)
+    floor = repeat_noise_floor(recording)
+    return RecordingNoise(floor, whitener, NoiseSource.REPEATS, doubt, spectra, frequency=used_frequency)
+
+
+def _coherence_roots(
+    index: NDArray[np.intp], white: NDArray[np.complex128], at: NDArray[np.intp]
+) -> NDArray[np.complex128]:
+    """Inverse roots (lines, p, p) of the channels' coherence at the lines `at`.
+
+    The coherence is averaged over bands of equally many lines and taken constant in each. An inverse of an average
+    of n products is too large by n / (n - p); the root carries the correction.
+    """
+    p = white.shape[1]
+    order = np.argsort(index, kind="stable")
+    bands = max(1, min(COHERENCE_BANDS, len(index) // 200))
+    edges = [index[part[0]] for part in np.array_split(order, bands)]
+    roots = []
+    for part in np.array_split(order, bands):
+        rows = white[part]
+        matrix = rows.T @ rows.conj() / len(rows)
+        scale = np.sqrt(np.real(np.diag(matrix)))
+        matrix = matrix / np.outer(scale, scale)
+        roots.append(inverse_cholesky_factor(matrix) * np.sqrt((len(rows) - p) / len(rows)))
+    return np.stack(roots)[np.clip(np.searchsorted(edges, at, side="right") - 1, 0, bands - 1)]

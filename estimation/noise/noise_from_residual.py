@@ -1,0 +1,79 @@
+"""Noise of a recording without repeats: autoregression of the residual, order by Akaike's criterion.
+
+Such an estimate cannot test the size of that same residual.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.noise.autoregression import fit_autoregression
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
+from estimation.noise.whitening import AutoregressiveWhitener, block_means, inverse_cholesky_factor
+from estimation.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+MAX_BLOCKS = 1000
+"""Blocks that a run is averaged into: enough for the bandwidth of a tool's motion, few enough for many refits."""
+
+
+def noise_from_residual(
+    recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]
+) -> RecordingNoise:
+    """Static poses: the std of each channel's residual. A run: an autoregression per channel, joint innovations.
+
+    The residual of static poses is model error more than noise; taking its correlation between the channels for
+    noise would let one channel's error bias what another has measured, so that correlations are left out. Within
+    events (s) a run has a noise of its own: the residual's variance there about its mean, and its correlation time.
+    """
+    block = 1 if recording.at_rest else max(1, len(residual) // MAX_BLOCKS)
+    floor = _floor(recording, residual, fitted, events)
+    residual = block_means(residual, block)
+    n, p = residual.shape
+    ranges = [_indices(event, sample_step(recording) * block, n) for event in events]
+    event_free = np.ones(n, dtype=bool)
+    for start, end in ranges:
+        event_free[start:end] = False
+    if recording.at_rest:
+        coefficients, covariance = np.zeros((0, p)), np.diag(floor**2)
+    else:
+        coefficients, covariance = fit_autoregression(residual, event_free)
+    in_events = np.concatenate(
+        [residual[start:end] - residual[start:end].mean(axis=0) for start, end in ranges] or [residual]
+    )
+    whitener = AutoregressiveWhitener(
+        samples=recording.samples,
+        block=block,
+        coefficients=coefficients,
+        root=np.real(inverse_cholesky_factor(covariance)),
+        events=tuple(ranges),
+        event_root=np.diag(1 / _white_equivalent_std(in_events, floor)),
+    )
+    parameters = coefficients.size + p * (p + 1) / 2
+    doubt = np.full(whitener.rows, 2 * parameters / (n * p))
+    return RecordingNoise(floor, whitener, NoiseSource.RESIDUAL, doubt, events=events)
+
+
+def _floor(recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]) -> Array:
+    """Std of one sample (p,) outside events."""
+    event_free = np.ones(len(residual), dtype=bool)
+    for event in events:
+        start, end = _indices(event, sample_step(recording), len(residual))
+        event_free[start:end] = False
+    floor = np.sqrt((residual[event_free] ** 2).sum(axis=0) / max(1.0, event_free.sum() - fitted / residual.shape[1]))
+    return np.asarray(np.maximum(floor, 1e-12 * max(floor.max(), 1e-300)))
+
+
+def _indices(event: tuple[float, float], step: float, count: int) -> tuple[int, int]:
+    start, end = (int(np.clip(round(edge / step), 0, count)) for edge in event)
+    return start, max(end, start + 2)
+
+
+def _white_equivalent_std(in_events: Array, floor: Array) -> Array:
+    """Std of a sample of white noise whose mean varies as much as that of this first-order correlated noise."""
+    spread = np.maximum(in_events.std(axis=0), floor)
+    correlation = (in_events[1:] * in_events[:-1]).mean(axis=0) / np.maximum(in_events.var(axis=0), 1e-300)
+    correlation = np.clip(correlation, 0.0, 1 - 4 / len(in_events))
+    return np.asarray(spread * np.sqrt((1 + correlation) / (1 - correlation)))

@@ -1,0 +1,147 @@
+"""Smooth power spectral density from periodogram ordinates by penalised Whittle likelihood, robust against tones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.distributions import gamma_isf
+from estimation.recordings.regression_spline import basis_matrix
+from modeling.errors import InputError
+
+Array = NDArray[np.float64]
+
+MIN_ORDINATES = 8
+"""Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
+TONE_PROBABILITY = 0.01
+"""Probability that a record without tones loses one ordinate to the search for tones."""
+CURVATURE_PRIORS = (1.0, 0.5)
+"""Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which Akaike's criterion chooses.
+The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4: a stiffer curve
+would not follow it to the few lines where drift is tested, whatever the many lines above give."""
+
+
+@dataclass(frozen=True, eq=False)
+class PowerSpectrum:
+    """log S as a penalised cubic spline in log f: S(f) in the square of the signal's unit, per sample.
+
+    tones   which of the ordinates were identified as tones and left out of the fit
+    freedom effective number of parameters of the curve
+    lowest  log f of the lowest ordinate; below it the curve is extrapolated under the penalty
+    """
+
+    knots: Array
+    coefficients: Array
+    covariance: Array
+    tones: NDArray[np.bool_]
+    freedom: float
+    lowest: float
+
+    def __call__(self, frequency: Array) -> Array:
+        """S at positive frequencies; below the ordinates never less than at the lowest.
+
+        An extrapolation falling towards zero frequency would make drift falsely significant.
+        """
+        u = np.log(frequency)
+        end = float(self._rows(np.array([self.lowest]))[0] @ self.coefficients)
+        curve = self._rows(u) @ self.coefficients
+        return np.asarray(np.exp(np.where(u < self.lowest, np.maximum(curve, end), curve)))
+
+    def doubt(self, frequency: Array) -> Array:
+        """Posterior variance of log S at these frequencies; it grows where the curve is extrapolated."""
+        rows = self._rows(np.log(frequency))
+        return np.asarray(np.einsum("ij,jk,ik->i", rows, self.covariance, rows))
+
+    def mean_log_power_variance(self, frequency: Array, shares: Array) -> Array:
+        """Variance (g,) of the mean of log S over frequencies (m,) with the weights `shares` (m, g)."""
+        return self.mean_log_power_variance_at(self.basis(frequency), shares)
+
+    def basis(self, frequency: Array) -> Array:
+        """Values (m, j) of the curve's j basis functions at frequencies (m,)."""
+        return self._rows(np.log(frequency))
+
+    def mean_log_power_variance_at(self, basis: Array, shares: Array) -> Array:
+        """`mean_log_power_variance` from basis functions already evaluated."""
+        loads = basis.T @ shares
+        return np.asarray(((self.covariance @ loads) * loads).sum(axis=0))
+
+    def _rows(self, u: Array) -> Array:
+        """Basis values at log f, constant beyond the end knots."""
+        low, high = self.knots[3], self.knots[-4]
+        return basis_matrix(np.clip(u, low, high), self.knots, 3)
+
+
+def smooth_power_spectrum(
+    frequency: Array, ordinates: Array, *, shape: float = 1.0, start: float | None = None
+) -> PowerSpectrum:
+    """Fit log S(f) to periodogram ordinates by penalised Whittle likelihood.
+
+    frequency  (m,) positive; ordinates (m,) with mean S(f), distributed as Gamma of the given shape (1 for a single
+    periodogram, R-1 for an average over R-1 differences); `start` the lowest frequency at which S will be evaluated.
+    With the log link the Fisher information of each ordinate is `shape` whatever S, so that each scoring step is one
+    penalised least-squares solve; the penalty on the curvature is chosen by Akaike's criterion. Ordinates above the
+    Bonferroni-corrected Gamma quantile (`TONE_PROBABILITY`) are tones and left out, with their neighbours.
+    """
+    begin = float(frequency.min()) if start is None else min(start, float(frequency.min()))
+    valid = np.isfinite(ordinates) & (ordinates > 0)
+    if valid.sum() < MIN_ORDINATES:
+        raise InputError(
+            what="too few Fourier lines to estimate a channel's noise spectrum",
+            where="recording",
+            remedy="record longer, or the raw sensor instead of rounded readings",
+        )
+    tones = ~valid
+    for _ in range(4):
+        curve = _penalised_spline(frequency, ordinates, ~tones, shape, begin)
+        limit = gamma_isf(TONE_PROBABILITY / len(frequency), shape) / shape
+        exceeding = valid & (ordinates > limit * curve(frequency))
+        found = tones | exceeding | np.roll(exceeding, 1) | np.roll(exceeding, -1)
+        if (found == tones).all() or found.mean() > 0.3:
+            break
+        tones = found
+    return replace(curve, tones=tones)
+
+
+def _penalised_spline(
+    frequency: Array, ordinates: Array, use: NDArray[np.bool_], shape: float, begin: float
+) -> PowerSpectrum:
+    """The curve of least Akaike criterion. With knots h apart the curvature of a cubic spline is D c / h², D second
+    differences of its coefficients c, so that the integral of its square over log f is |D c|² / h³."""
+    u, power = np.log(frequency), ordinates[use]
+    pieces = int(np.clip(len(power) // 8, 4, 24))
+    inner = np.linspace(np.log(begin), u.max() + 1e-9, pieces + 1)
+    step = inner[1] - inner[0]
+    knots = np.concatenate([inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)])
+    basis = basis_matrix(u[use], knots, 3)
+    gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
+    best: tuple[float, Array, Array, float] | None = None
+    for curvature in CURVATURE_PRIORS:
+        penalty = second.T @ second / (curvature**2 * step**3)
+        normal = shape * gram + penalty
+        coefficients = _fisher_scoring(basis, power, normal, penalty, shape)
+        freedom = float(np.trace(np.linalg.solve(normal, shape * gram)))
+        log_power = basis @ coefficients
+        criterion = 2 * shape * float(np.sum(log_power + power * np.exp(-log_power))) + 2 * freedom
+        if best is None or criterion < best[0]:
+            best = (criterion, coefficients, np.linalg.inv(normal), freedom)
+    assert best is not None
+    return PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(u.min()))
+
+
+def _fisher_scoring(basis: Array, power: Array, normal: Array, penalty: Array, shape: float) -> Array:
+    coefficients = np.linalg.lstsq(
+        basis.T @ basis + 1e-6 * np.eye(basis.shape[1]) + penalty,
+        basis.T @ np.log(power) + basis.T @ np.full(len(power), 0.5772),
+        rcond=None,
+    )[0]
+    for _ in range(30):
+        log_power = basis @ coefficients
+        gradient = shape * basis.T @ (power * np.exp(-log_power) - 1) - penalty @ coefficients
+        step = np.linalg.solve(normal, gradient)
+        step *= min(1.0, 2.0 / (np.abs(step).max() + 1e-12))
+        coefficients = coefficients + step
+        if np.abs(step).max() < 1e-8:
+            break
+    return np.asarray(coefficients)

@@ -1,0 +1,93 @@
+"""Estimated noise of one recording: floor per channel, its source, and the whitening filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.noise.noise_source import NoiseSource as NoiseSource
+from estimation.noise.power_spectrum import PowerSpectrum
+from estimation.noise.whitening import Whitener
+from estimation.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingNoise:
+    """Noise of one recording.
+
+    floor     std of one sample per channel, in its unit
+    whitener  linear map to rows of unit variance
+    source    what the estimate rests on
+    doubt     per whitened row, the variance of the logarithm of the estimated noise power
+    spectra   per channel the power spectral density (repeats only), per sample: white noise has S = std²
+    events    intervals (s) of transient events, left out of the spectrum
+    frequency Hz of each line of a line whitener, in its order
+    tones     Hz of the sinusoids detected on non-excited lines and left out of the spectrum, the strongest first
+    """
+
+    floor: Array
+    whitener: Whitener
+    source: NoiseSource
+    doubt: Array
+    spectra: tuple[PowerSpectrum, ...] = ()
+    events: tuple[tuple[float, float], ...] = ()
+    frequency: Array = field(default_factory=lambda: np.zeros(0))
+    tones: tuple[float, ...] = ()
+
+    def readings(self, recording: Recording) -> Array:
+        """Whitened readings (rows,) of the recording whose noise this is, transformed once."""
+        known = self._readings.get(recording)
+        if known is None:
+            known = self._readings[recording] = self.whitener.series(recording.wrench)
+        return known
+
+    def __getstate__(self) -> dict[str, object]:
+        """The fields alone: cached values are computed again."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    @cached_property
+    def _readings(self) -> WeakKeyDictionary[Recording, Array]:
+        return WeakKeyDictionary()
+
+    def log_power_variance_of(self, shares: Array) -> Array:
+        """Variance (g,) of the logarithm of sums of squared rows, to which each row contributes by `shares` (rows, g).
+
+        To first order the logarithm of such a sum changes by the shares times the logarithms of the noise power. Those
+        are correlated along a channel's spectrum and independent between channels.
+        """
+        if len(self.doubt) != 2 * len(self.frequency) * len(self.spectra) or not self.spectra:
+            return np.asarray(self.doubt @ shares)
+        lines = shares.reshape(len(self.frequency), 2, len(self.spectra), -1).sum(axis=1)
+        curves = zip(self.spectra, self._bases, strict=True)
+        return np.asarray(sum(s.mean_log_power_variance_at(basis, lines[:, c]) for c, (s, basis) in enumerate(curves)))
+
+    @cached_property
+    def _bases(self) -> tuple[Array, ...]:
+        """Each spectrum's basis functions at the lines."""
+        return tuple(s.basis(self.frequency) for s in self.spectra)
+
+
+def sample_step(recording: Recording) -> float:
+    """Sampling interval in s; 1 for static poses, which have none."""
+    return recording.dt if recording.dt is not None else 1.0
+
+
+def stated_noise_floor(recording: Recording) -> Array | None:
+    """Std of one sample per channel (p,) as stated in the rig; None unless stated for every channel."""
+    stated = recording.rig.sensor.noise if recording.rig is not None else None
+    if stated is None or not all(stated.get(channel) for channel in recording.channels):
+        return None
+    return np.array([stated[channel] for channel in recording.channels])
+
+
+def repeat_noise_floor(recording: Recording) -> Array:
+    """Std of one sample of one repeat about the mean over repeats, (p,), with R - 1 degrees of freedom."""
+    repeats, period = recording.repeats, recording.samples_per_repeat
+    blocks = recording.wrench.reshape(repeats, period, -1)
+    return np.asarray(np.sqrt(((blocks - blocks.mean(0)) ** 2).sum((0, 1)) / (period * (repeats - 1))))

@@ -1,0 +1,298 @@
+"""Whitening: linear maps from series of readings to rows that are independent, of unit variance, under the noise."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import rfft
+from scipy.linalg import solve_triangular
+
+from estimation.model_response import ModelResponse
+
+Array = NDArray[np.float64]
+FourierLines = NDArray[np.complex128]
+SeriesOrLines = TypeVar("SeriesOrLines", Array, FourierLines)
+
+TRANSFORM_BATCH = 100_000
+"""Numbers per batch of Fourier transforms: with their lines they fit into a core's cache."""
+
+
+class Whitener(ABC):
+    """A linear map from a series (n, p) of readings to real rows of unit variance under the noise.
+
+    The first `periodic_rows` rows carry the part that is periodic with the motion; what is not periodic reaches all.
+    """
+
+    rows: int
+    periodic_rows: int
+
+    @abstractmethod
+    def series(self, values: Array) -> Array:
+        """Rows (rows, ...) of a series over the whole record (n, p, ...)."""
+
+    @abstractmethod
+    def steady(self, values: Array) -> Array:
+        """Rows (periodic_rows, ...) of a periodic series, given one repeat (n / repeats, p, ...)."""
+
+    def rest(self, values: Array) -> Array:
+        """Rows (rows - periodic_rows, ...) of a series over the whole record that are zero for periodic series."""
+        return self.series(values)[self.periodic_rows :]
+
+    def reached(self, response: ModelResponse) -> Array:
+        """Rows (r, 1 + k) of a predicted value and of its derivative, without the trailing rows that are zero.
+
+        r is `periodic_rows` for a response that is periodic with the motion, else all rows.
+        """
+        periodic = self.steady(_joined(response.periodic))
+        if response.whole is None:
+            return periodic
+        transient = self.series(_joined(response.whole))
+        if response.columns is None or len(response.columns) == periodic.shape[-1] - 1:
+            rows = transient
+        else:
+            rows = np.zeros((self.rows, *periodic.shape[1:]), order="F")
+            rows[..., [0, *(1 + i for i in response.columns)]] = transient
+        rows[: self.periodic_rows] += periodic
+        return rows
+
+    def response(self, response: ModelResponse) -> tuple[Array, Array]:
+        """Rows of a predicted value, (rows,), and of its derivative, (rows, k)."""
+        reached = self.reached(response)
+        rows = np.zeros((self.rows, *reached.shape[1:]))
+        rows[: len(reached)] = reached
+        return rows[..., 0], rows[..., 1:]
+
+
+def _joined(part: tuple[Array, Array]) -> Array:
+    """A value (n, p, ...) and its derivative (n, p, ..., k) as one series (n, p, ..., 1 + k).
+
+    No copy where both are views of such a series.
+    """
+    value, derivative = part
+    whole, shape = value.base, (*value.shape, 1 + derivative.shape[-1])
+    is_joint = whole is not None and whole is derivative.base and whole.shape == shape
+    if whole is not None and is_joint and _same_view(value, whole[..., 0]) and _same_view(derivative, whole[..., 1:]):
+        return whole
+    joined = np.empty((*value.shape, 1 + derivative.shape[-1]), order="F")
+    joined[..., 0], joined[..., 1:] = value, derivative
+    return joined
+
+
+def _same_view(one: Array, other: Array) -> bool:
+    """Whether two views of an array cover the same elements."""
+    return one.strides == other.strides and one.__array_interface__["data"] == other.__array_interface__["data"]
+
+
+@dataclass(frozen=True, eq=False)
+class FourierLineWhitener(Whitener):
+    """Rows are real and imaginary parts of the whole record's Fourier lines, over the root of the noise spectrum.
+
+    samples    n of the whole record, and `repeats` of one period in it
+    motion     indices of the excited lines, multiples of `repeats`; `between` those of the non-excited lines
+    root       inverse Cholesky factors of the spectral matrix at the excited, then at the non-excited lines
+    A line k of unit white noise has E|sum x exp|² = n; its real and imaginary parts share that, line 0 has only one.
+    """
+
+    samples: int
+    repeats: int
+    motion: NDArray[np.intp]
+    between: NDArray[np.intp]
+    root: FourierLines
+
+    @property
+    def rows(self) -> int:  # type: ignore[override]
+        """Two rows per line and channel."""
+        return 2 * int(self.root.shape[1]) * (len(self.motion) + len(self.between))
+
+    @property
+    def periodic_rows(self) -> int:  # type: ignore[override]
+        """The rows of the excited lines."""
+        return 2 * int(self.root.shape[1]) * len(self.motion)
+
+    def series(self, values: Array) -> Array:
+        """Rows of a series over the whole record, those of the excited lines first."""
+        columns = _ColumnBatches.of(values, self.rows)
+        excited, non_excited = np.split(columns.rows, [self.periodic_rows], axis=1)
+        for part, selection in columns.parts():
+            lines = rfft(part)
+            self._whiten_excited(lines[:, :, self.motion], excited[selection])
+            if len(self.between):
+                self._whiten_non_excited(lines[:, :, self.between], non_excited[selection])
+        self.remove_leakage(excited, non_excited)
+        return columns.result
+
+    def steady(self, values: Array) -> Array:
+        """Rows of a periodic series, given one repeat, at the excited lines."""
+        columns, excited = _ColumnBatches.of(values, self.periodic_rows), self.motion // self.repeats
+        for part, selection in columns.parts():
+            self._whiten_excited(rfft(part)[:, :, excited] * self.repeats, columns.rows[selection])
+        self.remove_leakage(columns.rows, columns.rows[:, :0])
+        return columns.result
+
+    def rest(self, values: Array) -> Array:
+        """Rows of a series over the whole record at the non-excited lines."""
+        columns = _ColumnBatches.of(values, self.rows - self.periodic_rows)
+        for part, selection in columns.parts():
+            self._whiten_non_excited(rfft(part)[:, :, self.between], columns.rows[selection])
+        self.remove_leakage(columns.rows[:, :0], columns.rows)
+        return columns.result
+
+    def behind(self, transfer: Callable[[Array], FourierLines], dt: float) -> Self:
+        """The whitener of series filtered by a transfer function of angular frequencies (rad/s).
+
+        `dt` in s; the series are periodic, so that the filter is a factor at each line, real at half the sampling
+        rate.
+        """
+        index = np.concatenate([self.motion, self.between])
+        gain = transfer(2 * np.pi * index / (self.samples * dt))
+        gain = np.where(2 * index == self.samples, gain.real, gain)
+        return replace(self, root=self.root * gain[:, None, None])
+
+    def remove_leakage(self, excited: Array, non_excited: Array) -> None:
+        """Project leakage out of rows (c, periodic_rows) and (c, rows - periodic_rows), in place; here nothing."""
+
+    def _whiten_excited(self, lines: FourierLines, rows: Array) -> None:
+        """Write the rows (c, periodic_rows) of the excited lines (c, p, len(motion)) into `rows`."""
+        self._whiten(lines, rows, self._scaled[:, :, : len(self.motion)])
+
+    def _whiten_non_excited(self, lines: FourierLines, rows: Array) -> None:
+        """Write the rows (c, rows - periodic_rows) of the non-excited lines (c, p, len(between)) into `rows`."""
+        self._whiten(lines, rows, self._scaled[:, :, len(self.motion) :])
+
+    @cached_property
+    def _scaled(self) -> FourierLines:
+        """The root (p, p, lines), scaled so that each row has unit variance."""
+        index = np.concatenate([self.motion, self.between])
+        single = (index == 0) | (2 * index == self.samples)
+        return np.ascontiguousarray(self.root.transpose(1, 2, 0) * np.sqrt((2.0 - single) / self.samples))
+
+    @staticmethod
+    def _whiten(lines: FourierLines, rows: Array, root: FourierLines) -> None:
+        """Real, then imaginary parts of root times lines."""
+        into = rows.reshape(len(rows), root.shape[2], 2, len(root))
+        for channel, mixed in _mixed(root, lines):
+            into[:, :, 0, channel], into[:, :, 1, channel] = mixed.real, mixed.imag
+
+
+@dataclass(frozen=True, eq=False)
+class _ColumnBatches:
+    """Series (c, p, n) in batches of a few columns, and the rows (c, r) that they become.
+
+    No copy for series (n, p, ...) in Fortran order.
+    """
+
+    series: Array
+    rows: Array
+    shape: tuple[int, ...]
+
+    @classmethod
+    def of(cls, values: Array, rows: int) -> _ColumnBatches:
+        """Of values (n, p, ...) that become this many rows."""
+        series = values.T.reshape(-1, *values.shape[1::-1])
+        return cls(series, np.empty((len(series), rows)), values.shape[:1:-1])
+
+    def parts(self) -> Iterator[tuple[Array, slice]]:
+        """Batches of columns (c, p, n), each with its slice."""
+        batch = max(1, TRANSFORM_BATCH // max(1, self.series[0].size)) if len(self.series) else 1
+        for first in range(0, len(self.series), batch):
+            part = slice(first, first + batch)
+            yield self.series[part], part
+
+    @property
+    def result(self) -> Array:
+        """The rows (r, ...)."""
+        return (
+            self.rows.reshape(*self.shape, -1).T
+            if self.rows.size
+            else np.zeros((self.rows.shape[1], *self.shape[::-1]))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class AutoregressiveWhitener(Whitener):
+    """Rows are the innovations of an autoregression, for a single run; order 0 for static poses.
+
+    block         samples averaged into one first; a tool's motion is slow against the sample rate
+    coefficients  (order, p) of each channel: noise[t] = sum_i a_i noise[t-i] + innovation
+    root          (p, p) inverse Cholesky factor of the innovations' covariance
+    events        ranges of blocks with a noise of their own, white, with the inverse factor `event_root`; the `order`
+                  samples after each, which would be predicted from it, get weight zero
+    """
+
+    samples: int
+    block: int
+    coefficients: Array
+    root: Array
+    events: tuple[tuple[int, int], ...] = ()
+    event_root: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def rows(self) -> int:  # type: ignore[override]
+        """One row per block and channel after the first `order` blocks."""
+        return (self.samples // self.block - len(self.coefficients)) * len(self.root)
+
+    @property
+    def periodic_rows(self) -> int:  # type: ignore[override]
+        """All rows: a single run has no non-excited lines."""
+        return self.rows
+
+    def series(self, values: Array) -> Array:
+        """Rows of a series over the whole record."""
+        columns = _ColumnBatches.of(block_means(values, self.block), self.rows)
+        for part, selection in columns.parts():
+            self._whiten(part, columns.rows[selection].reshape(len(part), -1, len(self.root)))
+        return columns.result
+
+    def _whiten(self, means: Array, rows: Array) -> None:
+        """Write the whitened innovations of block means (c, p, blocks) into rows (c, blocks - order, p)."""
+        order, blocks = len(self.coefficients), means.shape[2]
+        innovation = means[:, :, order:].copy()
+        for lag, past in enumerate(self.coefficients, start=1):
+            innovation -= past[:, None] * means[:, :, order - lag : blocks - lag]
+        for channel, mixed in _mixed(self.root, innovation):
+            rows[:, :, channel] = mixed
+        for start, end in self.events:
+            first, last = max(start, order), max(end, order)
+            for channel, mixed in _mixed(self.event_root, means[:, :, first:last]):
+                rows[:, first - order : last - order, channel] = mixed
+            rows[:, last - order : end] = 0.0
+
+    def steady(self, values: Array) -> Array:
+        """The same as `series`: one repeat is the whole run."""
+        return self.series(values)
+
+    def alone(self, channel: int) -> AutoregressiveWhitener:
+        """The whitener of one channel, for a series that is zero in the others."""
+        own = slice(channel, channel + 1)
+        root, event_root = self.root[own, own], self.event_root[own, own]
+        return replace(self, coefficients=self.coefficients[:, own], root=root, event_root=event_root)
+
+
+def _mixed(root: SeriesOrLines, series: SeriesOrLines) -> Iterator[tuple[int, SeriesOrLines]]:
+    """Each channel (c, n) of a lower triangular root (p, p, ...) times series (c, p, n), with its number."""
+    for channel in range(len(root)):
+        mixed = root[channel, 0] * series[:, 0]
+        for other in range(1, channel + 1):
+            mixed += root[channel, other] * series[:, other]
+        yield channel, mixed
+
+
+def block_means(values: Array, block: int) -> Array:
+    """Means (n // block, ...) of successive blocks of samples; an incomplete last block is left out."""
+    if block == 1:
+        return values
+    count = len(values) // block
+    parts = values[: count * block].T.reshape(*values.shape[:0:-1], count, block)
+    return np.asarray((parts @ np.full(block, 1 / block)).T)
+
+
+def inverse_cholesky_factor(covariance: Array | FourierLines) -> Array | FourierLines:
+    """Inverse Cholesky factor W of a covariance, W C W^H = 1."""
+    factor = np.linalg.cholesky(covariance)
+    return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True))

@@ -1,1 +1,0 @@
-"""Fits of models whose signals of motion are themselves measured with noise."""

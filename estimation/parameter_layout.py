@@ -1,0 +1,66 @@
+"""Parameters shared by several recordings, and the biases that each has for itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.model_response import missing_inputs
+from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
+from modeling.parameter import Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterLayout:
+    """The unknowns of a fit of one model to one or more recordings.
+
+    parameters  every unknown; the model's own first, then the biases of the further recordings
+    models      the model of each recording: a recording-specific effect acts in the first that has its signals
+    index       per recording, positions of its model's parameters among the unknowns
+    """
+
+    parameters: tuple[Parameter, ...]
+    models: tuple[WrenchModel, ...]
+    index: tuple[NDArray[np.intp], ...]
+
+    @property
+    def size(self) -> int:
+        """The number of unknowns."""
+        return len(self.parameters)
+
+
+def parameter_layout(model: WrenchModel, recordings: Sequence[Recording]) -> ParameterLayout:
+    """Layout with shared parameters and recording-specific biases (a sensor is zeroed between runs)."""
+    homes = {e.id: _recording_of_effect(model, e.id, recordings) for e in model.effects if e.per_recording}
+    unknowns = list(model.parameters)
+    names = [r.name for r in recordings]
+    labels = [name if names.count(name) == 1 else f"{name}#{i}" for i, name in enumerate(names)]
+    models, index = [], []
+    for number in range(len(recordings)):
+        own = model
+        for effect_id, home in homes.items():
+            own = own if home == number else own.without(effect_id)
+        place = {p.name: i for i, p in enumerate(model.parameters)}
+        if number:
+            for bias in model.biases:
+                place[bias.name] = len(unknowns)
+                unknowns.append(Parameter(name=f"{bias.name}@{labels[number]}", unit=bias.unit, nominal=bias.nominal))
+        models.append(own)
+        index.append(np.array([place[p.name] for p in own.parameters], dtype=np.intp))
+    return ParameterLayout(tuple(unknowns), tuple(models), tuple(index))
+
+
+def _recording_of_effect(model: WrenchModel, effect_id: str, recordings: Sequence[Recording]) -> int:
+    effect = next(e for e in model.effects if e.id == effect_id)
+    alone = compiled_prediction(model.base + effect).model  # cached: derived once
+    for number, recording in enumerate(recordings):
+        if not missing_inputs(alone, recording):
+            return number
+    return 0

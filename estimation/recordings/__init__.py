@@ -1,0 +1,1 @@
+"""Recordings: reading and validation, sample clock, derivatives of the motion, sign convention."""

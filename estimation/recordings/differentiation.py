@@ -1,0 +1,195 @@
+"""Derivatives of a sampled motion: truncated Fourier series (periodic) or quintic regression splines (single run).
+
+The bandwidth ends where the motion's spectrum falls below its noise floor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.recordings.regression_spline import RegressionSpline
+
+Array = NDArray[np.float64]
+
+LINE_FALSE_ALARM = 0.01  # probability that pure noise is found to have an excited line
+END_KNOTS_LEFT_OUT = 2  # left out at each end of a spline in coloured noise
+SPLINE_DEGREE = 5  # the second derivative of a quintic is continuously differentiable
+COEFFICIENTS_PER_LINE = 10  # of a spline: several per period, for a fit as close as clean data allow
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Derivatives:
+    """A series and its first two derivatives in time, each (N, k), per s and per s².
+
+    `score` (k,) is the Bayesian information criterion n ln RSS + p ln n of the fit, by which two fits to the same
+    series are compared.
+    """
+
+    value: Array
+    first: Array
+    second: Array
+    score: Array
+
+
+def fourier_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:
+    """Fourier series of one period (N, k), sampled every dt s, and its exact derivatives.
+
+    x(t) = sum_|h|<=K c_h exp(i w_h t), w_h = 2 pi h / (N dt); derivatives multiply by i w_h. K is the
+    highest excited line above the noise floor, per column: quantisation of a resolver repeats in every period, so that
+    averaging does not reduce it, and every further line adds it times w_h².
+    An `antiperiodic` column changes sign after a period, as a quaternion does after a full turn:
+    its lines lie at h + 1/2.
+    """
+    samples = len(mean)
+    shift = 0.5 if antiperiodic else 0.0
+    carrier = np.exp(-2j * np.pi * shift * np.arange(samples) / samples)[:, None]
+    spectrum = np.fft.fft(mean * carrier, axis=0)
+    order = np.fft.fftfreq(samples, 1 / samples) + shift
+    if not antiperiodic and samples % 2 == 0:
+        order[samples // 2] *= -1  # the line at half the rate is its own mirror image
+    ascending = np.argsort(np.where(order >= 0, order, np.inf))[: int(np.sum(order >= 0))]
+    power = np.abs(spectrum[ascending]) ** 2
+    highest = np.array([highest_excited_line(column) for column in power.T])
+    truncated = np.where(np.abs(order)[:, None] <= highest + shift, spectrum, 0)
+    rate = 2j * np.pi * order[:, None] / (samples * dt)
+    value, first, second = (np.real(np.fft.ifft(truncated * rate**n, axis=0) * np.conj(carrier)) for n in range(3))
+    score = _bayesian_information_criterion(mean - value, 2 * highest + 1)
+    return Derivatives(value=value, first=first, second=second, score=score)
+
+
+def spline_derivatives(run: Array, dt: float) -> Derivatives:
+    """One run (N, k), sampled every dt s, as quintic regression splines with uniform knots.
+
+    The number of coefficients minimises n ln RSS + p ln n (Schwarz), per column, below a limit:
+    noise of a real encoder is coloured, which a criterion for white noise mistakes for motion. The limit comes from
+    the highest excited line of the windowed spectrum in any column (one motion moves all). A least-squares spline has
+    zero phase, and no end condition that would bias the acceleration there.
+    """
+    samples = len(run)
+    powers = _windowed_power(run).T
+    lines = max(highest_excited_line(power) for power in powers)
+    # An end has data on one side only: noise that falls faster than 1/f would be fitted by short end pieces.
+    end_knots = END_KNOTS_LEFT_OUT if any(map(_coloured, powers)) else 0
+    most = min(samples // 2, SPLINE_DEGREE + 1 + COEFFICIENTS_PER_LINE * max(lines, 1))
+    counts = np.unique(np.round(np.geomspace(SPLINE_DEGREE + 1, max(most, SPLINE_DEGREE + 1), 30)).astype(int))
+    fits = [_SplineFit.of(run, int(count), end_knots) for count in counts]
+    best = np.argmin([fit.score for fit in fits], axis=0)
+    derived = {i: fits[i].derivatives(dt) for i in {*best.tolist()}}
+    return _columns([derived[i] for i in best])
+
+
+def fourier_or_spline_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:
+    """Mean of separate runs (N, k): as a period where that has the lower score, else as a single run.
+
+    A motion that ends where it began with the same velocity needs few lines; one that does not needs very many, and
+    the spline has the lower score.
+    """
+    periodic, single = fourier_derivatives(mean, dt, antiperiodic=antiperiodic), spline_derivatives(mean, dt)
+    return periodic if periodic.score.sum() <= single.score.sum() else single
+
+
+def highest_excited_line(power: Array) -> int:
+    """Index of the highest excited line of a power spectrum (lines 0, 1, 2, ..).
+
+    Noise lines over their floor are exponential with mean one, so that the largest of M exceeds
+    ln(M / LINE_FALSE_ALARM) in one of a hundred spectra. The cut is where the sum of (power / floor - that bound) over
+    the lines up to it is largest: a strong line outweighs empty ones below it, a chance one does not.
+    """
+    bound = np.log(max(len(power), 2) / LINE_FALSE_ALARM)
+    # Clipped at what outweighs all lines: larger terms would lose later lines in the rounding of the sum.
+    excess = np.minimum(power[1:] / line_noise_floor(power)[1:], 2 * bound * len(power))
+    gain = np.cumsum(excess - bound)
+    return int(np.argmax(np.concatenate([[0.0], gain])))
+
+
+def line_noise_floor(power: Array) -> Array:
+    """Expected noise power of each line, (M,), from the lines without motion.
+
+    A robust line through log power against log frequency over the upper three octaves, falling at most as
+    f^-4 and never rising: measured noise is coloured, and linear interpolation of a slow log falls as f^-4.
+    The median of exponential noise is ln 2 of its mean. Few lines: their upper half's median.
+    """
+    lines = np.arange(len(power), dtype=float)
+    rounding = np.finfo(float).eps ** 2 * float(power.max()) + np.finfo(float).tiny
+    if len(power) < 64:
+        flat = float(np.median(power[len(power) // 2 :])) / np.log(2)
+        return np.full(len(power), max(flat, rounding))
+    edges = np.unique(np.round(np.geomspace(len(power) / 8, len(power), 9)).astype(int))
+    pieces = [slice(a, b) for a, b in pairwise(edges)]
+    level = np.log([max(float(np.median(power[piece])) / np.log(2), rounding) for piece in pieces])
+    middle = np.log([float(lines[piece].mean()) for piece in pieces])
+    slope = float(np.clip(_robust_slope(level, middle), -4.0, 0.0))
+    height = float(np.median(level - slope * middle))
+    floor: Array = np.maximum(np.exp(height + slope * np.log(np.maximum(lines, 1.0))), rounding)
+    return floor
+
+
+def _robust_slope(values: Array, places: Array) -> float:
+    """Median of the slopes between all pairs of points (Theil and Sen)."""
+    first, second = np.triu_indices(len(values), 1)
+    return float(np.median((values[second] - values[first]) / (places[second] - places[first])))
+
+
+def _coloured(power: Array) -> bool:
+    floor = line_noise_floor(power)
+    return bool(floor[1] > len(floor) * floor[-1])
+
+
+def _windowed_power(run: Array) -> Array:
+    """Spectrum (M, k) of a run without its cubic trend, under a window whose leakage falls as f^-14."""
+    samples = len(run)
+    place = np.linspace(-1, 1, samples)
+    trend = np.polynomial.polynomial.polyfit(place, run, 3)
+    detrended = run - np.polynomial.polynomial.polyval(place, trend).T
+    window = np.sin(np.pi * (np.arange(samples) + 0.5) / samples) ** 6
+    power: Array = np.abs(np.fft.rfft(detrended * window[:, None], axis=0)) ** 2
+    return power
+
+
+@dataclass(frozen=True, eq=False)
+class _SplineFit:
+    """A spline over time in units of the knot spacing, which keeps the equations well scaled whatever dt is."""
+
+    spline: RegressionSpline
+    place: Array
+    value: Array
+    score: Array
+
+    @classmethod
+    def of(cls, run: Array, coefficients: int, end_knots: int) -> _SplineFit:
+        longer = end_knots if coefficients > SPLINE_DEGREE + 1 + 2 * end_knots else 0
+        pieces = coefficients - SPLINE_DEGREE + 2 * longer
+        place = np.linspace(0.0, pieces, len(run))
+        inner = np.arange(1.0 + longer, pieces - longer)
+        knots = np.concatenate([[0.0] * (SPLINE_DEGREE + 1), inner, [float(pieces)] * (SPLINE_DEGREE + 1)])
+        spline, value = RegressionSpline.nearest(place, run, knots, SPLINE_DEGREE)
+        return cls(
+            spline, place, value, _bayesian_information_criterion(run - value, np.full(run.shape[1], coefficients))
+        )
+
+    def derivatives(self, dt: float) -> Derivatives:
+        scale = self.place[-1] / ((len(self.place) - 1) * dt)
+        slope = self.spline.derivative()
+        first, second = slope(self.place) * scale, slope.derivative()(self.place) * scale**2
+        return Derivatives(value=self.value, first=first, second=second, score=self.score)
+
+
+def _bayesian_information_criterion(residual: Array, parameters: NDArray[np.int64]) -> Array:
+    samples = len(residual)
+    squares = np.sum(residual**2, axis=0) + np.finfo(float).tiny
+    score: Array = samples * np.log(squares) + parameters * np.log(samples)
+    return score
+
+
+def _columns(fits: list[Derivatives]) -> Derivatives:
+    """Column j of the j-th of k fits."""
+    value, first, second = (
+        np.stack([getattr(fit, name)[:, j] for j, fit in enumerate(fits)], axis=1)
+        for name in ("value", "first", "second")
+    )
+    score = np.array([fit.score[j] for j, fit in enumerate(fits)])
+    return Derivatives(value=value, first=first, second=second, score=score)

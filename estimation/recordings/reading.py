@@ -1,0 +1,152 @@
+"""Recording from a file or from columns, with validation errors that name row and column."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from estimation.recordings.column_table import ColumnTable, table_from_file, table_from_frame
+from estimation.recordings.motion_form import motion_form, wrench_channels
+from estimation.recordings.recording import QUATERNION, MotionForm, Recording
+from estimation.recordings.sample_clock import SampleClock
+from modeling.errors import InputError
+from modeling.rig.rig import Rig
+
+Array: TypeAlias = NDArray[np.float64]
+
+MIN_SAMPLES = 20  # of one repeat: fewer do not determine a motion and its acceleration
+MIN_POSES = 3  # static: with fewer, weight and zero of three channels are collinear
+NORM_TOLERANCE = 1e-2  # of a unit quaternion: errors of printed digits and interpolation are far smaller
+
+
+def read(path: str | Path, *, rig: Rig | None = None) -> Recording:
+    """The recording in a CSV or Parquet file (columns as in FORMATS, SI units).
+
+    `rig` gives the kinematics that joint angles need. Raises InputError, in one line with file and row or
+    column, for whatever cannot be a recording. Rows are counted with a CSV's header as row 1.
+    """
+    path = Path(path)
+    return _recording(table_from_file(path), name=path.name, rig=rig)
+
+
+def from_columns(columns: Mapping[str, ArrayLike], *, name: str = "recording", rig: Rig | None = None) -> Recording:
+    """The recording in columns (n,) by name, as `read` takes them from a file; rows are counted from 1."""
+    import pandas as pd  # slow to import
+
+    arrays = {key: np.asarray(column) for key, column in columns.items()}
+    if len({array.shape for array in arrays.values()}) > 1 or any(array.ndim != 1 for array in arrays.values()):
+        shapes = ", ".join(f"{key} {array.shape}" for key, array in arrays.items())
+        remedy = "give one array per column, all of one length"
+        raise InputError(what=f"columns of different shapes: {shapes}", where=name, remedy=remedy)
+    frame = pd.DataFrame(arrays)
+    return _recording(table_from_frame(frame, name), name=name, rig=rig)
+
+
+def _recording(table: ColumnTable, *, name: str, rig: Rig | None) -> Recording:
+    channels = wrench_channels(table)
+    form = motion_form(table, channels, rig)
+    repeats = _repeats(table)
+    _require_samples(table, repeats)
+    time, continuous = _time(table, repeats)
+    if form is MotionForm.JOINTS:
+        _require_radians(table, rig)
+    if form is MotionForm.POSE:
+        _require_unit_norm(table)
+    others = {key: values for key, values in table.columns.items() if key not in (*channels, "time", "repeat")}
+    wrench = np.stack([table.columns[channel] for channel in channels], axis=1)
+    for values in (wrench, *others.values(), *(() if time is None else (time,))):
+        values.flags.writeable = False
+    return Recording(
+        name=name, channels=channels, wrench=wrench, columns=others, form=form, time=time,
+        repeats=repeats, continuous=continuous, rig=rig,
+    )  # fmt: skip
+
+
+def _repeats(table: ColumnTable) -> int:
+    """Number of repeats: numbered by integers, contiguous rows, equally many samples each."""
+    if "repeat" not in table.columns:
+        return 1
+    repeat = table.columns["repeat"]
+    fractional = np.flatnonzero(repeat != np.round(repeat))
+    if fractional.size:
+        what = f"column repeat is {repeat[fractional[0]]:g} at row {table.row(int(fractional[0]))}"
+        raise table.error(what, "number the repeats with integers")
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(repeat)) + 1])
+    again = np.setdiff1d(np.arange(len(starts)), np.unique(repeat[starts], return_index=True)[1])
+    if again.size:
+        start = int(starts[again[0]])
+        what = f"repeat {repeat[start]:g} occurs again at row {table.row(start)}: its rows are not contiguous"
+        raise table.error(what, "sort the rows by repeat, then by time")
+    _require_equal(table, repeat, starts)
+    return len(starts)
+
+
+def _require_equal(table: ColumnTable, repeat: Array, starts: NDArray[np.int64]) -> None:
+    counts = np.diff(np.append(starts, len(repeat)))
+    usual = int(max(counts, key=lambda count: (np.sum(counts == count), count)))
+    odd = np.flatnonzero(counts != usual)
+    if odd.size:
+        i = int(odd[0])
+        what = f"repeat {repeat[starts[i]]:g}, from row {table.row(int(starts[i]))} on, has {counts[i]} samples"
+        remedy = "cut the repeats to one period each, or leave an incomplete one out"
+        raise table.error(f"{what} and others {usual}", remedy)
+
+
+def _require_samples(table: ColumnTable, repeats: int) -> None:
+    samples = len(table) // repeats
+    least, noun = (MIN_SAMPLES, "samples") if "time" in table.columns else (MIN_POSES, "static poses")
+    if samples < least:
+        each = "" if repeats == 1 else " in each repeat"
+        what = f"too few {noun}{each}: {samples}, and at least {least} are needed"
+        raise table.error(what, "record longer" if noun == "samples" else "record more poses, or a time column")
+
+
+def _time(table: ColumnTable, repeats: int) -> tuple[Array | None, bool]:
+    """Uniform time (n,) from 0 on, and whether the repeats are continuous, without a pause between them."""
+    if "time" not in table.columns:
+        return None, repeats == 1
+    runs = table.columns["time"].reshape(repeats, -1)
+    gaps = runs[1:, 0] - runs[:-1, -1]
+    # A pause between repeats separates them as a restart does: Fourier lines of the whole record do not span it.
+    separate = bool(np.any((gaps <= 0) | (gaps > 3 * (runs[:, -1:] - runs[:, :1]).mean() / (runs.shape[1] - 1))))
+    segments = runs if separate else runs.reshape(1, -1)
+    clocks = [
+        SampleClock.of(stamps, where=table.where, first_row=table.row(i * segments.shape[1]))
+        for i, stamps in enumerate(segments)
+    ]
+    steps = np.array([clock.dt for clock in clocks])
+    if np.ptp(steps) * (segments.shape[1] - 1) > steps.mean():
+        i = int(np.argmax(np.abs(steps - np.median(steps))))
+        what = f"the run from row {table.row(i * segments.shape[1])} on has a step of {steps[i]:.6g} s,"
+        what += f" others {np.median(steps):.6g} s"
+        raise table.error(what, "give runs of one sample rate")
+    samples = segments.shape[1]
+    return np.tile(SampleClock(start=0.0, dt=float(steps.mean())).times(samples), len(segments)), not separate
+
+
+def _require_radians(table: ColumnTable, rig: Rig | None) -> None:
+    limits = None if rig is None else rig.position_limits
+    if rig is None or rig.arm is None or limits is None:
+        return
+    for j, ((low, high), unit) in enumerate(zip(limits, rig.arm.units, strict=True)):
+        name = f"q{j + 1}"
+        column, half = table.columns[name], (high - low) / 2
+        outside = np.flatnonzero((column < low - half) | (column > high + half))
+        if outside.size:
+            i = int(outside[0])
+            what = f"column {name} at row {table.row(i)} is {column[i]:g}, far outside the rig's"
+            instead = "degrees" if unit == "rad" else "millimetres"
+            raise table.error(f"{what} [{low:g}, {high:g}] {unit} ({instead}?)", f"give it in {unit}")
+
+
+def _require_unit_norm(table: ColumnTable) -> None:
+    norm = np.linalg.norm([table.columns[name] for name in QUATERNION], axis=0)
+    wrong = np.flatnonzero(np.abs(norm - 1) > NORM_TOLERANCE)
+    if wrong.size:
+        i = int(wrong[0])
+        what = f"columns qx, qy, qz, qw at row {table.row(i)} have norm {norm[i]:.4g} instead of 1"
+        raise table.error(what, "give unit quaternions, x y z w")

@@ -1,0 +1,309 @@
+"""Recording: measured wrench and motion, and the motion signals that are inputs of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling.rig.rig import PLANAR_CHANNELS, Rig
+
+if TYPE_CHECKING:
+    from estimation.recordings.differentiation import Derivatives
+    from modeling.kinematics.arm import Arm
+
+
+Array = NDArray[np.float64]
+
+QUATERNION = ("qx", "qy", "qz", "qw")
+
+
+class MotionForm(Enum):
+    """Form in which the motion was recorded; the value lists the columns that make it complete."""
+
+    JOINTS = "q1..qn"
+    PLANAR_POSE = "phi"
+    POSE = "qx, qy, qz, qw"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording:
+    """n samples of a wrench (n, p) in N and N·m, and of the motion.
+
+    `columns` hold everything else that was recorded, SI, as read. `time` is uniform, in s, and starts at 0
+    (in every repeat when they are separate runs, `continuous` False); None when every row is a static pose.
+    The motion was run `repeats` times, with n / repeats samples each.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    wrench: Array
+    columns: Mapping[str, Array]
+    form: MotionForm
+    time: Array | None
+    repeats: int = 1
+    continuous: bool = True
+    rig: Rig | None = None
+
+    @property
+    def samples(self) -> int:
+        """The number of rows n."""
+        return len(self.wrench)
+
+    @property
+    def samples_per_repeat(self) -> int:
+        """Rows in one repeat, n when there is only one."""
+        return self.samples // self.repeats
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether every row is a static pose."""
+        return self.time is None
+
+    @property
+    def dt(self) -> float | None:
+        """Sampling interval in s; None for static poses."""
+        return None if self.time is None else float(self.time[1] - self.time[0])
+
+    @property
+    def sample_rate(self) -> float | None:
+        """Samples per second; None for static poses."""
+        return None if self.dt is None else 1.0 / self.dt
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in six axes."""
+        return 2 if self.channels == PLANAR_CHANNELS else 3
+
+    @property
+    def arm(self) -> Arm | None:
+        """Kinematics from the joints to the sensor; None when the motion was recorded as poses."""
+        return self.rig.arm if self.rig is not None and self.form is MotionForm.JOINTS else None
+
+    @property
+    def joints(self) -> int:
+        """Number of recorded joints, 0 when the motion was recorded as poses."""
+        return 0 if self.arm is None else self.arm.joints
+
+    @property
+    def auxiliary(self) -> tuple[str, ...]:
+        """Columns that are not part of the motion, such as a temperature."""
+        used = motion_columns(self.form, self.joints)
+        return tuple(name for name in self.columns if name not in used)
+
+    @cached_property
+    def signals(self) -> Mapping[str, Array]:
+        """Inputs of a model by name, each (n,), as far as this recording can give them; derived once.
+
+        Plane: phi, dphi, ddphi (rad, /s, /s²), px, py, vx, vy, ax, ay of the sensor origin in the world (m).
+        Six axes: qx, qy, qz, qw (sensor in the world), wx.., alx.. in the sensor frame (rad/s, rad/s²), px..,
+        vpx.., apx.. in the world (m). Both: q1.., dq1.., ddq1.. of a recording with joint angles.
+        Always `order`, 0, 1, 2, .. as recorded, and the auxiliary columns; `time` in s unless the poses are static.
+        Accelerations are kinematic, without gravity. Motion is averaged over repeats. Without a position or an
+        acceleration the sensor origin's acceleration is taken as zero; in static poses all velocities are zero.
+        """
+        derive = {
+            MotionForm.JOINTS: _joint_motion,
+            MotionForm.PLANAR_POSE: _planar_motion,
+            MotionForm.POSE: _spatial_motion,
+        }
+        found = {name: self.columns[name] for name in self.auxiliary}
+        found |= {"order": np.arange(self.samples, dtype=float)}
+        if self.time is not None:
+            found["time"] = self.time
+        return found | derive[self.form](self)
+
+    def averaged(self, series: Array) -> Array:
+        """Series (n, k) averaged over the repeats, the average repeated to n samples."""
+        return self._tiled(series.reshape(self.repeats, self.samples_per_repeat, -1).mean(axis=0))
+
+    def differentiated(self, series: Array, *, antiperiodic: bool = False) -> Derivatives:
+        """Series (n, k) of the motion and its first two derivatives, up to its highest excited line; zero if static."""
+        from estimation.recordings.differentiation import (  # slow to import
+            Derivatives,
+            fourier_derivatives,
+            fourier_or_spline_derivatives,
+            spline_derivatives,
+        )
+
+        mean = self.averaged(series)[: self.samples_per_repeat]
+        if self.dt is None:
+            zero = np.zeros_like(mean)
+            fit = Derivatives(value=mean, first=zero, second=zero, score=np.zeros(mean.shape[1]))
+        elif self.repeats == 1:
+            fit = spline_derivatives(mean, self.dt)
+        else:
+            differentiate = fourier_derivatives if self.continuous else fourier_or_spline_derivatives
+            fit = differentiate(mean, self.dt, antiperiodic=antiperiodic)
+        value, first, second = map(self._tiled, (fit.value, fit.first, fit.second))
+        return Derivatives(value=value, first=first, second=second, score=fit.score)
+
+    def given(self, names: Sequence[str]) -> Array | None:
+        """Columns of these names, (n, k), averaged over the repeats; None for static poses or when one is missing."""
+        if self.at_rest or not all(name in self.columns for name in names):
+            return None
+        return self.averaged(self.stack(names))
+
+    def stack(self, names: Sequence[str]) -> Array:
+        """Columns of these names as recorded, (n, k)."""
+        return np.stack([self.columns[name] for name in names], axis=1)
+
+    def _tiled(self, period: Array) -> Array:
+        return np.tile(period, (self.repeats, 1))
+
+
+def numbered_names(prefix: str, joints: int) -> tuple[str, ...]:
+    """Names prefix1 .. prefixn."""
+    return tuple(f"{prefix}{j}" for j in range(1, joints + 1))
+
+
+def motion_columns(form: MotionForm, joints: int = 0) -> tuple[str, ...]:
+    """Every column that a form of motion uses, the optional ones included."""
+    if form is MotionForm.JOINTS:
+        return numbered_names("q", joints) + numbered_names("dq", joints) + numbered_names("ddq", joints)
+    if form is MotionForm.PLANAR_POSE:
+        return ("phi", "dphi", "ddphi", "px", "py", "vx", "vy", "ax", "ay")
+    vectors = [p + axis for p in ("w", "al", "p", "vp", "ap") for axis in "xyz"]
+    return (*QUATERNION, *vectors)
+
+
+def _unit_quaternions(recording: Recording) -> Array:
+    """The recorded orientation (n, 4), x y z w, normalised, without jumps between q and -q."""
+    recorded = recording.stack(QUATERNION).reshape(recording.repeats, -1, 4)
+    unit = np.stack([_without_sign_flips(run) for run in recorded])
+    unit /= np.linalg.norm(unit, axis=2, keepdims=True)
+    facing = np.sum(unit * unit[:1], axis=(1, 2), keepdims=True)
+    aligned: Array = (unit * np.where(facing < 0, -1.0, 1.0)).reshape(-1, 4)
+    return aligned
+
+
+def _without_sign_flips(quaternions: Array) -> Array:
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+    signs = np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 0, 1.0, -1.0)
+    return quaternions * signs[:, None]
+
+
+# -------------------------------------------------------------------------------------------- signals
+
+
+def _rates(recording: Recording, value: Array, first: Sequence[str], second: Sequence[str]) -> Derivatives:
+    """A motion (n, k) with its rates: as recorded under these names, else derived."""
+    derived = recording.differentiated(value)
+    rate, acceleration = recording.given(first), recording.given(second)
+    if acceleration is None:
+        acceleration = derived.second if rate is None else recording.differentiated(recording.stack(first)).first
+    rate = derived.first if rate is None else rate
+    return replace(derived, first=rate, second=acceleration)
+
+
+def _named(names: Sequence[str], series: Array) -> dict[str, Array]:
+    return dict(zip(names, series.T, strict=True))
+
+
+def _joint_motion(recording: Recording) -> dict[str, Array]:
+    """Poses of the sensor from joint angles by the arm's kinematics (in the plane 22.2)."""
+    names = [numbered_names(prefix, recording.joints) for prefix in ("q", "dq", "ddq")]
+    # Each joint by itself: a log may hold the velocity of some joints only.
+    rates = [_rates(recording, recording.stack([q]), [dq], [ddq]) for q, dq, ddq in zip(*names, strict=True)]
+    q, dq, ddq = (
+        np.concatenate([getattr(rate, part) for rate in rates], axis=1) for part in ("value", "first", "second")
+    )
+    pose = {} if recording.arm is None else recording.arm.pose(q, dq, ddq)
+    joints = (_named(name, series) for name, series in zip(names, (q, dq, ddq), strict=True))
+    return {key: value for part in joints for key, value in part.items()} | pose
+
+
+def _planar_motion(recording: Recording) -> dict[str, Array]:
+    ramp, phi = _ramp_and_periodic_angle(recording)
+    angle = _rates(recording, phi, ["dphi"], ["ddphi"])
+    found = {"phi": angle.value[:, 0] + ramp, "dphi": angle.first[:, 0], "ddphi": angle.second[:, 0]}
+    if recording.dt is not None and "dphi" not in recording.columns:
+        found["dphi"] = found["dphi"] + (ramp[1] - ramp[0]) / recording.dt
+    return found | _translation(recording, ("px", "py"), ("vx", "vy"), ("ax", "ay"))
+
+
+def _ramp_and_periodic_angle(recording: Recording) -> tuple[Array, Array]:
+    """phi as a ramp of whole turns per period (n,) and its periodic part (n, 1), in rad."""
+    phi = recording.columns["phi"].reshape(recording.repeats, -1)
+    zero = np.zeros(recording.samples)
+    if recording.at_rest:
+        # Poses in any order: only whole turns between repeats of the same pose are removed.
+        return zero, np.unwrap(phi, axis=0).reshape(-1, 1)
+    phi = np.unwrap(phi, axis=1)
+    phi = phi - 2 * np.pi * np.round((phi[:, :1] - phi[0, 0]) / (2 * np.pi))
+    if recording.repeats == 1 or not recording.continuous:
+        return zero, phi.reshape(-1, 1)
+    turns = np.round((phi[0, -1] - phi[0, 0]) / (2 * np.pi))
+    ramp = 2 * np.pi * turns * np.arange(phi.shape[1]) / phi.shape[1]
+    return np.tile(ramp, recording.repeats), (phi - ramp).reshape(-1, 1)
+
+
+def _spatial_motion(recording: Recording) -> dict[str, Array]:
+    found = _rotation(recording)
+    position, velocity, acceleration = (tuple(p + axis for axis in "xyz") for p in ("p", "vp", "ap"))
+    return found | _translation(recording, position, velocity, acceleration)
+
+
+def _rotation(recording: Recording) -> dict[str, Array]:
+    """Orientation q, angular velocity and acceleration in the sensor frame.
+
+    With s the smoothed components, q = s / |s|; conj(q) dq and conj(s) ds / |s|² differ by a scalar, so
+    omega = 2 vec(conj(s) ds) / |s|², and since conj(ds) ds is a scalar too,
+    alpha = 2 vec(conj(s) dds) / |s|² - 2 (s . ds) / |s|² omega.
+    """
+    quaternions = _unit_quaternions(recording)
+    period = quaternions[: recording.samples_per_repeat]
+    flips = recording.repeats > 1 and float(period[0] @ period[-1]) < 0
+    s = recording.differentiated(quaternions, antiperiodic=flips)
+    size = np.sum(s.value**2, axis=1, keepdims=True)
+    omega = 2 * _vector(s.value, s.first) / size
+    norm_rate = np.sum(s.value * s.first, axis=1, keepdims=True) / size
+    alpha = 2 * _vector(s.value, s.second) / size - 2 * norm_rate * omega
+    rate_names, acceleration_names = (tuple(p + axis for axis in "xyz") for p in ("w", "al"))
+    measured = recording.given(rate_names)
+    if measured is not None:
+        omega, alpha = measured, recording.differentiated(recording.stack(rate_names)).first
+    given = recording.given(acceleration_names)
+    found = _named(QUATERNION, s.value / np.sqrt(size)) | _named(rate_names, omega)
+    return found | _named(acceleration_names, alpha if given is None else given)
+
+
+def _vector(s: Array, ds: Array) -> Array:
+    """Vector part of conj(s) ⊗ ds, Hamilton, (n, 3)."""
+    v, w, dv, dw = s[:, :3], s[:, 3:], ds[:, :3], ds[:, 3:]
+    product: Array = w * dv - dw * v - np.cross(v, dv)
+    return product
+
+
+def _translation(
+    recording: Recording, position: Sequence[str], velocity: Sequence[str], acceleration: Sequence[str]
+) -> dict[str, Array]:
+    """Motion of the sensor origin from its recorded columns; without any its acceleration is zero."""
+    zero = np.zeros((recording.samples, len(position)))
+    rate, given = recording.given(velocity), recording.given(acceleration)
+    found: dict[str, Array] = {}
+    derived = zero
+    if all(name in recording.columns for name in position):
+        moved = _rates(recording, recording.stack(position), velocity, acceleration)
+        found |= _named(position, moved.value)
+        rate, derived = moved.first, moved.second
+    elif rate is not None:
+        derived = recording.differentiated(recording.stack(velocity)).first
+    if recording.at_rest:
+        return found | _named(velocity, zero) | _named(acceleration, zero)
+    if rate is not None:
+        found |= _named(velocity, rate)
+    return found | _named(acceleration, derived if given is None else given)
+
+
+def with_readings(recording: Recording, wrench: NDArray[np.float64]) -> Recording:
+    """The recording with its readings replaced by `wrench` (n, p); its signals are not derived again."""
+    other = replace(recording, wrench=wrench)
+    # The cache of `signals`: they depend on the motion alone, and deriving them costs more than a fit.
+    vars(other)["signals"] = recording.signals
+    return other

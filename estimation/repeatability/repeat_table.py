@@ -1,0 +1,192 @@
+"""Repeatability table (Table 22.1) of a recording whose motion was repeated.
+
+Table and equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot
+Manipulators" (Bassi et al.).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.fit import Fit, table
+from estimation.model_response import predicted_readings
+from estimation.recordings.recording import QUATERNION, Recording, motion_columns
+from estimation.repeatability.error_statistics import ErrorStatistics, averaging_noise_gains, split_into_repeats
+from modeling.errors import InputError
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+NOTABLE_GAIN_DIFFERENCE = 0.1
+"""Relative deviation of the noise gain from that of independent runs above which the table remarks on it."""
+
+
+@dataclass(frozen=True)
+class ValidationRow:
+    """Mean error and variance about it of one channel in another recording, predicted with the fit's zero."""
+
+    recording: str
+    channel: str
+    unit: str
+    mean: float
+    variance: float
+
+
+REPEAT_TABLE_HEADER = (
+    "",
+    "unit",
+    "mean error",
+    "V run",
+    "V average",
+    "random std",
+    "systematic rms",
+    "95 %",
+    "gain",
+    "R",
+    "noise gain",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatTable:
+    """Mean error and variance of each run, of their average and in validation; random and systematic part (erratum 6).
+
+    readings    one row per channel: measured minus predicted
+    motion      one row per recorded column of the motion: as read minus smoothed (`Recording.signals`). Its gain is
+                the effect of 22.12 on input noise: 1 for the quantisation of a resolver, which repeats
+    validation  one row per recording and channel
+    """
+
+    recording: str
+    readings: tuple[ErrorStatistics, ...]
+    motion: tuple[ErrorStatistics, ...]
+    validation: tuple[ValidationRow, ...] = ()
+
+    @classmethod
+    def of(cls, fit: Fit, number: int = 0, validation: Sequence[Recording] = ()) -> RepeatTable:
+        """Of one of a fit's recordings. Raises InputError when its motion was not repeated."""
+        recording = fit.recordings[number]
+        if recording.repeats < 2:
+            raise InputError(
+                what="its motion ran once: random and systematic errors are not distinguishable",
+                where=recording.name,
+                remedy="record the motion several times, with a `repeat` column",
+            )
+        units = Space(recording.dimension).units
+        gains = averaging_noise_gains(recording, fit.noise[number])
+        errors = split_into_repeats(recording, fit.residuals[number])
+        readings = tuple(
+            ErrorStatistics.of(c, units[i], errors[:, :, i], gains[i]) for i, c in enumerate(recording.channels)
+        )
+        validated = tuple(row for other in validation for row in validation_rows(fit, number, other))
+        return cls(recording.name, readings, motion_error_rows(recording), validated)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """One row for each channel and each column of the motion, as text under `REPEAT_TABLE_HEADER`."""
+        return [row.row() for row in (*self.readings, *self.motion)]
+
+    def run_rows(self) -> list[tuple[str, ...]]:
+        """Mean error and variance of every channel, run by run, of the average and in validation, as text."""
+        runs = len(self.readings[0].means)
+        lines = [
+            (f"run {r + 1}", *(f"{v:.4g}" for row in self.readings for v in (row.means[r], row.variances[r])))
+            for r in range(runs)
+        ]
+        whole = (f"{v:.4g}" for row in self.readings for v in (row.average_mean, row.averaging.average))
+        lines.append((f"average of {runs}", *whole))
+        for name in dict.fromkeys(row.recording for row in self.validation):
+            own = [row for row in self.validation if row.recording == name]
+            lines.append((name, *(f"{v:.4g}" for row in own for v in (row.mean, row.variance))))
+        return lines
+
+    def remarks(self) -> list[str]:
+        """Channels whose coloured noise makes the average's variance differ from that of independent runs."""
+        remarks = []
+        for row in self.readings:
+            gain, runs = row.noise_gain, row.averaging.runs
+            if gain is not None and abs(gain / runs - 1) > NOTABLE_GAIN_DIFFERENCE:
+                shared = row.averaging.noise**2 * (1 / gain - 1 / runs)
+                remarks.append(
+                    f"{row.name}: its noise is coloured, averaging {runs} runs reduces its variance by {gain:.3g}, not"
+                    f" {runs}: noise accounts for {shared:.2g} of the systematic mean square {row.averaging.square:.2g}"
+                )
+        return remarks
+
+    def __str__(self) -> str:
+        heads = ("", *(f"{kind} {row.name}" for row in self.readings for kind in ("mean", "var")))
+        return "\n".join([table(heads, self.run_rows()), "", table(REPEAT_TABLE_HEADER, self.rows()), *self.remarks()])
+
+    def to_data(self) -> dict[str, Any]:
+        """The whole table as JSON data."""
+        return {
+            "recording": self.recording,
+            "readings": [row.to_data() for row in self.readings],
+            "motion": [row.to_data() for row in self.motion],
+            "validation": [vars(row) for row in self.validation],
+        }
+
+
+def motion_error_rows(recording: Recording) -> tuple[ErrorStatistics, ...]:
+    """A row for each recorded column of a motion, in the column's unit; none for static poses."""
+    if recording.at_rest:
+        return ()
+    recorded = [name for name in motion_columns(recording.form, recording.joints) if name in recording.columns]
+    errors = {name: split_into_repeats(recording, _motion_error(recording, name)) for name in recorded}
+    prismatic = () if recording.arm is None else np.flatnonzero(np.array(recording.arm.units) == "m") + 1
+    linear = {f"{prefix}{joint}" for prefix in ("q", "dq", "ddq") for joint in prismatic}
+    units = {name: column_unit(name).replace("rad", "m") if name in linear else column_unit(name) for name in errors}
+    return tuple(ErrorStatistics.of(name, units[name], own) for name, own in errors.items())
+
+
+def column_unit(column: str) -> str:
+    """SI unit of a column of the motion."""
+    if column in QUATERNION:
+        return "1"
+    order = next((order for prefix, order in DERIVATIVE_ORDERS if column.startswith(prefix)), 0)
+    is_angular = column.lstrip("d").startswith(("q", "phi")) or column.startswith(("w", "al"))
+    return ("rad" if is_angular else "m") + ("", "/s", "/s²")[order]
+
+
+DERIVATIVE_ORDERS = (
+    ("ddq", 2),
+    ("ddphi", 2),
+    ("al", 2),
+    ("ap", 2),
+    ("a", 2),
+    ("dq", 1),
+    ("dphi", 1),
+    ("w", 1),
+    ("v", 1),
+)
+"""Order of the time derivative by the column's prefix; the first match counts."""
+
+
+def _motion_error(recording: Recording, name: str) -> Array:
+    """A column as read minus its smoothed motion averaged over the repeats, (n,)."""
+    read = recording.columns[name]
+    if name in QUATERNION:
+        turns = recording.stack(QUATERNION)
+        smooth = np.stack([recording.signals[q] for q in QUATERNION], axis=1)
+        return np.asarray(read * np.sign((turns * smooth).sum(axis=1)) - recording.signals[name])
+    if name == "phi":
+        return np.asarray((read - recording.signals[name] + np.pi) % (2 * np.pi) - np.pi)
+    return np.asarray(read - recording.differentiated(read[:, None]).value[:, 0])
+
+
+def validation_rows(fit: Fit, number: int, other: Recording) -> tuple[ValidationRow, ...]:
+    """Mean error and variance of each channel when a fit predicts another recording, without re-estimation."""
+    model = fit.layout.models[number].lasting
+    values = dict(
+        zip((p.name for p in fit.layout.models[number].parameters), fit.theta[fit.layout.index[number]], strict=True)
+    )
+    error = other.wrench - predicted_readings(model, other, np.array([values[p.name] for p in model.parameters]))
+    units = Space(other.dimension).units
+    return tuple(
+        ValidationRow(other.name, c, unit, float(own.mean()), float(own.var()))
+        for c, unit, own in zip(other.channels, units, error.T, strict=True)
+    )

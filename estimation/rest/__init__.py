@@ -1,1 +1,0 @@
-"""Poses at rest: what they show, and which are missing."""

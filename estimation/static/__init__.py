@@ -1,0 +1,1 @@
+"""Static poses: the parameters identifiable from them, and the design of further poses."""

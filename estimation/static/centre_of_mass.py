@@ -1,0 +1,74 @@
+"""Centre of mass of the tool with covariance, from its mass and first moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.fit import Fit
+from estimation.least_squares.estimates import table
+from modeling import symbolic as sp
+from modeling.expressions.compilation import numpy_function
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CentreOfMass:
+    """The tool's centre of mass in the sensor frame, from the sensor origin.
+
+    axes        of the components: x, y, z; in the plane `tip` along the tip, and x' if the model has that component
+    value       (d,) m
+    covariance  (d, d) m², by the delta method: J C J' with J the derivative of first moment / mass
+    shown       (d,) whether it is identifiable
+    """
+
+    axes: tuple[str, ...]
+    value: Array
+    covariance: Array
+    shown: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, fitted: Fit) -> CentreOfMass:
+        """Of the model's body, changed by its effects, at the fit's values."""
+        body, space = fitted.model.chain.body, fitted.model.space
+        unit = {"x'": sp.Matrix([1, 0, 0]), "tip": space.tip_axis} if space is Space.PLANE else _unit_vectors()
+        centre = {name: axis.dot(body.first_moment) / body.mass for name, axis in unit.items()}
+        centre = {name: expression for name, expression in centre.items() if expression != 0}
+        symbols = [p.symbol for p in fitted.model.parameters]
+        column = sp.Matrix(list(centre.values()))
+        slopes = column.jacobian(symbols)
+        size = len(symbols)  # the model's parameters come first
+        values = numpy_function(symbols, [*column, *slopes])(*fitted.theta[:size])
+        jacobian = np.array(values[len(centre) :], dtype=float).reshape(len(centre), size)
+        used = np.array([[bool(entry != 0) for entry in slopes.row(i)] for i in range(len(centre))])
+        return cls(
+            tuple(centre),
+            np.array(values[: len(centre)], dtype=float),
+            jacobian @ fitted.covariance[:size, :size] @ jacobian.T,
+            np.array([fitted.shown[:size][row].all() for row in used]),
+        )
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation (d,) m; infinite where it is not identifiable."""
+        return np.asarray(np.where(self.shown, np.sqrt(np.diag(self.covariance)), np.inf))
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Axis, value and std in mm, as text."""
+        return [
+            (f"centre of mass, {axis}", f"{1e3 * value:.2f}", f"{1e3 * std:.2g}", "mm")
+            if np.isfinite(std)
+            else (f"centre of mass, {axis}", "-", "not identifiable", "mm")
+            for axis, value, std in zip(self.axes, self.value, self.std, strict=True)
+        ]
+
+    def __str__(self) -> str:
+        return table(("quantity", "value", "std", "unit"), self.rows())
+
+
+def _unit_vectors() -> dict[str, sp.Matrix]:
+    return {name: sp.eye(3).col(i) for i, name in enumerate("xyz")}

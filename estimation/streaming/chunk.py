@@ -1,0 +1,75 @@
+"""Chunk of a run with its motion derivatives, usable without the other samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.recordings.recording import Recording
+from modeling.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chunk:
+    """n samples of one run: the wrench (n, p) in N and N m, and a model's input signals (n,) by name, SI.
+
+    run      the run it is part of: chunks of one run share its zero, and may come in any order
+    history  leading rows that serve only as past values of coloured noise; 0 where the run begins
+    Signals are those of `Recording.signals`: phi, dphi, ddphi, ax, ay in the plane, for example.
+    Raises InputError for columns of different lengths and for rows that are all history.
+    """
+
+    run: str
+    signals: Mapping[str, Array]
+    wrench: Array
+    history: int = 0
+
+    def __post_init__(self) -> None:
+        samples = len(self.wrench)
+        for name, column in self.signals.items():
+            if np.shape(column) != (samples,):
+                what = f"signal {name} has the shape {np.shape(column)} and the wrench {samples} rows"
+                raise InputError(what=what, where=self.run, remedy="give one value of each signal per row")
+        if not 0 <= self.history < samples:
+            what = f"{self.history} of {samples} rows are history"
+            raise InputError(what=what, where=self.run, remedy="give rows beyond the history")
+
+    def part(self, start: int, end: int, history: int = 0) -> Chunk:
+        """The samples from start to end, with their own history."""
+        signals = {name: values[start:end] for name, values in self.signals.items()}
+        return replace(self, signals=signals, wrench=self.wrench[start:end], history=history)
+
+    def pieces(self, size: int, overlap: int) -> Iterator[Chunk]:
+        """The samples after the history in pieces of `size`, with the `overlap` samples before each as history."""
+        for start in range(self.history, len(self.wrench), size):
+            before = max(start - overlap, 0)
+            yield self.part(before, start + size, start - before)
+
+    def with_signals(self, inputs: Iterable[str]) -> Chunk:
+        """The chunk with these signals alone, as far as present: less to transfer."""
+        return replace(self, signals={name: self.signals[name] for name in inputs if name in self.signals})
+
+
+def chunks(recording: Recording, size: int, overlap: int = 0, *, run: str | None = None) -> Iterator[Chunk]:
+    """A recording in chunks of `size` samples, each with the `overlap` samples before it as history.
+
+    The overlap must be the noise's history (`NoiseModel.memory`), and the size a multiple of its block. Signals are
+    derived from the whole recording before it is cut. Repeats that are separate runs are cut apart, without history
+    from each other. `run` names the run if not the recording's name.
+    Raises InputError for a size below 1 or below the overlap.
+    """
+    if not size >= max(overlap, 1) or overlap < 0:
+        what = f"chunks of {size} samples with an overlap of {overlap}"
+        raise InputError(what=what, where=recording.name, remedy="give a size above 0 and not below the overlap")
+    from estimation.model_response import model_signals  # slow to import
+
+    signals = model_signals.__wrapped__(recording)  # not cached: streamed recordings must not stay in memory
+    whole = Chunk(run=run or recording.name, signals=signals, wrench=recording.wrench)
+    length = recording.samples if recording.continuous else recording.samples_per_repeat
+    for begin in range(0, recording.samples, length):
+        yield from whole.part(begin, begin + length).pieces(size, overlap)

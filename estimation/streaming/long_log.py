@@ -1,0 +1,172 @@
+"""Long log: one run in a file larger than memory, read in chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.motion_form import motion_form, wrench_channels
+from estimation.recordings.recording import QUATERNION, MotionForm, numbered_names
+from estimation.streaming.chunk import Chunk
+from estimation.streaming.chunked_file import open_chunked_file, with_history
+from modeling.errors import InputError
+from modeling.rig.rig import Rig
+
+Array = NDArray[np.float64]
+
+ROWS_PER_CHUNK = 65536
+"""Rows read at once: some 5 MB of columns, enough to make the overhead per chunk negligible."""
+POSITION, VELOCITY, ACCELERATION = ("px", "py"), ("vx", "vy"), ("ax", "ay")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LongLog:
+    """Iterable over the chunks of a log, repeatedly; `size` rows each, with `overlap` rows of history.
+
+    inputs  the signals needed, so that other columns are not read; None for all
+    """
+
+    path: Path
+    rig: Rig | None
+    size: int
+    overlap: int
+    inputs: tuple[str, ...] | None = None
+
+    def with_signals(self, inputs: Sequence[str]) -> LongLog:
+        """The same log, its chunks with these signals alone, as far as present."""
+        return replace(self, inputs=tuple(inputs))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels of the wrench, from the header alone; InputError as on iteration."""
+        return LoggedMotion.of(open_chunked_file(self.path).names, str(self.path), self.rig).channels
+
+    def __iter__(self) -> Iterator[Chunk]:
+        file = open_chunked_file(self.path)
+        motion = LoggedMotion.of(file.names, str(self.path), self.rig)
+        columns = [n for n in file.names if self.inputs is None or n in motion.needed or n in self.inputs]
+        last = -np.inf
+        tables = file.stretches(self.size, columns)
+        for table, history in with_history(tables, self.overlap):
+            last = _require_one_run(table, history, last)
+            yield motion.chunk(table, self.path.name, history)
+        if not np.isfinite(last):
+            raise InputError(what="there are no samples", where=str(self.path), remedy="give a recording with rows")
+
+
+def read_chunks(path: str | Path, *, rig: Rig | None = None, size: int = ROWS_PER_CHUNK, overlap: int = 0) -> LongLog:
+    """The chunks of one run in a CSV or Parquet file with the motion's derivatives as columns (FORMATS, SI units).
+
+    Joint angles need q1.., dq1.., ddq1.. and the rig's kinematics, a planar pose phi, dphi, ddphi, an orientation
+    wx.., alx..; without position, velocity and acceleration the sensor origin's acceleration is taken as zero. Signals
+    are used as recorded, where `read` smooths the motion over the whole run. The overlap is `NoiseModel.memory`.
+    Raises InputError for a size below 1 or the overlap, and, on iteration, for a file that is not such a log.
+    """
+    if not size >= max(overlap, 1) or overlap < 0:
+        what = f"chunks of {size} rows with an overlap of {overlap}"
+        raise InputError(what=what, where=str(path), remedy="give a size above 0 and not below the overlap")
+    return LongLog(path=Path(path), rig=rig, size=size, overlap=overlap)
+
+
+def _require_one_run(table: ColumnTable, history: int, last: float) -> float:
+    """Last time of the table, given that of the table before; InputError where time does not increase."""
+    time = table.columns["time"]
+    before = -np.inf if history else last
+    wrong = np.flatnonzero(np.diff(time, prepend=before) <= 0)
+    if wrong.size:
+        what = f"time does not increase at row {table.row(int(wrong[0]))}"
+        raise table.error(what, "sort the rows, or write each run to a file of its own")
+    return float(time[-1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoggedMotion:
+    """Wrench channels, form of motion and needed columns of a log.
+
+    channels  of the wrench; `form` of the motion; `needed` columns of both
+    """
+
+    channels: tuple[str, ...]
+    form: MotionForm
+    needed: frozenset[str]
+    rig: Rig | None
+
+    @classmethod
+    def of(cls, names: Sequence[str], where: str, rig: Rig | None) -> LoggedMotion:
+        """Of a log with columns of these names. Raises InputError when some are missing."""
+        header = ColumnTable(columns={name: np.zeros(0) for name in names}, where=where, first_row=1)
+        if "time" not in names:
+            raise header.error("column time is missing", "record it; read static poses as a whole with `read`")
+        channels = wrench_channels(header)
+        form = motion_form(header, channels, rig)
+        needed = _needed(form, header, rig)
+        missing = [name for name in needed if name not in names]
+        if missing:
+            what = f"a long log needs the motion's derivatives as columns, and {', '.join(missing)} is missing"
+            raise header.error(what, "record it, or read the run as a whole with `read`")
+        return cls(channels=channels, form=form, needed=frozenset({"time", *channels, *needed}), rig=rig)
+
+    def chunk(self, table: ColumnTable, run: str, history: int) -> Chunk:
+        """The samples of a table as a chunk."""
+        columns = table.columns
+        derive = {MotionForm.JOINTS: _joints, MotionForm.PLANAR_POSE: _planar_pose, MotionForm.POSE: _pose}
+        signals = {n: v for n, v in columns.items() if n not in (*self.channels, "repeat")}
+        wrench = np.stack([columns[channel] for channel in self.channels])  # every channel contiguous
+        return Chunk(run=run, signals=signals | derive[self.form](columns, self.rig), wrench=wrench.T, history=history)
+
+
+def _needed(form: MotionForm, header: ColumnTable, rig: Rig | None) -> tuple[str, ...]:
+    """The columns needed for this form of motion, with the sensor origin's acceleration where that moves."""
+    if form is MotionForm.JOINTS:
+        arm = None if rig is None else rig.arm
+        return (
+            () if arm is None else tuple(n for prefix in ("q", "dq", "ddq") for n in numbered_names(prefix, arm.joints))
+        )
+    if form is MotionForm.PLANAR_POSE:
+        return ("phi", "dphi", "ddphi", *_origin(header.columns, POSITION, VELOCITY, ACCELERATION))
+    position, velocity, acceleration = _spatial_origin()
+    turning = tuple(prefix + axis for prefix in ("w", "al") for axis in "xyz")
+    return (*QUATERNION, *turning, *_origin(header.columns, position, velocity, acceleration))
+
+
+def _spatial_origin() -> tuple[tuple[str, ...], ...]:
+    """Names of position, velocity and acceleration."""
+    return tuple(tuple(prefix + axis for axis in "xyz") for prefix in ("p", "vp", "ap"))
+
+
+def _origin(
+    columns: Mapping[str, Array], position: Sequence[str], velocity: Sequence[str], acceleration: Sequence[str]
+) -> tuple[str, ...]:
+    """Names of the acceleration where the sensor origin's motion was recorded; none where it is taken as zero."""
+    return tuple(acceleration) if any(n in columns for n in (*position, *velocity, *acceleration)) else ()
+
+
+def _joints(columns: Mapping[str, Array], rig: Rig | None) -> dict[str, Array]:
+    arm = None if rig is None else rig.arm
+    if arm is None:
+        return {}
+    names = [numbered_names(prefix, arm.joints) for prefix in ("q", "dq", "ddq")]
+    return arm.pose(*(np.stack([columns[name] for name in own], axis=1) for own in names))
+
+
+def _planar_pose(columns: Mapping[str, Array], rig: Rig | None) -> dict[str, Array]:
+    return _zero_rates(columns, VELOCITY, ACCELERATION)
+
+
+def _pose(columns: Mapping[str, Array], rig: Rig | None) -> dict[str, Array]:
+    quaternion = np.stack([columns[name] for name in QUATERNION])
+    unit = dict(zip(QUATERNION, quaternion / np.linalg.norm(quaternion, axis=0), strict=True))
+    return unit | _zero_rates(columns, *_spatial_origin()[1:])
+
+
+def _zero_rates(columns: Mapping[str, Array], velocity: Sequence[str], acceleration: Sequence[str]) -> dict[str, Array]:
+    """Velocity and acceleration of the sensor origin as zero where its acceleration was not recorded."""
+    if all(name in columns for name in acceleration):
+        return {}
+    samples = len(next(iter(columns.values())))
+    return {name: np.zeros(samples) for name in (*velocity, *acceleration)}

@@ -1,0 +1,1 @@
+"""Measurement chain from motion to reading: stages, effects, wrench model, prediction, regressor."""

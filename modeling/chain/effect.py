@@ -1,0 +1,138 @@
+"""Abstract effect: physics that the rigid-tool model omits, as a perturbation of one stage of the chain."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from modeling import symbolic as sp
+from modeling.chain.chain import Chain, Stage
+from modeling.parameter import Parameter
+from modeling.space import Space
+
+if TYPE_CHECKING:
+    from modeling.kinematics.arm import Arm
+
+NuisanceValues = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchDomain:
+    """Search domain of nuisance parameters, from the range of a recording.
+
+    low, high   corners of the bounding box of the sensor origin in the world, m (empty without a position)
+    start, end  time of the first and last sample, s
+    reach       largest distance along the tip at which a force may act, m
+    events      intervals (s) of detected transient events, where the recording differs from its other repeats
+    tones       frequencies (Hz) of non-excited lines in the residual, largest first
+    largest     per channel the largest |reading|, N or N m
+    swing       per channel the amplitude (half peak-to-peak) of the predicted load, N or N m
+    inertia     of the tool about the sensor, kg m²
+    """
+
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    start: float = 0.0
+    end: float = 0.0
+    reach: float = 0.5
+    events: tuple[tuple[float, float], ...] = ()
+    tones: tuple[float, ...] = ()
+    largest: tuple[float, ...] = ()
+    swing: tuple[float, ...] = ()
+    inertia: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridSuperposition:
+    """Grid points whose sensitivities are weighted sums of those at fewer points (blocks).
+
+    blocks   values of the nuisance parameters at b points
+    index    (g, s) the blocks that make up each of g points, with the weights (g, s)
+    """
+
+    blocks: tuple[NuisanceValues, ...]
+    index: tuple[tuple[int, ...], ...]
+    weights: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def plain(cls, points: Sequence[NuisanceValues]) -> GridSuperposition:
+        """Every grid point as its own block."""
+        return cls(blocks=tuple(points), index=tuple((i,) for i in range(len(points))), weights=((1.0,),) * len(points))
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A physical effect; sensitivity, refit, design, text and code all follow from `perturb`.
+
+    Subclasses state their equation, sign and units in the docstring; `id` is stable, `advice` says what to check on the
+    rig, `confused_with` names effects that it may be aliased with. `per_recording` effects (events, bias drift) are
+    recording-specific disturbances; `needs_repeats` effects are aliased with slow physics in a single run of a motion;
+    `needs_joints` effects act on joints or links.
+    """
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    stage: ClassVar[Stage]
+    equation: ClassVar[str]
+    advice: ClassVar[str]
+    confused_with: ClassVar[str] = ""
+    spaces: ClassVar[tuple[Space, ...]] = (Space.PLANE, Space.SPACE)
+    per_recording: ClassVar[bool] = False
+    needs_repeats: ClassVar[bool] = False
+    needs_joints: ClassVar[bool] = False
+
+    @property
+    def designable(self) -> bool:
+        """Whether exciting trajectories can be designed for it.
+
+        It is not recording-specific, and its contribution is a static function of the motion followed by a linear
+        filter.
+        """
+        return not self.per_recording and self.stage.adds
+
+    @abstractmethod
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """The parameters that this effect adds, named without the effect's id."""
+
+    @abstractmethod
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """The chain with this effect in it; `p` holds the expressions of the parameters by their own names."""
+
+    def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
+        """Grid of nuisance values for the search; a single empty set without nuisance parameters.
+
+        Each point has every nuisance parameter, and those amplitudes (the same ones each time) that have no useful
+        derivative at their nominal value: their sensitivity is then the finite difference between the value given and
+        the nominal one.
+        """
+        return ({},)
+
+    def combination(self, points: Sequence[NuisanceValues]) -> GridSuperposition:
+        """Exact superposition of the sensitivities at these nuisance values; by default each is its own block."""
+        return GridSuperposition.plain(points)
+
+    def fitting(self, arm: Arm | None) -> Self:
+        """The effect for a model of that arm."""
+        return self
+
+    def qualified(self, space: Space) -> tuple[Parameter, ...]:
+        """The parameters under their full names, `<id>.<name>`."""
+        return tuple(
+            Parameter(
+                name=f"{self.id}.{p.name}",
+                unit=p.unit,
+                nominal=p.nominal,
+                bounds=p.bounds,
+                nuisance=p.nuisance,
+                start=p.start,
+            )
+            for p in self.parameters(space)
+        )
+
+    def applied(self, chain: Chain) -> Chain:
+        """The chain with this effect in it, in terms of its qualified parameters' symbols."""
+        own = self.parameters(chain.space)
+        symbols = (p.symbol for p in self.qualified(chain.space))
+        return self.perturb(chain, {p.name: symbol for p, symbol in zip(own, symbols, strict=True)})

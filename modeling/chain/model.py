@@ -1,0 +1,307 @@
+"""Wrench model: channels, inputs, parameters and symbolic prediction."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from itertools import permutations, product
+from typing import Any, Self, TypeVar
+
+from modeling import symbolic as sp
+from modeling.chain.chain import Chain, Stage, rigid_chain
+from modeling.chain.effect import Effect
+from modeling.errors import InputError
+from modeling.evaluation.cache import PlainData, cached, canonical_data
+from modeling.expressions.intermediate_variables import Definitions, required_definitions
+from modeling.expressions.symbolic_vector import SymbolicVector
+from modeling.kinematics.arm import Arm
+from modeling.kinematics.perturbed_arm import PerturbedArm
+from modeling.parameter import Parameter
+from modeling.rig.rig import STANDARD_GRAVITY, Convention, Rig
+from modeling.space import Space
+from modeling.tool.rigid_body import inertial_parameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelPart:
+    """Outline of a vector of expressions: its input signals, parameter names, and active parameters."""
+
+    inputs: tuple[str, ...]
+    names: tuple[str, ...]
+    active: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOutline:
+    """Outline of a model: its parts by name (see `WrenchModel.columns`), and whether it has a transfer function."""
+
+    parts: Mapping[str, ModelPart]
+    has_memory: bool
+
+    @classmethod
+    def of(cls, columns: Mapping[str, SymbolicVector], memory: sp.Expr) -> Self:
+        """The outline of derived expressions."""
+        parts = {n: ModelPart(inputs=c.inputs, names=c.names, active=c.active) for n, c in columns.items()}
+        return cls(parts=parts, has_memory=bool(memory != 1))
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Self:
+        """Inverse of `to_data`; KeyError or TypeError for other data."""
+        parts = {name: _part(**part) for name, part in data["parts"].items()}
+        return cls(parts=parts, has_memory=bool(data["has_memory"]))
+
+    def to_data(self) -> dict[str, Any]:
+        """The outline as plain data."""
+        return asdict(self)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of all input signals of the parts, and the time if the model has memory."""
+        names = {name for part in self.parts.values() for name in part.inputs}
+        return tuple(sorted(names | ({"time"} if self.has_memory else set())))
+
+
+def _part(*, inputs: list[str], names: list[str], active: list[int]) -> ModelPart:
+    return ModelPart(inputs=tuple(inputs), names=tuple(names), active=tuple(active))
+
+
+T = TypeVar("T")
+QuarterTurnRotation = tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, int, int]]
+ALIGNED_MOUNTING: QuarterTurnRotation = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+def _quarter_turns() -> tuple[QuarterTurnRotation, ...]:
+    """The 24 proper rotations that map axes to axes: signed permutations of determinant 1."""
+    turns = []
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        rows = [[signs[i] if j == order[i] else 0 for j in range(3)] for i in range(3)]
+        if _determinant(rows) == 1:
+            first, second, third = ((row[0], row[1], row[2]) for row in rows)
+            turns.append((first, second, third))
+    return tuple(turns)
+
+
+def _determinant(rows: list[list[int]]) -> int:
+    a, b, c = rows
+    return sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
+
+
+QUARTER_TURNS = _quarter_turns()
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrenchModel:
+    """Model of the readings of a wrist sensor that carries a rigid tool, with the given effects.
+
+    reading = clip(H(s) play(load(signals; parameters)) + bias(signals; parameters)), most terms absent in most models;
+    planar and six-axis models are two instances (`space`). `convention` is the sign of the readings: ON_TOOL is
+    F = m (a - g) (22.8, Bassi et al., in the plane), ON_SENSOR its negative, AUTO is estimated before a fit. `mirror_y`
+    inverts the y channel. `mounting` are the rows of the rotation by multiples of 90° from the axes of the motion to
+    those of the readings; other angles are an effect (`sensor_rotation`). Effects of joints and links act on `arm`.
+    """
+
+    space: Space
+    gravity: float = STANDARD_GRAVITY
+    convention: Convention = Convention.ON_TOOL
+    mirror_y: bool = False
+    mounting: QuarterTurnRotation = ALIGNED_MOUNTING
+    effects: tuple[Effect, ...] = ()
+    arm: Arm | None = None
+
+    def __add__(self, effect: Effect | Iterable[Effect]) -> WrenchModel:
+        """The model with one more effect (or several) in its chain."""
+        added = (effect,) if isinstance(effect, Effect) else tuple(effect)
+        for place, new in enumerate(added):
+            if self.space not in new.spaces:
+                raise InputError(
+                    what=f"'{new.id}' is not defined for {len(self.space.channels)} channels",
+                    where="effect id",
+                    remedy="see `truewrench effects` for where each applies",
+                )
+            if any(new.id == old.id for old in (*self.effects, *added[:place])):
+                raise InputError(
+                    what=f"'{new.id}' is in the model already",
+                    where="effect id",
+                    remedy="add each effect once",
+                )
+        return replace(self, effects=self.effects + tuple(new.fitting(self.arm) for new in added))
+
+    def without(self, effect_id: str) -> WrenchModel:
+        """The model without that effect."""
+        return replace(self, effects=tuple(e for e in self.effects if e.id != effect_id))
+
+    def with_arm(self, arm: Arm | None) -> WrenchModel:
+        """The model with that arm, unless it already has one or is of another space."""
+        if self.arm is not None or arm is None or arm.space is not self.space:
+            return self
+        return replace(self, arm=arm, effects=tuple(effect.fitting(arm) for effect in self.effects))
+
+    @property
+    def base(self) -> WrenchModel:
+        """The model of the rigid tool alone."""
+        return replace(self, effects=())
+
+    @property
+    def lasting(self) -> WrenchModel:
+        """The model without recording-specific effects (contact event, bias drift)."""
+        return replace(self, effects=tuple(e for e in self.effects if not e.per_recording))
+
+    @property
+    def designable(self) -> WrenchModel:
+        """The model without effects for which no exciting trajectory can be designed."""
+        return replace(self, effects=tuple(e for e in self.effects if e.designable))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the wrench's channels."""
+        return self.space.channels
+
+    @cached_property
+    def biases(self) -> tuple[Parameter, ...]:
+        """The bias of each channel, in its unit."""
+        return tuple(
+            Parameter(name=f"bias_{channel}", unit=unit)
+            for channel, unit in zip(self.channels, self.space.units, strict=True)
+        )
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Biases, inertial parameters (22.6), then those of the effects in the order of addition."""
+        own = tuple(p for effect in self.effects for p in effect.qualified(self.space))
+        return self.biases + inertial_parameters(self.space) + own
+
+    @property
+    def base_size(self) -> int:
+        """Number of parameters of the rigid tool and the biases."""
+        return len(self.biases) + len(inertial_parameters(self.space))
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The measurement chain with all effects, applied in the order of the stages."""
+        sign = -1 if self.convention is Convention.ON_SENSOR else 1
+        signs = tuple(-sign if self.mirror_y and c == "fy" else sign for c in self.channels)
+        zero = sp.Matrix([p.symbol for p in self.biases])
+        perturbed = self.arm is not None and any(effect.needs_joints for effect in self.effects)
+        chain = rigid_chain(
+            self.space,
+            gravity=self.gravity,
+            sign=signs,
+            zero=zero,
+            mounting=sp.Matrix(self.mounting),
+            arm=PerturbedArm.as_described(self.arm) if perturbed and self.arm is not None else None,
+        )
+        stages = list(Stage)
+        for effect in sorted(self.effects, key=lambda e: stages.index(e.stage)):
+            chain = effect.applied(chain)
+        return chain
+
+    @cached_property
+    def load(self) -> sp.Matrix:
+        """The reading before play, transfer function and bias, (p, 1), in signals and `definitions`."""
+        return self.chain.load()
+
+    @cached_property
+    def definitions(self) -> Definitions:
+        """Intermediate variables in order, of joint signals and of deflection; mostly none."""
+        return self.chain.definitions()
+
+    @property
+    def zero(self) -> sp.Matrix:
+        """Biases and drift, added after the transfer function, (p, 1)."""
+        return self.chain.zero
+
+    @property
+    def memory(self) -> sp.Expr:
+        """Transfer function in s from load to reading."""
+        return self.chain.memory
+
+    @property
+    def direct(self) -> bool:
+        """Whether the model is load, transfer function and bias: no play, deflection, saturation or perturbed arm."""
+        chain = self.chain
+        return chain.play is None and chain.deflection is None and chain.level is None and chain.arm is None
+
+    def require_direct(self, where: str) -> None:
+        """Raise InputError, naming the effects at fault, when the model is not `direct`."""
+        if not self.direct:
+            names = ", ".join(e.id for e in self.effects if e.needs_joints or not e.stage.adds)
+            raise InputError(what=f"it does not support {names}", where=where, remedy="leave that effect out")
+
+    def inputs_of(self, expression: sp.Matrix) -> tuple[str, ...]:
+        """Sorted names of the signals on which an expression of this model depends, intermediate variables resolved."""
+        used = set(expression.free_symbols)
+        for symbol, step in required_definitions(self.definitions, expression):
+            used = (used - {symbol}) | step.free_symbols
+        own = {p.symbol for p in self.parameters} | {symbol for symbol, _ in self.definitions}
+        deflection = () if self.chain.deflection is None else self.chain.deflection.signals
+        return tuple(sorted(s.name for s in used - own - set(deflection) if isinstance(s, sp.Symbol)))
+
+    @cached_property
+    def columns(self) -> Mapping[str, SymbolicVector]:
+        """The symbolic parts as vectors of expressions: load and zero; play, level and deflection if present.
+
+        `deflected load` and `equilibrium` have the deflection signals among their parameters, and the same inputs.
+        """
+        chain, symbols = self.chain, tuple(p.symbol for p in self.parameters)
+        parts = {"load": self.load, "zero": chain.zero, "play": chain.play, "level": chain.level}
+        present = {name: part for name, part in parts.items() if part is not None}
+        found = {
+            n: SymbolicVector(part, self.inputs_of(part), symbols, self.definitions) for n, part in present.items()
+        }
+        if chain.deflection is not None:
+            deflected, equilibrium = symbols + chain.deflection.signals, chain.equilibrium()
+            inputs = self.inputs_of(sp.Matrix.vstack(self.load, equilibrium))
+            found["deflected load"] = SymbolicVector(self.load, inputs, deflected, self.definitions)
+            found["equilibrium"] = SymbolicVector(equilibrium, inputs, deflected, self.definitions)
+        return found
+
+    @cached_property
+    def outline(self) -> ModelOutline:
+        """Outline of the model, from the disk cache if it was derived before."""
+        return self.stored(
+            "outline", lambda: ModelOutline.of(self.columns, self.memory).to_data(), ModelOutline.from_data
+        )
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of all input signals of the prediction."""
+        return self.outline.inputs
+
+    def stored(self, part: str, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
+        """`read` of the data from `derive` for a part of this model, cached on disk for all processes."""
+        if self._described is None:
+            return read(derive())
+        return cached({"part": part, "model": self._described}, derive, read)
+
+    @cached_property
+    def _described(self) -> str | None:
+        """Cache key of the derivations; None with an effect of another module, whose source is not tracked."""
+        own = self if any(effect.needs_joints for effect in self.effects) else replace(self, arm=None)
+        try:
+            return json.dumps(canonical_data(own), sort_keys=True)
+        except TypeError:
+            return None
+
+
+def planar(rig: Rig | None = None) -> WrenchModel:
+    """The planar model of 22.6: bias_fx, bias_fy, bias_tau, m, mlg, I, with the rig's gravity and signs.
+
+    Readings are `on_tool` unless the rig states otherwise.
+    """
+    return _of_rig(Space.PLANE, rig, Convention.ON_TOOL)
+
+
+def spatial(rig: Rig | None = None) -> WrenchModel:
+    """The six-axis model: six biases and ten inertial parameters; its sign is estimated unless stated."""
+    return _of_rig(Space.SPACE, rig, Convention.AUTO)
+
+
+def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
+    if rig is None:
+        return WrenchModel(space=space, convention=default)
+    sensor, arm = rig.sensor, rig.arm if rig.arm is not None and rig.arm.space is space else None
+    stated = sensor.convention if sensor is not None and sensor.convention is not None else default
+    mirror = bool(sensor is not None and sensor.mirror_y)
+    return WrenchModel(space=space, gravity=rig.gravity, convention=stated, mirror_y=mirror, arm=arm)

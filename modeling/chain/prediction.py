@@ -1,0 +1,182 @@
+"""Compiled prediction of a wrench model, with parameter derivatives shared by screening, fit and design."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling import symbolic as sp
+from modeling.chain.model import WrenchModel
+from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
+from modeling.evaluation.compiled_vector import CompiledVector
+from modeling.evaluation.tape_evaluation import TapeEvaluation
+from modeling.evaluation.vector_function import Array, Signals, VectorFunction
+from modeling.expressions.laplace_variable import laplace
+from modeling.expressions.symbolic_vector import SymbolicVector
+
+if TYPE_CHECKING:
+    from modeling.dynamics.equation_of_motion import EquationOfMotion
+    from modeling.dynamics.time_base import TimeBase
+
+ValueAndDerivative = tuple[Array, Array]
+
+__all__ = ["Array", "DeflectedLoad", "Prediction", "Signals", "VectorFunction", "compiled_prediction"]
+
+
+@dataclass(frozen=True, eq=False)
+class DeflectedLoad:
+    """Load and equation of motion of a deflected tool, in signals and (theta (k,), deflection (3 d,))."""
+
+    load: VectorFunction
+    equilibrium: VectorFunction
+    size: int
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The input signals of both."""
+        return self.load.inputs
+
+    @cached_property
+    def equation(self) -> EquationOfMotion:
+        """The equation of motion, for `modeling.dynamics.deflection_solver.solve_deflection`."""
+        from modeling.dynamics.equation_of_motion import EquationOfMotion
+
+        return EquationOfMotion(self.equilibrium, self.size)
+
+    def tangent(
+        self,
+        signals: Signals,
+        theta: Array,
+        samples: int,
+        clock: TimeBase,
+        *,
+        derivative: bool,
+        tolerance: float = DEFLECTION_TOLERANCE,
+    ) -> ValueAndDerivative:
+        """Value (samples, p) and total derivative (samples, p, k); (samples, p, 0) without `derivative`.
+
+        With b(theta) the deflection over the record, d load = dload/dtheta + dload/db db/dtheta. `tolerance` is the
+        last correction of the deflection relative to its size.
+        """
+        from modeling.dynamics.deflection_solver import solve_deflection
+
+        rows = self.load.samples(signals, samples)
+        deflected = solve_deflection(self.equation, rows, theta, clock, derivative=derivative, tolerance=tolerance)
+        changing = [*np.ascontiguousarray(rows.T), *np.ascontiguousarray(deflected.values.T)]
+        value = np.zeros((samples, self.load.rows))
+        outputs = [value[:, row, None] for row in range(self.load.rows)]
+        if not derivative:
+            self._value.run(changing, theta[None], outputs)
+            return value, np.zeros((*value.shape, 0))
+        slopes = np.zeros((samples, self.load.rows, self.load.count))
+        outputs += [slopes[:, row, i, None] for i in self.load.active for row in range(self.load.rows)]
+        self._tangent.run(changing, theta[None], outputs)
+        return value, slopes[:, :, : self.size] + slopes[:, :, self.size :] @ deflected.slopes
+
+    @cached_property
+    def _value(self) -> TapeEvaluation:
+        """The load as a function of signals and deflection, for parameters theta."""
+        tape = self.load.compiled.tape.only(range(self.load.rows))
+        return TapeEvaluation(tape.with_inputs(range(self.size, self.load.count)))
+
+    @cached_property
+    def _tangent(self) -> TapeEvaluation:
+        """The load, then its derivative in the active parameters and in the deflection, parameter by parameter."""
+        return TapeEvaluation(self.load.compiled.tape.with_inputs(range(self.size, self.load.count)))
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The compiled parts of a model: `load`, transfer function, and the bias `zero` added after it."""
+
+    model: WrenchModel
+
+    @cached_property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        """The parameter symbols in the model's order."""
+        return tuple(p.symbol for p in self.model.parameters)
+
+    @cached_property
+    def load(self) -> VectorFunction:
+        """The static part before play and transfer function."""
+        return self._emitted("load")
+
+    @cached_property
+    def zero(self) -> VectorFunction:
+        """Biases and drift, added after the transfer function."""
+        return self._emitted("zero")
+
+    @cached_property
+    def play(self) -> VectorFunction | None:
+        """Half-widths (p,) of the play operator, functions of parameters alone; None without."""
+        return self._emitted("play") if "play" in self.model.outline.parts else None
+
+    @cached_property
+    def level(self) -> VectorFunction | None:
+        """Saturation levels (p,), functions of parameters alone; None without."""
+        return self._emitted("level") if "level" in self.model.outline.parts else None
+
+    @cached_property
+    def deflection(self) -> DeflectedLoad | None:
+        """Load and equation of motion of a tool on a spring; None for a rigid mounting."""
+        if "equilibrium" not in self.model.outline.parts:
+            return None
+        return DeflectedLoad(self._emitted("deflected load"), self._emitted("equilibrium"), len(self.model.parameters))
+
+    def _emitted(self, name: str) -> VectorFunction:
+        """A part of the model, its compilation cached on disk."""
+        model, part = self.model, self.model.outline.parts[name]
+
+        def compiled_part() -> CompiledVector:
+            return model.stored(
+                name, lambda: CompiledVector.of(model.columns[name]).to_data(), CompiledVector.from_data
+            )
+
+        return VectorFunction(part.inputs, part.names, part.active, lambda: model.columns[name], compiled_part)
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether the model has a transfer function."""
+        return self.model.outline.has_memory
+
+    @property
+    def instantaneous(self) -> bool:
+        """Whether the model is static: reading = load + bias of the same sample."""
+        return not self.has_memory and self.play is None and self.deflection is None and self.level is None
+
+    @property
+    def transfer_parameters(self) -> tuple[int, ...]:
+        """Indices of the parameters of the transfer function."""
+        return self._transfer.active
+
+    @cached_property
+    def _transfer(self) -> CompiledVector:
+        """H(s) and its derivative in the parameters."""
+
+        def derived() -> CompiledVector:
+            transfer = self.model.memory.xreplace({laplace(): sp.Symbol("s", real=True)})
+            return CompiledVector.of(SymbolicVector(sp.Matrix([transfer]), ("s",), self.symbols))
+
+        return self.model.stored("memory", lambda: derived().to_data(), CompiledVector.from_data)
+
+    @cached_property
+    def _transfer_evaluation(self) -> TapeEvaluation:
+        """Complex evaluation of H and its derivatives."""
+        return TapeEvaluation(self._transfer.tape, dtype=complex)
+
+    def transfer(self, omega: Array, theta: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.complex128]]]:
+        """H(j omega) and its derivatives in `transfer_parameters`; omega in rad/s."""
+        found = np.zeros((1 + len(self.transfer_parameters), len(omega), 1), dtype=complex)
+        inputs = [np.asarray(1j * omega, dtype=np.complex128)]
+        self._transfer_evaluation.run(inputs, np.asarray(theta, dtype=float)[None], list(found))
+        return found[0, :, 0], list(found[1:, :, 0])
+
+
+@lru_cache(maxsize=1024)
+def compiled_prediction(model: WrenchModel) -> Prediction:
+    """The compiled prediction of a model, once per model."""
+    return Prediction(model)

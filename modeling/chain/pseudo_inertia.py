@@ -1,0 +1,120 @@
+"""Pseudo-inertia matrix, positive semidefinite exactly for physically consistent parameters (Wensing et al. 2018)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling import symbolic as sp
+from modeling.chain.chain import Chain
+from modeling.chain.model import WrenchModel
+from modeling.errors import InputError
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PseudoInertia:
+    """J(theta) = constant + sum_i theta_i slopes_i, n x n, in kg, kg m and kg m² about the sensor origin.
+
+    expression  J in SymPy
+    names       (k,) names of the parameters theta
+    constant    (n, n)
+    slopes      (k, n, n)
+    mass        indices of the rows of J with the mass; the others have second moments
+    condition   J >= 0 as text
+    """
+
+    expression: sp.Matrix
+    names: tuple[str, ...]
+    constant: Array
+    slopes: Array
+    mass: tuple[int, ...]
+    condition: str
+
+    @property
+    def size(self) -> int:
+        """The number of rows n."""
+        return len(self.constant)
+
+    def at(self, theta: Array) -> Array:
+        """J (n, n) at the parameters theta (k,)."""
+        return np.asarray(self.constant + np.tensordot(theta, self.slopes, axes=1))
+
+    def over(self, names: Sequence[str]) -> PseudoInertia:
+        """The same matrix as a function of more parameters, (k,) `names` in their order."""
+        slopes = np.zeros((len(names), self.size, self.size))
+        slopes[[names.index(name) for name in self.names]] = self.slopes
+        return replace(self, names=tuple(names), slopes=slopes)
+
+
+@lru_cache(maxsize=32)
+def pseudo_inertia(model: WrenchModel) -> PseudoInertia:
+    """The pseudo-inertia of the model's tool, effects that change the tool included.
+
+    Raises InputError when it is not affine in the model's parameters, or depends on a signal.
+    """
+    rows, mass, condition = _planar(model.chain) if model.space is Space.PLANE else _spatial(model.chain)
+    matrix = rows.applyfunc(sp.expand)
+    active = [p for p in model.parameters if p.symbol in matrix.free_symbols]
+    slopes = [matrix.diff(p.symbol) for p in active]
+    constant = matrix.subs({p.symbol: 0 for p in active})
+    if any(m.free_symbols for m in (constant, *slopes)):
+        raise InputError(
+            what="the tool's moments are not linear in the parameters: physical consistency is no conic constraint",
+            where=" + ".join(["rigid tip", *(e.id for e in model.effects)]),
+            remedy="leave out physical consistency, or the effect that changes the tool",
+        )
+    return PseudoInertia(
+        expression=matrix,
+        names=tuple(p.name for p in active),
+        constant=np.array(constant.tolist(), dtype=float),
+        slopes=np.array([s.tolist() for s in slopes], dtype=float).reshape(len(active), *matrix.shape),
+        mass=mass,
+        condition=condition,
+    )
+
+
+def _spatial(chain: Chain) -> tuple[sp.Matrix, tuple[int, ...], str]:
+    """J = [[Sigma, c], [c', m]], 4 x 4.
+
+    Masses dm >= 0 at r (from the sensor origin, sensor frame) give J = sum [r; 1][r; 1]' dm, a sum of squares, so that
+    v' J v = sum (v . [r; 1])² dm >= 0 for every v. Its blocks are the mass m = sum dm, the first moment c = sum r dm
+    and the second moments Sigma = sum r r' dm. The inertia I = sum (|r|² 1 - r r') dm has the trace 2 tr(Sigma), so
+    that Sigma = tr(I)/2 1 - I. Conversely four masses realise every J >= 0 with m > 0: the condition is exact.
+    Wensing, Kim, Slotine, "Linear matrix inequalities for physically consistent inertial parameter identification"
+    (IEEE Robotics and Automation Letters 3, 2018).
+    """
+    body = chain.body
+    second = sp.eye(3) * body.inertia.trace() / 2 - body.inertia
+    rows = second.row_join(body.first_moment).col_join(body.first_moment.T.row_join(sp.Matrix([[body.mass]])))
+    return rows, (3,), "4 x 4 pseudo-inertia >= 0"
+
+
+def _planar(chain: Chain) -> tuple[sp.Matrix, tuple[int, ...], str]:
+    """J = [[m 1, c], [c', I]], with c along (x', y'): 3 x 3, or 2 x 2 for a first moment along the tip.
+
+    Of the second moments only the trace I = tr(Sigma), Sigma 2 x 2, is identifiable in the plane. Some Sigma with
+    [[Sigma, c], [c', m]] >= 0 exists exactly when m >= 0 and m I >= |c|²: Sigma >= c c'/m has at least the trace
+    |c|²/m, and c c'/m plus a multiple of the identity attains it. That is J >= 0, by the Schur complement of m 1 in J.
+    An axis without first moment would add the redundant condition m >= 0, and is left out.
+    """
+    body, tip = chain.body, chain.space.tip_axis
+    across = sp.Matrix([0, 0, 1]).cross(tip)
+    moments = [sp.expand(body.first_moment.dot(axis)) for axis in (across, tip)]
+    moments = [moment for moment in moments if moment != 0]
+    inertia = body.inertia[2, 2]
+    c = sp.Matrix(moments)
+    rows = (body.mass * sp.eye(len(moments))).row_join(c).col_join(c.T.row_join(sp.Matrix([[inertia]])))
+    squares = " + ".join(f"{_in_parentheses(moment)}²" for moment in reversed(moments))
+    return rows, tuple(range(len(moments))), f"{_in_parentheses(body.mass)} {_in_parentheses(inertia)} >= {squares}"
+
+
+def _in_parentheses(expression: sp.Expr) -> str:
+    text = str(expression)
+    return text if expression.is_Symbol else f"({text})"

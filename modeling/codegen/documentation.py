@@ -1,0 +1,180 @@
+"""Frames, signs, units and dynamics, as comments of generated code: paragraphs of plain text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from textwrap import wrap
+
+from modeling.chain.model import ALIGNED_MOUNTING
+from modeling.codegen.discrete_time_model import has_memory
+from modeling.codegen.expression_text import comment_text
+from modeling.codegen.fitted_model import FittedModel
+from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.parameter import Parameter
+from modeling.rig.rig import Convention
+from modeling.space import Space
+
+COMMENT_WIDTH = 100
+"""Characters in a line of comment."""
+
+PLANAR_FRAMES = (
+    "World: x right, y up, gravity (0, -9.806) m/s2. phi (rad) is the angle of the tip, clockwise from +y; (ax, ay)"
+    " the acceleration of the sensor origin in the world (m/s2), gravity excluded; dphi, ddphi in rad/s, rad/s2.",
+    "Signs of equation 22.8 of 'Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators'"
+    " (Bassi et al., chapter 22): the wrench that the sensor exerts on the tool, in the axes x' = (cos phi, -sin phi)"
+    " and -y', y' = (sin phi, cos phi) along the tip, torque clockwise about the sensor origin.",
+)
+SPATIAL_FRAMES = (
+    "All vectors in the sensor frame: a is the acceleration of the sensor origin minus gravity (m/s2), omega the"
+    " angular velocity (rad/s), alpha the angular acceleration (rad/s2).",
+    "Convention on_tool: the wrench that the sensor exerts on the tool, F = m a + .., torque about the sensor origin.",
+)
+
+
+def regressor_documentation(base: RigidToolRegressor) -> list[str]:
+    """Frames, signs, units and the order of inputs, rows and columns of a regressor, one paragraph each."""
+    title = "planar" if base.space is Space.PLANE else "six-axis"
+    return [
+        f"Regressor of the {title} rigid tool on a wrist force/torque sensor: reading = regressor * parameters.",
+        *(PLANAR_FRAMES if base.space is Space.PLANE else SPATIAL_FRAMES),
+        f"Inputs in order: {', '.join(base.inputs)}.",
+        f"Rows: {with_units(zip(base.space.channels, base.space.units, strict=True))}.",
+        f"Columns: {with_units((p.name, p.unit) for p in base.parameters)}; inertia about the sensor origin.",
+    ]
+
+
+def with_units(pairs: Iterable[tuple[str, str]]) -> str:
+    """Names with their units in parentheses."""
+    return ", ".join(f"{name} ({unit})" for name, unit in pairs)
+
+
+def parameter_comment(parameter: Parameter) -> str:
+    """A parameter's name and unit."""
+    return comment_text(f"{parameter.name}, {parameter.unit}" if parameter.unit != "1" else parameter.name)
+
+
+def paragraphs(texts: Iterable[str], width: int = COMMENT_WIDTH) -> list[str]:
+    """Paragraphs as wrapped lines with an empty one between them, safe within a comment."""
+    lines: list[str] = []
+    for text in texts:
+        lines += ["", *wrap(comment_text(text), width, break_long_words=False, break_on_hyphens=False)]
+    return lines[1:]
+
+
+PLANAR_SIGNALS = (
+    "Motion: world x right, y up; phi (rad) the angle of the tip, clockwise from +y, dphi, ddphi its rates; (px, py),"
+    " (vx, vy), (ax, ay) position, velocity and acceleration of the sensor origin in the world (m, m/s, m/s2), gravity"
+    " excluded. Wrench: axes x' = (cos phi, -sin phi), -y' against y' = (sin phi, cos phi) along the tip, torque"
+    " clockwise about the sensor origin."
+)
+SPATIAL_SIGNALS = (
+    "Motion: world z up; (qx, qy, qz, qw) the unit quaternion of the sensor in the world, v_world = R(q) v_sensor;"
+    " (wx, wy, wz), (alx, aly, alz) angular velocity and acceleration in the sensor frame (rad/s, rad/s2);"
+    " (px, py, pz), (vpx, vpy, vpz), (apx, apy, apz) position, velocity and acceleration of the sensor origin"
+    " in the world (m, m/s, m/s2), gravity excluded. Wrench: forces and torques about the sensor origin in its frame."
+)
+JOINT_SIGNALS = (
+    "q1 .., dq1 .., ddq1 .. are joint coordinates and their derivatives (rad, rad/s, rad/s2; m if prismatic)."
+)
+
+
+def model_documentation(fitted: FittedModel) -> list[str]:
+    """The model, its signals, signs and dynamics."""
+    without = "There is no derivative in the parameters: the tool deflects, or the derivative would be too long."
+    return (
+        signal_documentation(fitted)
+        + dynamics_documentation(fitted)
+        + ([without] if fitted.sensitivity is None else [])
+    )
+
+
+def signal_documentation(fitted: FittedModel) -> list[str]:
+    """The model, its signals and signs."""
+    model = fitted.model
+    title = "planar" if model.space is Space.PLANE else "six-axis"
+    what = ", ".join(f"{e.id} ({e.title})" for e in model.effects) or "none"
+    found = [
+        f"Fitted model of the tool on a {title} wrist force/torque sensor. Effects beyond the rigid tool: {what}.",
+        PLANAR_SIGNALS if model.space is Space.PLANE else SPATIAL_SIGNALS,
+        *([JOINT_SIGNALS] if "q1" in fitted.inputs else []),
+        f"Signals u in order: {', '.join(fitted.inputs)}. No other signals are needed.",
+        f"Readings: {with_units(zip(model.channels, model.space.units, strict=True))}. {_signs(fitted)}",
+        _contact(fitted),
+    ]
+    if fitted.dropped:
+        found.append(f"Not included, since specific to the recording of the fit: {', '.join(fitted.dropped)}.")
+    return found
+
+
+def _signs(fitted: FittedModel) -> str:
+    model = fitted.model
+    on_tool = model.convention is not Convention.ON_SENSOR
+    sign = (
+        "on_tool: the wrench of the sensor on the tool"
+        if on_tool
+        else "on_sensor: the wrench of the tool on the sensor"
+    )
+    fixed = [f"gravity {model.gravity} m/s2", f"convention {sign}"]
+    if model.mirror_y:
+        fixed.append("fy with opposite sign (mirror_y)")
+    if model.mounting != ALIGNED_MOUNTING:
+        rows = "; ".join(" ".join(map(str, row)) for row in model.mounting)
+        fixed.append(f"axes of the readings rotated by the matrix [{rows}]")
+    return f"Fixed in the code: {', '.join(fixed)}."
+
+
+def _contact(fitted: FittedModel) -> str:
+    where = (
+        "along x' and y' and clockwise about the sensor, whatever the readings' signs"
+        if fitted.model.space is Space.PLANE
+        else "in the sensor frame, about the sensor origin, whatever the readings' signs"
+    )
+    return (
+        f"Contact: the wrench of the environment on the tool, {', '.join(fitted.components)}, {where}:"
+        " inverse contact gain * (reading - prediction). The bias of the readings is that of the fit."
+    )
+
+
+def dynamics_documentation(fitted: FittedModel) -> list[str]:
+    """The model's dynamics; nothing for a model without memory."""
+    found = []
+    if fitted.dt is not None and has_memory(fitted.model):
+        found.append(
+            f"The model has memory. The code is for {1 / fitted.dt:.9g} samples per second without gaps; its initial"
+            " state is the steady state under the first sample."
+        )
+    if fitted.deflection is not None:
+        found.append(
+            "The tool is mounted on a rotational spring and damper. Its deflection is solved at every sample by a fixed"
+            " number of steps of Newton's method; its forcing is linear between samples (first-order hold). It starts"
+            " from the static equilibrium of the first sample."
+        )
+    if fitted.discrete is not None:
+        values = ", ".join(f"{p.name} = {fitted.values[p.name]!r} {p.unit}" for p in fitted.transfer_parameters)
+        found.append(f"Fixed in the transfer function: {values}. It filters a contact as it does the load.")
+        if fitted.discrete.wait:
+            found.append(
+                f"Readings lead the motion, or lag it by less than one sample: outputs belong to the sample of"
+                f" {fitted.discrete.wait} samples ago."
+            )
+    if "level" in fitted.parts:
+        found.append("Readings saturate: while one is at its saturation level, the contact is only a bound.")
+    return found
+
+
+def derivative_documentation(fitted: FittedModel, layout: str) -> str:
+    """The derivative and its memory layout."""
+    if fitted.linear:
+        return f"Regressor {layout}: reading = regressor * parameters, in their order."
+    return f"Derivative {layout}, of `load + zero` of one sample in the parameters, in their order."
+
+
+def sample_documentation(fitted: FittedModel) -> str:
+    """The quantities of a sample, in order."""
+    texts = {
+        "load": "load: the reading before play, transfer function and bias",
+        "zero": "zero: the bias, added last",
+        "width": "width: half-width of the play operator",
+        "level": "level: saturation level of the readings",
+    }
+    return "; ".join(texts[name] for name in fitted.parts) + "."

@@ -1,0 +1,136 @@
+"""Play operator (hysteresis) on a record, with derivatives in load and half-width."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling.dynamics.turning_points import Indices, TurningPoints
+from modeling.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlayResponse:
+    """Output of the play operator of half-width w in each channel.
+
+    While the load rises from a turning point at which the reading was y, the reading is max(y, load - w); while it
+    falls, min(y, load + w). Every sample is therefore the load of the same sample, of the last active turning point, or
+    of the first sample, plus w times -1, +1 or 0; the derivatives follow from this.
+    """
+
+    channels: tuple[ChannelPlay, ...]
+
+    @classmethod
+    def of(cls, load: Array, width: Array, *, periodic: bool, smooth: bool = True) -> PlayResponse:
+        """Play of half-widths (p,) on a load (n, p), both in the channels' units.
+
+        `periodic`: the steady state of a periodic load. Otherwise the initial reading is the load (the centre of the
+        play), and so it is for a periodic load of amplitude below w, whose steady state depends on its past. With
+        `smooth` the load turns between its samples (see `TurningPoints`); without, at samples (static poses).
+
+        Raises InputError for a negative width.
+        """
+        if np.any(np.asarray(width) < 0):
+            raise InputError(what=f"the half-width {np.min(width):g} is negative", where="play", remedy="make it >= 0")
+        columns = np.ascontiguousarray(np.transpose(load), dtype=float)
+        turns = (TurningPoints.of(column, periodic=periodic, smooth=smooth) for column in columns)
+        return cls(
+            tuple(ChannelPlay.of(*each, periodic) for each in zip(columns, turns, map(float, width), strict=True))
+        )
+
+    @property
+    def reading(self) -> Array:
+        """The output of the play operator, (n, p)."""
+        return np.stack([play.reading for play in self.channels], axis=1)
+
+    @property
+    def by_width(self) -> Array:
+        """Derivative of each reading in its half-width, (n, p): -1 pushed up, +1 pushed down, 0 not pushed yet.
+
+        At width 0 it is the one-sided derivative for increasing width, opposite to the direction of the load.
+        """
+        return np.stack([play.side for play in self.channels], axis=1)
+
+    def through(self, series: Array) -> Array:
+        """Directional derivative of the reading for a change of the load (n, p, ...), widths constant."""
+        changed = np.empty(series.shape)
+        for channel, play in enumerate(self.channels):
+            changed[:, channel] = play.through(series[:, channel])
+        return changed
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelPlay:
+    """The play of one channel.
+
+    reading  (n,)
+    side     (n,), +1 where it is w above the load of its source, -1 below, 0 not pushed yet
+    source   (n,), index of the last active turning point; K for the load of the same sample, -1 not pushed yet
+    """
+
+    reading: Array
+    side: Array
+    source: Indices
+    turns: TurningPoints
+
+    @classmethod
+    def of(cls, load: Array, turns: TurningPoints, width: float, periodic: bool) -> ChannelPlay:
+        """The play on a load (n,) with its turning points."""
+        states = _PlayStates.along(turns, width, load[0])
+        if periodic:
+            states = _PlayStates.along(turns, width, states.reading[-1], states.side[-1], states.source[-1])
+        branch = np.searchsorted(turns.place, np.arange(len(load)), side="left")
+        upwards = _directions(load, turns)[branch]
+        held = states.reading[branch]
+        pushed = upwards * (load - held) >= width
+        pushed[0] &= periodic
+        return cls(
+            reading=np.where(pushed, load - upwards * width, held),
+            side=np.where(pushed, -upwards, states.side[branch]),
+            source=np.where(pushed, len(turns.place), states.source[branch]),
+            turns=turns,
+        )
+
+    def through(self, series: Array) -> Array:
+        """Directional derivative of the reading for a change (n, ...) of the load, by each sample's source."""
+        changed = series.copy()
+        changed[self.source < 0] = series[0]
+        held = np.flatnonzero((self.source >= 0) & (self.source < len(self.turns.place)))
+        used, place = np.unique(self.source[held], return_inverse=True)
+        weights = self.turns.weights[used]
+        weights = weights.reshape(*weights.shape, *([1] * (series.ndim - 1)))
+        columns = range(weights.shape[1])
+        tops = sum((weights[:, m] * series[self.turns.samples[used, m]] for m in columns), np.zeros(()))
+        changed[held] = tops[place]
+        return changed
+
+
+@dataclass(frozen=True, eq=False)
+class _PlayStates:
+    """Reading, side and source initially and after each of the K turning points, (K + 1,)."""
+
+    reading: Array
+    side: Array
+    source: Indices
+
+    @classmethod
+    def along(
+        cls, turns: TurningPoints, width: float, reading: float, side: float = 0.0, source: int = -1
+    ) -> _PlayStates:
+        states = [(float(reading), float(side), int(source))]
+        for number, (crest, height) in enumerate(zip(turns.crest.tolist(), turns.height.tolist(), strict=True)):
+            pushes = crest * (height - states[-1][0]) >= width
+            states.append((height - crest * width, -crest, number) if pushes else states[-1])
+        readings, sides, sources = zip(*states, strict=True)
+        return cls(np.array(readings), np.array(sides), np.array(sources, dtype=np.intp))
+
+
+def _directions(load: Array, turns: TurningPoints) -> Array:
+    """+1 where the load rises before each of the K turning points and after the last, -1 where it falls, (K + 1,)."""
+    if not len(turns.crest):
+        return np.array([-1.0 if load[-1] < load[0] else 1.0])
+    return np.append(turns.crest, -turns.crest[-1])

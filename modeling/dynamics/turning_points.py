@@ -1,0 +1,105 @@
+"""Turning points of a sampled series, interpolated between samples where it is smooth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+STENCIL_SAMPLES = 5
+"""Samples of the interpolating polynomial at a turning point: the error of its extremum is O(h^5)."""
+
+NEWTON_CORRECTIONS = 4
+"""Newton steps from the parabola's extremum to the quartic's; the initial error O(h) is squared by each step."""
+
+
+@dataclass(frozen=True, eq=False)
+class TurningPoints:
+    """The K local extrema of a series, in order.
+
+    place    (K,), position in samples
+    crest    (K,), +1 for a maximum, -1 for a minimum; they alternate
+    height   (K,), extremal value in the unit of the series
+    samples, weights   (K, m) each: height = sum of weights · series[samples]. As an extremum is stationary in its
+             position, the weights are also the exact derivative of the height in those samples
+    """
+
+    place: Array
+    crest: Array
+    height: Array
+    samples: Indices
+    weights: Array
+
+    @classmethod
+    def of(cls, series: Array, *, periodic: bool, smooth: bool) -> TurningPoints:
+        """Turning points of a series (n,); with `periodic` the series is cyclic.
+
+        With `smooth` an extremum is that of the polynomial through the five samples around it (all, if there are
+        fewer), within half a step of the extremal sample. Otherwise, at the end of a constant section (not smooth), and
+        where the polynomial does not exceed the sample (noise), it is that sample. A single run that turns within its
+        first or last step is treated as starting or ending there.
+        """
+        crest, at = _turns(series, periodic)
+        samples, centre = _stencils(at, len(series), periodic)
+        around = series[samples]
+        offset, weights = np.zeros(len(at)), np.eye(samples.shape[1])[centre]
+        if smooth and samples.shape[1] >= 3:
+            shift, interpolation = _extrema(around, centre)
+            beyond = crest * (np.sum(interpolation * around, axis=1) - series[at]) >= 0
+            accepted = beyond & ~_after_constant_section(series, at)
+            offset = np.where(accepted, shift, offset)
+            weights = np.where(accepted[:, None], interpolation, weights)
+        return cls(at + offset, crest, np.sum(weights * around, axis=1), samples, weights)
+
+
+def _turns(series: Array, periodic: bool) -> tuple[Array, Indices]:
+    """The direction before each turning point, and its sample; the last sample of a constant section."""
+    steps = np.diff(series, append=series[:1]) if periodic else np.diff(series)
+    moving = np.flatnonzero(steps)
+    signs = np.sign(steps[moving])
+    before = np.roll(signs, 1)
+    turning = signs != before
+    if not periodic:
+        turning[:1] = False
+    return before[turning], moving[turning]
+
+
+def _stencils(at: Indices, count: int, periodic: bool) -> tuple[Indices, Indices]:
+    """The samples around each turning point, (K, m), and its index; shifted inwards at the ends of a single run."""
+    size = min(STENCIL_SAMPLES, count)
+    start = at - size // 2
+    if not periodic:
+        start = np.clip(start, 0, count - size)
+    return (start[:, None] + np.arange(size)) % count, at - start
+
+
+def _extrema(around: Array, centre: Indices) -> tuple[Array, Array]:
+    """Offset of each extremum from its sample (at most half a step), and the weights of the samples in its height.
+
+    With p the polynomial through the samples, p'(z) = 0 by Newton's method from the parabola through the extremal
+    sample and its neighbours. Bounded to half a step, the error is O(h^4) at most, and the weights remain exact.
+    """
+    rows, size = np.arange(len(around)), around.shape[1]
+    to_powers = np.linalg.inv(np.vander(np.arange(size) - (size - 1) / 2, increasing=True))
+    powers, orders = around @ to_powers.T, np.arange(size)
+    before, extremum, after = (around[rows, centre + k] for k in (-1, 0, 1))
+    origin = centre - (size - 1) / 2
+    z = origin - _ratio(after - before, 2 * (after - 2 * extremum + before))
+    for _ in range(NEWTON_CORRECTIONS):
+        slope = np.sum(powers[:, 1:] * orders[1:] * z[:, None] ** orders[:-1], axis=1)
+        curvature = np.sum(powers[:, 2:] * (orders[2:] * orders[1:-1]) * z[:, None] ** orders[:-2], axis=1)
+        z = np.clip(z - _ratio(slope, curvature), origin - 0.5, origin + 0.5)
+    return z - origin, z[:, None] ** orders @ to_powers
+
+
+def _ratio(numerator: Array, denominator: Array) -> Array:
+    return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator != 0)
+
+
+def _after_constant_section(series: Array, at: Indices) -> NDArray[np.bool_]:
+    constant = series[at] == series[at - 1]
+    return np.asarray(constant & (series[at - 1] == series[at - 2]), dtype=bool)

@@ -1,1 +1,0 @@
-"""Emission: models as source code and formulas that leave the project."""

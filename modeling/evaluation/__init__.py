@@ -1,0 +1,1 @@
+"""Numerical evaluation of derived expressions and of their parameter derivatives over arrays of samples."""

@@ -1,0 +1,293 @@
+"""Blockwise NumPy evaluation of a tape over samples and parameter sets.
+
+Operations on parameters alone run once for all samples, those on signals alone once for all parameter sets, the others
+as often as the parameters change that they depend on. The values of a block fit into the processor's cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling.evaluation.tape import NO_OPERAND, Operation, Tape
+
+Array = NDArray[np.float64]
+RealOrComplex = NDArray[np.float64] | NDArray[np.complex128]
+
+BLOCK_NUMBERS = 2**17
+"""Numbers in a block's values at most: 1 MB, a core's own cache."""
+SHORTEST_BLOCK, LONGEST_BLOCK = 1024, 4096
+"""Samples in a block: with fewer the overhead of NumPy's calls dominates, more gain nothing."""
+
+
+def _sq(x: Array, out: Array) -> Array:
+    return np.multiply(x, x, out)
+
+
+def _twice(x: Array, out: Array) -> Array:
+    return np.add(x, x, out)
+
+
+def _logical_not(x: Array, out: Array) -> Array:
+    return np.equal(x, 0.0, out)
+
+
+def _if_else_zero(condition: Array, x: Array, out: Array) -> None:
+    out[...] = np.where(condition != 0, x, 0.0)
+
+
+NUMPY_OPERATIONS: Mapping[str, Callable[..., object]] = {
+    **{name: getattr(np, name) for name in ("exp", "log", "sqrt", "sin", "cos", "tan", "sinh", "cosh", "tanh")},
+    **{name: getattr(np, name) for name in ("sign", "fabs", "log1p", "expm1", "fmin", "fmax")},
+    "neg": np.negative,
+    "sq": _sq,
+    "twice": _twice,
+    "inv": np.reciprocal,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "not": _logical_not,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "pow": np.power,
+    "constpow": np.power,
+    "lt": np.less,
+    "le": np.less_equal,
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "and": np.logical_and,
+    "or": np.logical_or,
+    "atan2": np.arctan2,
+    "if_else_zero": _if_else_zero,
+}
+"""NumPy's function of each operation, called with its operands and the output array."""
+
+Instruction = tuple[Callable[..., object], int, int, int]
+"""A function, the slots of its operands (`NO_OPERAND` for no second one), and the slot of its result."""
+Numbered = tuple[int, Operation]
+"""The number of a value, and its operation."""
+
+CONSTANT, PER_GROUP, PER_SET = range(3)
+"""How often values change over the parameter sets: never, between groups of sets, with each set."""
+Levels = tuple[int, ...]
+"""One of these for each parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class TapeEvaluation:
+    """Evaluation of a tape; with `varying`, parameters change from sample to sample as signals do."""
+
+    tape: Tape
+    varying: bool = False
+    dtype: type[float] | type[complex] = float
+
+    def run(self, inputs: Sequence[RealOrComplex], theta: Array, outputs: Sequence[RealOrComplex]) -> None:
+        """Write each result to its array (samples, g) of `outputs`.
+
+        inputs (samples,) each, theta (g, k); or (k, samples) when `varying`, and then g is 1. Outputs of results that
+        are identically zero are not written.
+        """
+        if not all(output.size for output in outputs):
+            return
+        levels = () if self.varying else _levels(theta)
+        schedule = self._schedule(levels)
+        with np.errstate(all="ignore"):  # values that are not finite propagate
+            fixed = self._fixed(schedule, [], 1) if self.varying else self._fixed(schedule, list(theta.T), len(theta))
+            for output, slot in schedule.constant_results:
+                outputs[output][...] = fixed[slot]
+            if schedule.outputs:
+                changing = [*inputs, *(theta if self.varying else ())]
+                order = (
+                    _order(theta, levels)
+                    if schedule.of_several
+                    else [(row, False) for row in range(outputs[0].shape[1])]
+                )
+                _blocks(schedule, fixed, changing, [outputs[output] for output in schedule.outputs], order, self.dtype)
+
+    def _fixed(self, schedule: Schedule, parameters: list[Array], sets: int) -> list[Any]:
+        """Parameters (g,), constants (), then values (g,) of operations on these alone."""
+        steps = schedule.of_parameters
+        values = [*parameters, *self._constants, *np.empty((len(steps), sets), self.dtype)]
+        _execute(steps, values)
+        return values
+
+    @cached_property
+    def _constants(self) -> list[Any]:
+        """The constants as arrays ()."""
+        return [np.array(constant) for constant in self.tape.constants]
+
+    @cached_property
+    def _schedules(self) -> dict[Levels, Schedule]:
+        return {}
+
+    def _schedule(self, levels: Levels) -> Schedule:
+        """The schedule for parameters that change at these levels."""
+        if levels not in self._schedules:
+            self._schedules[levels] = Schedule.of(self.tape, levels)
+        return self._schedules[levels]
+
+
+def _levels(theta: Array) -> Levels:
+    """How often each parameter changes over sets theta (g, k), grouped so that most operations are shared.
+
+    The parameter that changes with each set is the one without which the fewest distinct sets remain.
+    """
+    sets, count = theta.shape
+    if sets == 1:
+        return tuple([PER_SET] * count)
+    varied = np.flatnonzero((theta != theta[0]).any(axis=0))
+    groups = [len(np.unique(theta[:, varied[varied != i]], axis=0)) for i in varied] if len(varied) > 1 else []
+    others = PER_GROUP if groups and 2 * min(groups) <= sets else PER_SET
+    innermost = int(varied[int(np.argmin(groups))]) if groups else NO_OPERAND
+    changing = set(varied.tolist())
+    return tuple((PER_SET if i == innermost else others) if i in changing else CONSTANT for i in range(count))
+
+
+def _order(theta: Array, levels: Levels) -> list[tuple[int, bool]]:
+    """The sets ordered by groups, and whether each is the first of its group."""
+    grouping = theta[:, [level == PER_GROUP for level in levels]]
+    order = np.lexsort(grouping.T)
+    first_of_group = np.append(True, (np.diff(grouping[order], axis=0) != 0).any(axis=1))
+    return list(zip(map(int, order), map(bool, first_of_group), strict=True))
+
+
+def _blocks(
+    schedule: Schedule,
+    fixed: list[Any],
+    changing: list[Any],
+    outputs: list[Any],
+    order: Sequence[tuple[int, bool]],
+    dtype: type[float] | type[complex],
+) -> None:
+    """Evaluate the samples block by block, in each the parameter sets in that order."""
+    samples, sets = outputs[0].shape
+    scalars = [[value[row, ...] if value.ndim else value for value in fixed] for row in range(sets)]
+    length = min(max(BLOCK_NUMBERS // max(schedule.rows, 1), SHORTEST_BLOCK), LONGEST_BLOCK, samples)
+    work, unset = np.empty((schedule.rows, length), dtype), [None] * len(outputs)
+    first_output = len(fixed) + len(changing)
+    for start in range(0, samples, length):
+        stop = min(start + length, samples)
+        values: list[Any] = [*scalars[0], *(column[start:stop] for column in changing), *unset]
+        values += list(work[:, : stop - start])
+        _execute(schedule.of_signals, values)
+        for row, first_of_group in order:
+            values[: len(fixed)] = scalars[row]
+            if first_of_group:
+                _execute(schedule.of_several, values)
+            values[first_output : first_output + len(outputs)] = [output[start:stop, row] for output in outputs]
+            _execute(schedule.of_each, values)
+
+
+def _execute(steps: Sequence[Instruction], values: list[Any]) -> None:
+    for function, a, b, result in steps:
+        if b == NO_OPERAND:
+            function(values[a], values[result])
+        else:
+            function(values[a], values[b], values[result])
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """The operations of a tape by what they depend on, and slots for their results.
+
+    of_parameters     on parameters and constants alone: each fills the next slot after these
+    of_signals        on signals, and parameters that are the same in all sets
+    of_several        on signals and parameters, none of which changes with each set
+    of_each           on a parameter that changes with each set; and copies of results to the outputs
+    constant_results  results of parameters alone that are not identically zero: the output, and the slot of the value
+    outputs           the results that differ from sample to sample
+    rows              values of samples that are live at the same time
+
+    Slots are, in this order: values common to all samples, the inputs, the outputs, the rows.
+    """
+
+    of_parameters: tuple[Instruction, ...]
+    of_signals: tuple[Instruction, ...]
+    of_several: tuple[Instruction, ...]
+    of_each: tuple[Instruction, ...]
+    constant_results: tuple[tuple[int, int], ...]
+    outputs: tuple[int, ...]
+    rows: int
+
+    @classmethod
+    def of(cls, tape: Tape, levels: Levels) -> Schedule:
+        """The schedule of a tape; no `levels` where the parameters differ from sample to sample."""
+        inputs = tape.inputs + tape.parameters - len(levels)
+        sampled, level = _dependence(tape, inputs, levels)
+        common = [number for number in range(inputs, tape.size) if not sampled[number]]
+        slots = [NO_OPERAND] * (tape.size + 1)  # the last is that of `NO_OPERAND`
+        for slot, number in enumerate((*common, *range(inputs))):
+            slots[number] = slot
+        zero = {n for n, constant in enumerate(tape.constants, tape.first - len(tape.constants)) if constant == 0}
+        outputs = [output for output, number in enumerate(tape.results) if sampled[number]]
+        constant = [o for o, n in enumerate(tape.results) if not sampled[n] and n not in zero]
+        constant_results = tuple((output, slots[tape.results[output]]) for output in constant)
+        copies: dict[int, list[int]] = {}
+        for slot, output in enumerate(outputs, start=len(common) + inputs):
+            copies.setdefault(tape.results[output], []).append(slot)
+        parts: dict[int | None, list[Numbered]] = {None: [], CONSTANT: [], PER_GROUP: [], PER_SET: []}
+        for number, operation in enumerate(tape.operations, start=tape.first):
+            parts[level[number] if sampled[number] else None].append((number, operation))
+        fixed = tuple((NUMPY_OPERATIONS[name], slots[a], slots[b], slots[n]) for n, (name, a, b) in parts[None])
+        rows = _RowAllocation(tape, slots, first=len(common) + inputs + len(outputs))
+        used_later = {o for part in (PER_GROUP, PER_SET) for _, (_, *operands) in parts[part] for o in operands}
+        used_later |= set(copies)
+        of_signals = [rows.step(number, operation, live=used_later) for number, operation in parts[CONSTANT]]
+        used_later = {o for _, (_, *operands) in parts[PER_SET] for o in operands} | set(copies)
+        used_later |= {number for number, _ in parts[CONSTANT]}
+        of_several = [rows.step(number, operation, live=used_later) for number, operation in parts[PER_GROUP]]
+        reused = {number for part in (CONSTANT, PER_GROUP) for number, _ in parts[part]}
+        early = [number for number in copies if number < tape.first or level[number] != PER_SET]
+        of_each: list[Instruction] = [
+            (np.positive, slots[number], NO_OPERAND, slot) for number in early for slot in copies[number]
+        ]
+        for number, operation in parts[PER_SET]:
+            of_each.append(rows.step(number, operation, live=reused))
+            of_each += [(np.positive, slots[number], NO_OPERAND, slot) for slot in copies.get(number, ())]
+        steps = (fixed, tuple(of_signals), tuple(of_several), tuple(of_each))
+        return cls(*steps, constant_results, tuple(outputs), rows.count)
+
+
+def _dependence(tape: Tape, inputs: int, levels: Levels) -> tuple[list[bool], list[int]]:
+    """Whether each value differs from sample to sample, and at which level it changes from set to set."""
+    constants = len(tape.constants)
+    sampled = [True] * inputs + [False] * (len(levels) + constants)
+    level = [CONSTANT] * inputs + [*levels] + [CONSTANT] * constants
+    for _, a, b in tape.operations:
+        sampled.append(sampled[a] or (b != NO_OPERAND and sampled[b]))
+        level.append(level[a] if b == NO_OPERAND else max(level[a], level[b]))
+    return sampled, level
+
+
+class _RowAllocation:
+    """Rows for values of samples, freed at the last operation that reads a value."""
+
+    def __init__(self, tape: Tape, slots: list[int], first: int) -> None:
+        self.slots, self.first = slots, first
+        self.count = 0
+        self.free: list[int] = []
+        self.last = [NO_OPERAND] * len(slots)
+        for number, (_, a, b) in enumerate(tape.operations, start=tape.first):
+            self.last[a] = self.last[b] = number
+
+    def step(self, number: int, operation: Operation, live: Collection[int]) -> Instruction:
+        """The instruction of a value; its row may be that of an operand read last here, unless that stays live."""
+        slots, last, free = self.slots, self.last, self.free
+        name, a, b = operation
+        left, right = slots[a], slots[b]
+        if last[a] == number and left >= self.first and a not in live:
+            free.append(left)
+        if b != a and last[b] == number and right >= self.first and b not in live:
+            free.append(right)
+        if not free:
+            free.append(self.first + self.count)
+            self.count += 1
+        slots[number] = result = free.pop()
+        return NUMPY_OPERATIONS[name], left, right, result

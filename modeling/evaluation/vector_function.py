@@ -1,0 +1,199 @@
+"""A vector function of signals and parameters with its parameter derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling import symbolic as sp
+from modeling.errors import InputError
+from modeling.evaluation.compiled_vector import CompiledVector
+from modeling.evaluation.tape import Tape
+from modeling.evaluation.tape_evaluation import TapeEvaluation
+from modeling.expressions.intermediate_variables import Definitions
+from modeling.expressions.symbolic_vector import SymbolicVector
+
+Array = NDArray[np.float64]
+Signals = Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class VectorFunction:
+    """A vector (p,) as a function of signals and parameters (k,).
+
+    inputs    names of the signals
+    names     of the k parameters
+    active    which parameters it depends on
+    symbolic  returns its SymPy expressions, `compile` its tape, each called when first needed
+    """
+
+    inputs: tuple[str, ...]
+    names: tuple[str, ...]
+    active: tuple[int, ...]
+    symbolic: Callable[[], SymbolicVector]
+    compile: Callable[[], CompiledVector]
+
+    @classmethod
+    def of(
+        cls,
+        expression: sp.Matrix,
+        inputs: tuple[str, ...],
+        parameters: tuple[sp.Symbol, ...],
+        definitions: Definitions = (),
+    ) -> Self:
+        """Of symbolic expressions; `definitions` are their intermediate variables, in order."""
+        vector = SymbolicVector(expression, inputs, parameters, definitions)
+        return cls(inputs, vector.names, vector.active, lambda: vector, lambda: CompiledVector.of(vector))
+
+    @property
+    def count(self) -> int:
+        """The number k of parameters."""
+        return len(self.names)
+
+    @property
+    def expression(self) -> sp.Matrix:
+        """The SymPy expressions."""
+        return self.symbolic().expression
+
+    @property
+    def parameters(self) -> tuple[sp.Symbol, ...]:
+        """The parameters' symbols."""
+        return self.symbolic().parameters
+
+    @property
+    def definitions(self) -> Definitions:
+        """The intermediate variables of the expression."""
+        return self.symbolic().definitions
+
+    @cached_property
+    def compiled(self) -> CompiledVector:
+        """The vector and its derivatives on one tape."""
+        return self.compile()
+
+    @property
+    def rows(self) -> int:
+        """The number p."""
+        return self.compiled.rows
+
+    @cached_property
+    def symbols(self) -> tuple[Any, Any]:
+        """CasADi symbols of the inputs and of the parameters."""
+        import casadi as ca
+
+        return ca.SX.sym("u", len(self.inputs)), ca.SX.sym("theta", self.count)
+
+    @cached_property
+    def graph(self) -> Any:
+        """The vector (p,) as a CasADi graph over `symbols`."""
+        return self.compiled.tape.only(range(self.rows)).graph(*self.symbols)
+
+    def columns(self, signals: Signals, samples: int) -> list[Array]:
+        """The inputs of the first samples, (samples,) each."""
+        for name in self.inputs:
+            if name not in signals:
+                raise InputError(
+                    what=f"the model needs the signal '{name}'",
+                    where="recording",
+                    remedy="record it, or leave the effect out",
+                )
+        return [np.asarray(signals[name], dtype=float)[:samples] for name in self.inputs]
+
+    def samples(self, signals: Signals, samples: int) -> Array:
+        """The inputs of the first samples, (samples, m)."""
+        columns = self.columns(signals, samples)
+        return np.stack(columns, axis=1) if columns else np.zeros((samples, 0))
+
+    def value(self, signals: Signals, theta: Array, samples: int) -> Array:
+        """Value (samples, p), at parameters (k,) or at different ones for each sample (samples, k)."""
+        value = np.zeros((samples, self.rows), order="F")
+        self._evaluate((), signals, theta, samples, [value[:, row, None] for row in range(self.rows)])
+        return value
+
+    def tangent(self, signals: Signals, theta: Array, samples: int) -> tuple[Array, Array]:
+        """Value (samples, p) and derivative (samples, p, k) in all k parameters; theta as for `value`."""
+        value, derivative = (
+            np.zeros((samples, self.rows), order="F"),
+            np.zeros((samples, self.rows, self.count), order="F"),
+        )
+        outputs = [value[:, row, None] for row in range(self.rows)]
+        outputs += [derivative[:, row, i, None] for i in self.active for row in range(self.rows)]
+        self._evaluate(self.active, signals, theta, samples, outputs)
+        return value, derivative
+
+    def tangent_in(
+        self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int, *, valued: bool = True
+    ) -> tuple[Array, Array]:
+        """Value (samples, p), zero unless `valued`, and derivative (samples, p, len(which)) in those parameters."""
+        value, derivative = (
+            np.zeros((samples, self.rows), order="F"),
+            np.zeros((samples, self.rows, len(which)), order="F"),
+        )
+        active = tuple(i for i in which if i in self.active)
+        outputs = [value[:, row, None] for row in range(self.rows)] if valued else []
+        outputs += [derivative[:, row, which.index(i), None] for i in active for row in range(self.rows)]
+        self._evaluate(active, signals, theta, samples, outputs, valued=valued)
+        return value, derivative
+
+    def depending_on(self, signals: frozenset[str]) -> tuple[int, ...]:
+        """The active parameters in which the derivative depends on one of these signals."""
+        return _depending(self, signals)
+
+    def slopes(self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int) -> Array:
+        """Derivative (samples, p, g, len(which)) in the parameters `which`, at each of g sets theta (g, k)."""
+        theta = np.asarray(theta, dtype=float)
+        if theta.ndim != 2 or theta.shape[1] != self.count:
+            raise ValueError(f"sets of {self.count} parameters were expected, not an array {theta.shape}")
+        derivative = np.zeros((samples, self.rows, len(theta), len(which)), order="F")
+        active = [(j, i) for j, i in enumerate(which) if i in self.active]
+        outputs = [derivative[:, row, :, j] for j, _ in active for row in range(self.rows)]
+        evaluation = _evaluation(self, tuple(i for _, i in active), False, False)
+        evaluation.run(self.columns(signals, samples), theta, outputs)
+        return derivative
+
+    def derivative(self, which: tuple[int, ...]) -> Tape:
+        """The tape of the derivative in some of the active parameters, column by column."""
+        starts = [(self.active.index(i) + 1) * self.rows for i in which]
+        return self.compiled.tape.only([start + row for start in starts for row in range(self.rows)])
+
+    def _evaluate(
+        self,
+        which: tuple[int, ...],
+        signals: Signals,
+        theta: Array,
+        samples: int,
+        outputs: list[Array],
+        *,
+        valued: bool = True,
+    ) -> None:
+        """Write the value, if `valued`, then its derivative in the parameters `which`, to the outputs (samples, 1)."""
+        theta = np.asarray(theta, dtype=float)
+        if theta.shape not in ((self.count,), (samples, self.count)):
+            raise ValueError(f"{self.count} parameters were expected, not an array {theta.shape}")
+        varying = theta.ndim == 2
+        evaluation = _evaluation(self, which, valued, varying)
+        sets = np.ascontiguousarray(theta.T) if varying else theta[None]
+        evaluation.run(self.columns(signals, samples), sets, outputs)
+
+
+@lru_cache(maxsize=512)
+def _depending(function: VectorFunction, signals: frozenset[str]) -> tuple[int, ...]:
+    compiled = function.compiled
+    dependent = compiled.tape.depending_on([i for i, name in enumerate(function.inputs) if name in signals])
+    results = compiled.tape.results
+    rows = compiled.rows
+    columns = {i: results[(j + 1) * rows : (j + 2) * rows] for j, i in enumerate(compiled.active)}
+    return tuple(i for i, numbers in columns.items() if any(number in dependent for number in numbers))
+
+
+@lru_cache(maxsize=512)
+def _evaluation(function: VectorFunction, which: tuple[int, ...], valued: bool, varying: bool) -> TapeEvaluation:
+    """Evaluation of the value, if `valued`, then of the derivative in active parameters, column by column."""
+    compiled = function.compiled
+    rows, columns = compiled.rows, [compiled.active.index(i) + 1 for i in which]
+    wanted = [block * rows + row for block in ([0] * valued + columns) for row in range(rows)]
+    return TapeEvaluation(compiled.tape.only(wanted), varying)

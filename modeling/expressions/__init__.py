@@ -1,0 +1,1 @@
+"""Symbolic derivations: intermediate variables, straight-line programs, and their conversion to NumPy and CasADi."""

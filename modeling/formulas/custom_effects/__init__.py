@@ -1,0 +1,1 @@
+"""Effects defined by users as formulas with units."""

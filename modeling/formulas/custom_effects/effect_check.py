@@ -1,0 +1,137 @@
+"""Checks that a custom effect is finite, vanishes at nominal values and is identifiable to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling import symbolic as sp
+from modeling.chain.chain import rigid_chain
+from modeling.chain.effect import NuisanceValues, SearchDomain
+from modeling.chain.prediction import Signals, VectorFunction
+from modeling.errors import InputError
+from modeling.formulas.custom_effects.definition import EffectDefinition
+from modeling.formulas.custom_effects.parsed_formulas import parsed_formulas
+from modeling.parameter import Parameter
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+RANDOM_POINTS = 1024
+"""Random points at which an effect is evaluated: enough for one that acts in a hundredth of the space."""
+SIGNAL_DECADES = 2.0
+"""Random signals are 10^-2 to 10^2 of their unit, of either sign: beyond any rig, below any overflow."""
+GRID_CHUNK = 64
+"""Grid points evaluated together: all of them with all samples would not fit into memory."""
+VANISHING_TOLERANCE = 1e-9
+"""Of values of order one, far above the rounding of a few hundred operations."""
+
+
+class FormulaEffect(Protocol):
+    """The interface of a custom effect that the checks need."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def definition(self) -> EffectDefinition: ...
+    @property
+    def spaces(self) -> tuple[Space, ...]: ...
+    def parameters(self, space: Space) -> tuple[Parameter, ...]: ...
+    def nuisance_grid(self, extent: SearchDomain) -> Sequence[NuisanceValues]: ...
+
+
+def require_identifiable(effect: FormulaEffect, where: str) -> None:
+    """Raise InputError unless the effect vanishes at nominal values and is identifiable to first order there.
+
+    The score test uses the derivative at the nominal values: it would never find an amplitude that enters squared.
+    """
+    space = effect.spaces[0]
+    try:
+        value, derivative = _at_random_points(effect, space)
+    except (KeyError, TypeError, ValueError):  # SymPy simplified it to a function that CasADi lacks
+        remedy = "give atan2, abs, min and max arguments that are real and not constant"
+        place = f"{where}: {effect.definition.key}"
+        raise InputError(
+            what="one of its functions has no counterpart in generated code", where=place, remedy=remedy
+        ) from None
+    keys = [f"{effect.definition.key}.{name}" for name, _ in effect.definition.formulas]
+    finite = np.isfinite(value) & np.isfinite(derivative).all(axis=2)
+    for channel, key in enumerate(keys):
+        if not finite[:, channel].any():
+            remedy = "check for a root of a negative number, a division by zero, an exp of a large number"
+            raise InputError(what="it is not finite at any random point", where=f"{where}: {key}", remedy=remedy)
+        if np.abs(value[finite[:, channel], channel]).max() > VANISHING_TOLERANCE:
+            what = "it does not vanish at the nominal values of its amplitudes"
+            remedy = "multiply it by an amplitude, or give the nominal values"
+            raise InputError(what=what, where=f"{where}: {key}", remedy=remedy)
+    largest = np.where(finite[:, :, None], np.abs(derivative), 0.0).max(axis=(0, 1))
+    for parameter, sensitivity in zip(_amplitudes(effect, space), largest, strict=True):
+        if not sensitivity > 0:
+            what = "it is not identifiable to first order: the effect has no sensitivity to it at nominal values"
+            remedy = "let the effect be proportional to it, or give it `search` as a nuisance parameter"
+            raise InputError(what=what, where=f"{where}: parameters.{parameter.name}", remedy=remedy)
+
+
+def require_finite(effect: FormulaEffect, space: Space, signals: Signals, samples: int, where: str) -> None:
+    """Raise InputError where the effect is not finite on a recording's signals, at any point of the search grid.
+
+    `signals` are those of the recording by name, each (samples,); nothing is checked when one is missing.
+    """
+    parameters = effect.parameters(space)
+    function = _vector_function(effect, space, tuple(p.name for p in parameters))
+    if not set(function.inputs) <= set(signals):
+        return
+    amplitudes = tuple(i for i, p in enumerate(parameters) if not p.nuisance)
+    grid = [[values.get(p.name, p.nominal) for p in parameters] for values in effect.nuisance_grid(SearchDomain())]
+    for first in range(0, len(grid), GRID_CHUNK):
+        derivative = function.slopes(signals, np.array(grid[first : first + GRID_CHUNK]), amplitudes, samples)
+        wrong = np.argwhere(~np.isfinite(derivative))
+        if len(wrong):
+            sample, formula, point, _ = wrong[0]
+            key = f"{effect.definition.key}.{effect.definition.formulas[formula][0]}"
+            at = ", ".join(
+                f"{p.name} = {v:.4g}" for p, v in zip(parameters, grid[first + point], strict=True) if p.nuisance
+            )
+            what = f"{effect.id}: {key} is not finite at sample {sample + 1}{' with ' * bool(at)}{at}"
+            remedy = "keep roots and quotients away from that sample, or search other values"
+            raise InputError(what=what, where=where, remedy=remedy)
+
+
+def _amplitudes(effect: FormulaEffect, space: Space) -> list[Parameter]:
+    return [p for p in effect.parameters(space) if not p.nuisance]
+
+
+def _at_random_points(effect: FormulaEffect, space: Space) -> tuple[Array, Array]:
+    """Values (points, formulas) and derivatives (points, formulas, amplitudes) at nominal amplitudes."""
+    amplitudes = _amplitudes(effect, space)
+    function = _vector_function(effect, space, tuple(p.name for p in amplitudes))
+    nominal = np.array([p.nominal for p in amplitudes])
+    return function.tangent(_random_signals(effect, function.inputs), nominal, RANDOM_POINTS)
+
+
+def _vector_function(effect: FormulaEffect, space: Space, names: tuple[str, ...]) -> VectorFunction:
+    """The formulas as a function of the parameters `names`; other parameters are inputs, like signals."""
+    size = len(space.channels)
+    chain = rigid_chain(space, gravity=0.0, sign=(1,) * size, zero=sp.zeros(size, 1), mounting=sp.eye(3))
+    known = {p.name: sp.Symbol(p.name, real=True) for p in effect.parameters(space)}
+    added, _ = parsed_formulas(effect.definition).values(chain, known)
+    expressions, symbols = sp.Matrix(list(added.values())), tuple(known[name] for name in names)
+    inputs = tuple(sorted(s.name for s in expressions.free_symbols - set(symbols)))
+    return VectorFunction.of(expressions, inputs, symbols)
+
+
+def _random_signals(effect: FormulaEffect, inputs: tuple[str, ...]) -> dict[str, Array]:
+    rng, searched = np.random.default_rng(0), dict(effect.definition.search)
+    found = {}
+    for name in inputs:
+        size = 10.0 ** rng.uniform(-SIGNAL_DECADES, SIGNAL_DECADES, RANDOM_POINTS)
+        found[name] = size * rng.choice([-1.0, 1.0], RANDOM_POINTS)
+        if name in searched:
+            found[name] = rng.choice(np.array(searched[name]), RANDOM_POINTS)
+    if "time" in found:
+        found["time"] = np.abs(found["time"])
+    quaternion = rng.normal(size=(4, RANDOM_POINTS))
+    return found | dict(zip(("qx", "qy", "qz", "qw"), quaternion / np.linalg.norm(quaternion, axis=0), strict=True))

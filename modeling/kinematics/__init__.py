@@ -1,0 +1,1 @@
+"""Forward kinematics of planar and URDF arms, with kinematic errors."""

@@ -1,0 +1,99 @@
+"""Abstract arm: forward kinematics of the force sensor from the joint coordinates."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling import symbolic as sp
+from modeling.expressions.compilation import casadi_expressions
+from modeling.expressions.intermediate_variables import IntermediateVariables
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MathBackend:
+    """Functions of SymPy, CasADi or floats; `let` names an intermediate expression where the backend needs it."""
+
+    sin: Callable[[Any], Any]
+    cos: Callable[[Any], Any]
+    let: Callable[[Any], Any] = lambda expression: expression
+
+
+@dataclass(frozen=True)
+class ArmFrames:
+    """Joint axes and sensor pose of an arm, in the world.
+
+    origins, axes   per joint a point on its axis (m) and the unit vector of rotation or translation
+    pose            of the sensor: phi, px, py in the plane, qx, qy, qz, qw, px, py, pz in space
+    """
+
+    origins: tuple[Sequence[Any], ...]
+    axes: tuple[Sequence[Any], ...]
+    pose: tuple[Any, ...]
+
+
+class Arm(ABC):
+    """Serial arm from the world to the sensor. `names` are the signals of the sensor's motion in `space`, in order."""
+
+    space: ClassVar[Space]
+    names: ClassVar[tuple[str, ...]]
+
+    @property
+    @abstractmethod
+    def joints(self) -> int:
+        """The number of joints n."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each joint's coordinate: rad, or m of a prismatic joint."""
+        return ("rad",) * self.joints
+
+    @abstractmethod
+    def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: MathBackend) -> ArmFrames:
+        """Joint axes and sensor pose at the coordinates q (n), with link length errors `errors` (n), m."""
+
+    @abstractmethod
+    def derived(self, pose: Sequence[sp.Expr], steps: IntermediateVariables) -> dict[str, sp.Expr]:
+        """The signals by name, in the order of `names`, from a pose and its time derivatives."""
+
+    @abstractmethod
+    def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
+        """The signals by name as CasADi expressions of symbols q (n,) and of any dq, ddq (n,)."""
+
+    @abstractmethod
+    def pose(self, q: Array, dq: Array, ddq: Array) -> dict[str, Array]:
+        """The signals by name, each (N,), of joint motions (N, n): rad, rad/s, rad/s² (m of prismatic joints)."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Compiled functions are not pickled: they are rebuilt quickly in another process.
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+    @cached_property
+    def function(self) -> Any:
+        """CasADi function of q, dq, ddq (n,) each: the signals (len(names),), in the order of `names`."""
+        import casadi as ca
+
+        q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
+        return ca.Function("arm", [q, dq, ddq], [ca.cse(ca.vertcat(*self.graph(q, dq, ddq).values()))])
+
+    def tip(self, length: float) -> Any:
+        """CasADi function of q (n,): the point `length` (m) along the tip from the sensor origin, in the world.
+
+        (x, y) in the plane, along y'; (x, y, z) in space, along the sensor's z axis. m.
+        """
+        import casadi as ca
+
+        q, zero = ca.SX.sym("q", self.joints), ca.SX.zeros(self.joints)
+        known = {sp.Symbol(name, real=True): value for name, value in self.graph(q, zero, zero).items()}
+        motion = self.space.motion
+        point = motion.position + motion.rotation * (sp.Float(length) * self.space.tip_axis)
+        return ca.Function("tip", [q], [ca.vertcat(*casadi_expressions(known, list(point)[: self.space.value]))])

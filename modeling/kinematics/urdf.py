@@ -1,0 +1,199 @@
+"""URDF reader: the chain of joints from the root link to a given frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from modeling.errors import InputError
+from modeling.kinematics.joint import (
+    IDENTITY_PLACEMENT,
+    LARGEST_NUMBER,
+    Joint,
+    JointKind,
+    Placement,
+    Quaternion,
+    Vector3,
+)
+from modeling.kinematics.spatial_arm import SpatialArm
+
+MOVABLE_JOINTS = {"revolute": JointKind.REVOLUTE, "continuous": JointKind.REVOLUTE, "prismatic": JointKind.PRISMATIC}
+FIXED = "fixed"
+FRAMES_LISTED = 12  # frames listed in a message: enough for a six-axis arm with flange and tool, on one line
+
+
+def read_urdf(path: str | Path, sensor_frame: str | None) -> SpatialArm:
+    """The arm from the root link, which is the world with z up, to the link `sensor_frame`.
+
+    Joints of the chain may be revolute, continuous, prismatic or fixed. Other branches, meshes and inertias are
+    ignored, and no other file is opened. Angles are fixed-axis roll, pitch, yaw in rad, lengths m
+    (URDF specification, http://wiki.ros.org/urdf/XML/joint).
+    Raises InputError for a file that is no URDF, a missing frame, or another type of joint.
+    """
+    description = _Description.of(_robot(Path(path)), str(path))
+    chain: list[Joint] = []
+    placement = IDENTITY_PLACEMENT
+    for element in description.joints_to(description.frame(sensor_frame)):
+        read = _JointElement(element, str(path))
+        placement = placement.then(read.placement)
+        if read.kind is not None:
+            chain.append(read.joint(read.kind, placement))
+            placement = IDENTITY_PLACEMENT
+    if not chain:
+        what, remedy = f"no movable joint between its root and the frame '{sensor_frame}'", "name a frame that moves"
+        raise InputError(what=what, where=str(path), remedy=remedy)
+    return SpatialArm(tuple(chain), placement)
+
+
+class _RestrictedTreeBuilder(ElementTree.TreeBuilder):
+    """XML tree builder that refuses a document type, so that no entities can be declared."""
+
+    def doctype(self, name: str, *_: str | None) -> None:
+        raise ValueError(f"it has a document type declaration ({name}), which no URDF needs")
+
+
+def _robot(path: Path) -> ElementTree.Element:
+    remedy = "give a URDF file (expand a xacro file with `xacro` first)"
+    try:
+        root: ElementTree.Element = ElementTree.fromstring(
+            path.read_bytes(), parser=ElementTree.XMLParser(target=_RestrictedTreeBuilder())
+        )
+    except OSError as error:
+        what = error.strerror or "cannot be read"
+        raise InputError(what=what, where=str(path), remedy="give the path of a URDF file") from None
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        raise InputError(what=f"not a URDF file: {error}", where=str(path), remedy=remedy) from None
+    if root.tag != "robot" or any("xacro" in child.tag for child in root):
+        what = "not a URDF file: it still has xacro macros" if root.tag == "robot" else f"not a URDF but <{root.tag}>"
+        raise InputError(what=what, where=str(path), remedy=remedy)
+    return root
+
+
+@dataclass(frozen=True)
+class _Description:
+    """The links by name, and the parent joint of each link that has one."""
+
+    links: tuple[str, ...]
+    above: Mapping[str, ElementTree.Element]
+    where: str
+
+    @classmethod
+    def of(cls, robot: ElementTree.Element, where: str) -> _Description:
+        links = tuple(link.get("name", "") for link in robot.findall("link"))
+        above: dict[str, ElementTree.Element] = {}
+        for joint in robot.findall("joint"):
+            child = _link(joint, "child")
+            if child in above:
+                what = f"link '{child}' has the parent joints '{above[child].get('name')}' and '{joint.get('name')}'"
+                raise InputError(what=what, where=where, remedy="give a URDF in which each link has one parent joint")
+            above[child] = joint
+        return cls(links, above, where)
+
+    def frame(self, name: str | None) -> str:
+        """The name of an existing frame; InputError otherwise."""
+        if name in self.links and name is not None:
+            return name
+        what = "robot.sensor_frame is missing" if name is None else f"there is no frame '{name}'"
+        listed = ", ".join(self.links[-FRAMES_LISTED:])
+        choice = f"one of its last {FRAMES_LISTED}, {listed}" if len(self.links) > FRAMES_LISTED else f"one of {listed}"
+        raise InputError(what=what, where=self.where, remedy=f"name the sensor's frame as robot.sensor_frame: {choice}")
+
+    def joints_to(self, frame: str) -> list[ElementTree.Element]:
+        """The joints from the root to the frame."""
+        joints: list[ElementTree.Element] = []
+        link, visited = frame, {frame}
+        while link in self.above:
+            joints.insert(0, self.above[link])
+            link = _link(joints[0], "parent")
+            if link in visited or link not in self.links:
+                fault = (
+                    "is its own parent"
+                    if link in visited
+                    else f"is the parent of '{joints[0].get('name')}' but not defined"
+                )
+                what = f"link '{link}' {fault}"
+                raise InputError(what=what, where=self.where, remedy="give a URDF whose links form a tree")
+            visited.add(link)
+        return joints
+
+
+def _link(joint: ElementTree.Element, role: str) -> str:
+    """Name of the parent or child link of a joint; empty if none is given."""
+    element = joint.find(role)
+    return "" if element is None else element.get("link", "")
+
+
+@dataclass(frozen=True)
+class _JointElement:
+    """One joint of the file."""
+
+    element: ElementTree.Element
+    file: str
+
+    @property
+    def name(self) -> str:
+        return self.element.get("name", "")
+
+    @property
+    def kind(self) -> JointKind | None:
+        """The kind of a movable joint; None of a fixed one."""
+        kind = self.element.get("type", "")
+        if kind != FIXED and kind not in MOVABLE_JOINTS:
+            raise self.error(
+                f"its type is '{kind}'", "only revolute, continuous, prismatic and fixed joints are supported"
+            )
+        if self.element.find("mimic") is not None:
+            raise self.error("it mimics another joint", "give it a coordinate of its own, or fix it")
+        return MOVABLE_JOINTS.get(kind)
+
+    @property
+    def placement(self) -> Placement:
+        """Placement of the joint on its parent link."""
+        from scipy.spatial.transform import Rotation  # slow to import, and most rigs have no URDF
+
+        x, y, z = self.numbers("origin", "xyz", "0 0 0", 3)
+        rotation = Rotation.from_euler("xyz", self.numbers("origin", "rpy", "0 0 0", 3))  # lower case: fixed axes
+        i, j, k, w = rotation.as_quat().tolist()
+        quaternion: Quaternion = (i, j, k, w)
+        return Placement(position=(x, y, z), quaternion=quaternion)
+
+    @property
+    def axis(self) -> Vector3:
+        """The unit axis; x by default."""
+        axis = np.array(self.numbers("axis", "xyz", "1 0 0", 3))
+        length = float(np.linalg.norm(axis))
+        if length < np.finfo(float).tiny:
+            raise self.error("its axis has no direction", "correct its <axis>")
+        x, y, z = (axis / length).tolist()
+        return (x, y, z)
+
+    def joint(self, kind: JointKind, placement: Placement) -> Joint:
+        """The joint at this placement on the frame of the preceding movable joint, with its stated limits."""
+        (low,), (high,) = self.numbers("limit", "lower", "0", 1), self.numbers("limit", "upper", "0", 1)
+        (speed,) = self.numbers("limit", "velocity", "0", 1)
+        bounded = self.element.get("type") != "continuous" and low < high
+        return Joint(
+            name=self.name, kind=kind, placement=placement, axis=self.axis,
+            position=(low, high) if bounded else None, velocity=(-speed, speed) if speed > 0 else None,
+        )  # fmt: skip
+
+    def numbers(self, tag: str, attribute: str, default: str, count: int) -> list[float]:
+        """The numbers in an attribute of a child element."""
+        child = self.element.find(tag)
+        text = default if child is None else child.get(attribute, default)
+        try:
+            values = [float(word) for word in text.split()]
+        except ValueError:
+            values = []
+        if len(values) != count or not all(abs(value) < LARGEST_NUMBER for value in values):
+            noun = "a finite number" if count == 1 else f"{count} finite numbers"
+            raise self.error(f"{tag} {attribute} is {text[:40]!r}, expected {noun}", "correct it")
+        return values
+
+    def error(self, what: str, remedy: str) -> InputError:
+        """An InputError located at this joint."""
+        return InputError(what=what, where=f"{self.file}, joint '{self.name}'", remedy=remedy)

@@ -1,0 +1,25 @@
+"""Chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators" (Bassi et al.), its
+equations checked against the derivation; its authors: Bassi, Benzi, Capisani, Cuppone, Ferrara.
+
+Nothing is computed with the printed equations; they are compared only.
+"""
+
+from modeling.reference.body_wrench import wrench_equations
+from modeling.reference.contact_statics import contact_equations
+from modeling.reference.equation import Equation, EquationVerdict, vanishes
+from modeling.reference.equation_tables import Equations, Errata
+from modeling.reference.erratum import Erratum, ErratumProof
+from modeling.reference.path_kinematics import path_equations
+
+__all__ = [
+    "Equation",
+    "EquationVerdict",
+    "Equations",
+    "Errata",
+    "Erratum",
+    "ErratumProof",
+    "contact_equations",
+    "path_equations",
+    "vanishes",
+    "wrench_equations",
+]

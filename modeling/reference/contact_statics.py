@@ -1,0 +1,86 @@
+"""Equations 22.13 to 22.16, the contact force at the tip from the residual, as printed and as derived.
+
+Of chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators" (Bassi et al.).
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from modeling.chain.chain import point_on_tip
+from modeling.chain.model import planar
+from modeling.reference.equation import Equation
+from modeling.reference.equation_tables import Equations
+from modeling.reference.path_kinematics import PHI
+from modeling.space import Space
+from modeling.tool.wrench_components import contact_force_torque
+
+FORCE_SIZE, D = sp.symbols("R d", positive=True)
+"""Magnitude of the force (N), and its distance along the tip from the sensor (m)."""
+ANGLE = sp.Symbol("b", real=True)
+"""Its direction, clockwise from y' (rad)."""
+FCX, FCY, TAUC = sp.symbols("fcx fcy tauc", real=True)
+CONTACT_WRENCH = sp.Matrix([FCX, FCY, TAUC])
+
+MATRIX_22_14 = sp.Matrix([[-1, 0], [0, -1], [-D, 0]])
+"""Matrix of 22.14, linear in (R sin b, R cos b): (-R sin b, -R cos b, -R d sin b)."""
+FORCE_COMPONENTS = FORCE_SIZE * sp.Matrix([sp.sin(ANGLE), sp.cos(ANGLE)])
+PRINTED_22_14 = MATRIX_22_14 * FORCE_COMPONENTS
+PRINTED_22_16 = (FCX - TAUC * D) / (FCY * (1 + D**2))
+"""The argument of the arctan in 22.16."""
+
+
+def derived_channels() -> sp.Matrix:
+    """Change of the planar model's channels by a force R (sin b, cos b) along (x', y') at d along the tip."""
+    chain = planar().chain
+    force, _ = contact_force_torque(Space.PLANE, (*FORCE_COMPONENTS, sp.S.Zero))
+    return chain.reading(-force, -point_on_tip(chain, D).cross(force))
+
+
+def least_squares(arm: sp.Matrix, weights: sp.Matrix | None = None) -> sp.Matrix:
+    """(R sin b, R cos b) that minimise |arm (R sin b, R cos b) - (fcx, fcy, tauc)|², by the normal equations."""
+    weighted = arm.T if weights is None else arm.T * weights
+    return ((weighted * arm).inv() * weighted * CONTACT_WRENCH).applyfunc(sp.factor)
+
+
+def tangent(arm: sp.Matrix) -> sp.Expr:
+    """tan b of the least-squares solution."""
+    sine, cosine = least_squares(arm)
+    return sp.factor(sine / cosine)
+
+
+def contact_residuals() -> tuple[sp.Matrix, tuple[sp.Matrix, ...]]:
+    """fc by 22.7, f - Phi theta, and by 22.13, with either sense of the rotation R(-phi)."""
+    reading, predicted = (sp.Matrix(sp.symbols(names, real=True)) for names in ("fx fy tau", "w_x w_y w_tau"))
+    rotations = (
+        sp.diag(sp.Matrix([[sp.cos(PHI), s * sp.sin(PHI)], [-s * sp.sin(PHI), sp.cos(PHI)]]), 1) for s in (1, -1)
+    )
+    return reading - predicted, tuple(reading - rotation * predicted for rotation in rotations)
+
+
+def contact_equations() -> Equations:
+    """22.13 and 22.14 against the planar model's channels, 22.16 against least squares on 22.14 itself."""
+    fc, printed = contact_residuals()
+    sine, cosine = least_squares(MATRIX_22_14)
+    return Equations(
+        (
+            Equation(number="22.13", states="fc", readings=printed, derived=fc),
+            Equation(
+                number="22.14",
+                states="fc of R, b",
+                readings=(PRINTED_22_14,),
+                derived=derived_channels(),
+                erratum=7,
+                quoted=False,
+            ),
+            Equation(number="22.15", states="R", derived=sp.Matrix([sp.sqrt(sine**2 + cosine**2)])),
+            Equation(
+                number="22.16",
+                states="tan b",
+                readings=(sp.Matrix([PRINTED_22_16]),),
+                derived=sp.Matrix([tangent(MATRIX_22_14)]),
+                erratum=3,
+                quoted=False,
+            ),
+        )
+    )

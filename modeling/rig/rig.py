@@ -1,0 +1,240 @@
+"""The rig: arm, limits, workspace and sensor, read from a TOML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling.errors import InputError
+from modeling.evaluation.cache import cached
+from modeling.kinematics.arm import Arm
+from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.spatial_arm import SpatialArm
+
+RigTables: TypeAlias = dict[str, Any]
+"""Validated rig data, as returned by `modeling.rig.rig_schema.validated_tables`."""
+
+STANDARD_GRAVITY = 9.806  # m/s², the value of the chapter and of FORMATS
+CURRENT_FOLDER = Path()
+PLANAR_CHANNELS = ("fx", "fy", "tau")
+SPATIAL_CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+class Convention(Enum):
+    """Sign convention of the readings: wrench of sensor on tool, of tool on sensor, or to be estimated."""
+
+    ON_TOOL = "on_tool"
+    ON_SENSOR = "on_sensor"
+    AUTO = "auto"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limits:
+    """Joint limits, each (n, 2): low and high. rad, rad/s, rad/s², rad/s³; m instead of rad for prismatic joints."""
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    jerk: NDArray[np.float64] | None = None
+
+    @property
+    def joints(self) -> int:
+        """The number of joints n."""
+        return len(self.position)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workspace:
+    """Allowed box of the tip, low and high in m (planar: x right, y up; in space: z up); None is unbounded."""
+
+    x: tuple[float, float] | None = None
+    y: tuple[float, float] | None = None
+    z: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorDescription:
+    """Stated properties of the sensor, per channel in N or N·m; None where not stated.
+
+    `noise` is the std of one sample, `range` the largest absolute reading, `tolerance` the largest acceptable error.
+    `mirror_y`: planar readings whose y axis points along the tip.
+    """
+
+    noise: Mapping[str, float] | None = None
+    range: Mapping[str, float] | None = None
+    tolerance: Mapping[str, float] | None = None
+    convention: Convention | None = None
+    mirror_y: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rig:
+    """A robot with a wrist sensor. Lengths in m, gravity in m/s²; a rig without a robot is valid.
+
+    `urdf` is the path as given, `spatial_arm` the kinematic chain read from it up to `sensor_frame`.
+    """
+
+    name: str = ""
+    link_lengths: tuple[float, ...] | None = None
+    urdf: str | None = None
+    sensor_frame: str | None = None
+    spatial_arm: SpatialArm | None = None
+    tip_length: float | None = None
+    gravity: float = STANDARD_GRAVITY
+    limits: Limits | None = None
+    workspace: Workspace | None = None
+    sensor: SensorDescription = SensorDescription()
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """The rig of a TOML file; InputError when it, or its URDF, does not conform to FORMATS."""
+        path = Path(path)
+        try:
+            text = path.read_bytes().decode("utf-8-sig")
+        except OSError as error:
+            reason = error.strerror or "cannot be read"
+            raise InputError(what=reason, where=str(path), remedy="give the path of a rig file") from None
+        except UnicodeDecodeError as error:
+            raise _no_toml(error, str(path)) from None
+        # Cached by its text: importing the validator takes longer than the rest of reading a rig.
+        checked = cached({"rig": text}, lambda: _tables_of_text(text, str(path)), dict)
+        return cls._of_tables(checked, where=str(path), folder=path.parent)
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, object], *, where: str = "rig", folder: Path = CURRENT_FOLDER) -> Self:
+        """The rig of a plain dictionary with the structure of the TOML file, or as returned by `to_data`.
+
+        `where` is its name in an InputError; a relative URDF path starts at `folder`.
+        """
+        from modeling.rig.rig_schema import validated_tables  # pydantic is slow to import
+
+        return cls._of_tables(validated_tables(data, where), where=where, folder=folder)
+
+    @classmethod
+    def _of_tables(cls, tables: RigTables, *, where: str, folder: Path) -> Self:
+        robot, limits, workspace = tables["robot"], tables["limits"], tables["workspace"]
+        lengths, arm = robot["link_lengths"], _spatial_arm(robot, folder)
+        return cls(
+            **_stated({key: value for key, value in robot.items() if key not in ("link_lengths", "spatial_arm")}),
+            link_lengths=None if lengths is None else tuple(lengths),
+            spatial_arm=arm,
+            limits=None if limits is None else _limits(limits, arm, where),
+            workspace=None if workspace is None else _workspace(workspace),
+            sensor=_sensor(tables["sensor"]),
+        )
+
+    @cached_property
+    def arm(self) -> Arm | None:
+        """Forward kinematics from the joints to the sensor; None when the rig states no arm."""
+        return self.spatial_arm if self.link_lengths is None else PlanarArm(self.link_lengths)
+
+    @property
+    def position_limits(self) -> NDArray[np.float64] | None:
+        """Lowest and highest joint coordinates (n, 2): those stated, else the URDF's; None without either."""
+        if self.limits is not None:
+            return self.limits.position
+        return None if self.spatial_arm is None else self.spatial_arm.position_limits
+
+    def to_data(self) -> dict[str, Any]:
+        """The rig as nested dictionaries, lists, numbers and strings, accepted by `from_data`."""
+        robot = {"name": self.name, "gravity": self.gravity, "urdf": self.urdf, "tip_length": self.tip_length}
+        robot |= {"sensor_frame": self.sensor_frame, "link_lengths": _listed(self.link_lengths)}
+        if self.spatial_arm is not None:
+            from modeling.rig.rig_schema import SPATIAL_ARM  # pydantic is slow to import
+
+            robot |= {"spatial_arm": SPATIAL_ARM.dump_python(self.spatial_arm, mode="json")}
+        data: dict[str, Any] = {"robot": _stated(robot), "sensor": _sensor_data(self.sensor)}
+        if self.limits is not None:
+            data["limits"] = _stated({name: _listed(pairs) for name, pairs in vars(self.limits).items()})
+        if self.workspace is not None:
+            data["workspace"] = _stated({name: _listed(pair) for name, pair in vars(self.workspace).items()})
+        return data
+
+
+def _stated(table: Mapping[str, object]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def _listed(values: NDArray[np.float64] | tuple[float, ...] | None) -> list[Any] | None:
+    return None if values is None else np.asarray(values, dtype=float).tolist()
+
+
+def _sensor_data(sensor: SensorDescription) -> dict[str, Any]:
+    channels = {name: getattr(sensor, name) for name in ("noise", "range", "tolerance")}
+    data = {name: dict(values) for name, values in channels.items() if values is not None}
+    convention = None if sensor.convention is None else sensor.convention.value
+    return _stated({**data, "convention": convention, "mirror_y": sensor.mirror_y})
+
+
+def _tables_of_text(text: str, where: str) -> RigTables:
+    """The tables in the text of a TOML file; InputError where they do not conform to FORMATS."""
+    import tomllib
+
+    from modeling.rig.rig_schema import validated_tables  # pydantic is slow to import
+
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _no_toml(error, where) from None
+    return validated_tables(data, where)
+
+
+def _no_toml(error: ValueError, where: str) -> InputError:
+    return InputError(what=f"not a TOML file: {error}", where=where, remedy="correct the TOML there")
+
+
+def _spatial_arm(robot: Mapping[str, Any], folder: Path) -> SpatialArm | None:
+    """The arm stored in the rig data, or read from its URDF."""
+    if robot["spatial_arm"] is not None:
+        from modeling.rig.rig_schema import SPATIAL_ARM  # pydantic is slow to import
+
+        return SPATIAL_ARM.validate_python(robot["spatial_arm"])
+    if robot["urdf"] is None:
+        return None
+    from modeling.kinematics.urdf import read_urdf  # and so is the XML parser
+
+    return read_urdf(folder / robot["urdf"], robot["sensor_frame"])
+
+
+def _limits(table: Mapping[str, list[list[float]] | None], arm: SpatialArm | None, where: str) -> Limits:
+    """The limits of the table; missing position and velocity limits are taken from the URDF, which has no others."""
+    counts = [len(pairs) for pairs in table.values() if pairs is not None]
+    if arm is not None and any(count != arm.joints for count in counts):
+        what = f"limits: expected {arm.joints} joints, got {min(counts)} limits"
+        raise InputError(
+            what=what, where=where, remedy=f"give limits of {', '.join(j.name for j in arm.chain)}, in this order"
+        )
+    pairs: dict[str, Any] = dict(table)
+    for name in ("position", "velocity", "acceleration"):
+        if pairs[name] is None:
+            pairs[name] = _limits_of_urdf(arm, name, where)
+    arrays = {name: np.array(pair, dtype=float) for name, pair in pairs.items() if pair is not None}
+    for array in arrays.values():
+        array.flags.writeable = False
+    return Limits(**arrays)
+
+
+def _limits_of_urdf(arm: SpatialArm | None, name: str, where: str) -> list[tuple[float, float]]:
+    chain = () if arm is None else arm.chain
+    unlimited = [joint.name for joint in chain if getattr(joint, name, None) is None]
+    if unlimited or not chain:
+        reason = f", and the URDF has none for '{unlimited[0]}'" if unlimited else ""
+        what = f"limits.{name}: missing{reason}"
+        raise InputError(what=what, where=where, remedy="add it to the rig file")
+    return [getattr(joint, name) for joint in chain]
+
+
+def _workspace(table: Mapping[str, list[float] | None]) -> Workspace:
+    return Workspace(**{axis: None if ends is None else (ends[0], ends[1]) for axis, ends in table.items()})
+
+
+def _sensor(table: Mapping[str, Any]) -> SensorDescription:
+    stated = table["convention"]
+    return SensorDescription(**{**table, "convention": None if stated is None else Convention(stated)})

@@ -1,0 +1,178 @@
+"""Schema of a rig's TOML file, and its errors in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+
+from modeling.errors import InputError
+from modeling.kinematics.joint import LARGEST_NUMBER
+from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.space import Space
+
+SPATIAL_ARM = TypeAdapter(SpatialArm)
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST_NUMBER
+
+
+def symmetric_limits(value: object) -> object:
+    """A symmetric limit or [low, high] as (low, high)."""
+    if _number(value) and float(value) > 0:  # type: ignore[arg-type]
+        return (-float(value), float(value))  # type: ignore[arg-type]
+    return _interval(value)
+
+
+def _interval(value: object) -> object:
+    if isinstance(value, list | tuple) and len(value) == 2 and all(map(_number, value)) and value[0] < value[1]:
+        return (float(value[0]), float(value[1]))
+    raise ValueError("expected a positive number, or [low, high] with low below high")
+
+
+def _span(value: object) -> object:
+    if _number(value):
+        raise ValueError("expected [low, high] with low below high")
+    return _interval(value)
+
+
+PositiveNumber = Annotated[float, Field(gt=0)]
+LimitPair = Annotated[tuple[float, float], BeforeValidator(symmetric_limits)]
+LimitPairs = Annotated[list[LimitPair], Field(min_length=1)]
+LimitInterval = Annotated[tuple[float, float], BeforeValidator(_span)]
+Channel = Literal["fx", "fy", "fz", "tx", "ty", "tz", "tau"]
+PerChannel = Annotated[dict[Channel, PositiveNumber], Field(min_length=1)]
+
+
+class StrictRigTable(BaseModel):
+    """A table of the file: no other keys, strict types, finite numbers."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class RobotTable(StrictRigTable):
+    """[robot]; `spatial_arm` is the arm of the URDF, in a rig stored without that file."""
+
+    name: str = ""
+    link_lengths: Annotated[list[PositiveNumber], Field(min_length=1)] | None = None
+    urdf: str | None = None
+    sensor_frame: str | None = None
+    spatial_arm: Annotated[SpatialArm, BeforeValidator(SPATIAL_ARM.validate_python)] | None = None
+    tip_length: PositiveNumber | None = None
+    gravity: PositiveNumber | None = None
+
+    @model_validator(mode="after")
+    def _one_description(self) -> Self:
+        if self.link_lengths is not None and (self.urdf is not None or self.spatial_arm is not None):
+            raise ValueError("expected link_lengths or urdf, got both")
+        return self
+
+
+class LimitsTable(StrictRigTable):
+    """[limits], in rad, rad/s, rad/s², rad/s³, m for prismatic joints; what is missing may be in a URDF."""
+
+    position: LimitPairs | None = None
+    velocity: LimitPairs | None = None
+    acceleration: LimitPairs | None = None
+    jerk: LimitPairs | None = None
+
+    @model_validator(mode="after")
+    def _same_joints(self) -> Self:
+        if len(set(self.counts.values())) > 1:
+            raise ValueError(f"expected as many numbers in each list as joints, got {self.counts}")
+        return self
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of joints of each list."""
+        return {name: len(pairs) for name, pairs in self if pairs is not None}
+
+
+class WorkspaceTable(StrictRigTable):
+    """[workspace], in m."""
+
+    x: LimitInterval | None = None
+    y: LimitInterval | None = None
+    z: LimitInterval | None = None
+
+
+class SensorTable(StrictRigTable):
+    """[sensor], in N and N·m."""
+
+    noise: PerChannel | None = None
+    range: PerChannel | None = None
+    tolerance: PerChannel | None = None
+    convention: Literal["on_tool", "on_sensor", "auto"] | None = None
+    mirror_y: bool = False
+
+    @model_validator(mode="after")
+    def _one_dimension(self) -> Self:
+        named = {channel for table in (self.noise, self.range, self.tolerance) for channel in table or ()}
+        if not (named <= set(Space.PLANE.channels) or named <= set(Space.SPACE.channels)):
+            raise ValueError(f"expected channels of a planar or of a six-axis sensor, got {sorted(named)}")
+        return self
+
+
+class RigTable(StrictRigTable):
+    """The whole file."""
+
+    robot: RobotTable = RobotTable()
+    limits: LimitsTable | None = None
+    workspace: WorkspaceTable | None = None
+    sensor: SensorTable = SensorTable()
+
+    @model_validator(mode="after")
+    def _limits_fit_the_arm(self) -> Self:
+        lengths, limits = self.robot.link_lengths, self.limits
+        if lengths is not None and limits is not None and {len(lengths)} != {*limits.counts.values(), len(lengths)}:
+            counts = f"got {len(lengths)} link_lengths and {min(limits.counts.values())} limits"
+            raise ValueError(f"expected limits for each joint of robot.link_lengths, {counts}")
+        return self
+
+
+def validated_tables(data: Mapping[str, object], where: str) -> dict[str, Any]:
+    """The validated tables as plain data, missing entries as None; InputError for anything else."""
+    try:
+        return RigTable.model_validate(dict(data)).model_dump(mode="json")
+    except ValidationError as error:
+        raise validation_error(error, where) from None
+
+
+# ---------------------------------------------------------------------- pydantic errors in one line
+
+
+def validation_error(error: ValidationError, where: str) -> InputError:
+    """The first of the errors as one line about the file `where`."""
+    first = error.errors(include_url=False)[0]
+    key = _key(first["loc"])
+    remedy = "correct it in the rig file"
+    got = f", got {_shortened(first['input'])}"
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        what, remedy = "is not a key of a rig file", f"use one of {_known(first['loc'])}, or remove it"
+    elif first["type"] == "missing":
+        what, remedy = "missing", "add it to the rig file"
+    else:
+        what = message if "got " in message else message + got
+    return InputError(where=where, what=f"{key}: {what}" if key else what, remedy=remedy)
+
+
+def _key(location: tuple[int | str, ...]) -> str:
+    key = ""
+    for part in location:
+        key += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return key.lstrip(".").removesuffix(".[key]")
+
+
+def _known(location: tuple[int | str, ...]) -> str:
+    tables: dict[str, type[StrictRigTable]] = {"robot": RobotTable, "limits": LimitsTable}
+    tables |= {"workspace": WorkspaceTable, "sensor": SensorTable}
+    table = tables.get(str(location[0]), RigTable) if len(location) > 1 else RigTable
+    return ", ".join(table.model_fields)
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,1 @@
+"""Rigid-body dynamics of the tool and the components of contact wrenches."""

@@ -1,0 +1,84 @@
+"""Rigid-body wrench by Newton-Euler, linear in mass, first moment and inertia."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from modeling import symbolic as sp
+from modeling.parameter import Parameter
+from modeling.space import Space, vector
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """Mass (kg), first moment (kg m) and inertia about the sensor origin (kg m²), in the sensor frame."""
+
+    mass: sp.Expr
+    first_moment: sp.Matrix
+    inertia: sp.Matrix
+
+
+def inertial_parameters(space: Space) -> tuple[Parameter, ...]:
+    """The inertial parameters: m, mlg, I of 22.6 (Bassi et al.) in the plane, ten in six axes."""
+    kg, kgm, kgm2 = "kg", "kg m", "kg m²"
+    mass = Parameter(name="m", unit=kg)
+    if space is Space.PLANE:
+        return (mass, Parameter(name="mlg", unit=kgm), Parameter(name="I", unit=kgm2))
+    moments = tuple(Parameter(name=f"m{a}", unit=kgm) for a in "xyz")
+    inertias = tuple(Parameter(name=f"I{ab}", unit=kgm2) for ab in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    return (mass, *moments, *inertias)
+
+
+def rigid_body(space: Space) -> RigidBody:
+    """The tool in terms of `inertial_parameters`; in the plane its centre of mass is on the tip axis."""
+    symbols = [p.symbol for p in inertial_parameters(space)]
+    if space is Space.PLANE:
+        mass, moment, inertia = symbols
+        return RigidBody(mass, moment * space.tip_axis, sp.diag(0, 0, inertia))
+    mass, mx, my, mz, xx, xy, xz, yy, yz, zz = symbols
+    return RigidBody(mass, vector(mx, my, mz), sp.Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+def newton_euler(body: RigidBody, lift: sp.Matrix, omega: sp.Matrix, alpha: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
+    """Force and torque (about the sensor origin) of the sensor on the tool, in the sensor frame.
+
+    `lift` is the specific force, the origin's acceleration minus gravity. A mass element dm at r needs the force
+    f dm, f = lift + alpha x r + omega x (omega x r), and the torque r x f dm. The integral over the body replaces the
+    powers of r by moments: 1 by the mass, r_i by the first moment, r_i r_j by the second moments
+    Sigma = tr(I)/2 - I.
+    """
+    moments = (body.mass, tuple(body.first_moment), tuple(body.inertia))
+    force, torque = _newton_euler(moments, tuple(lift), tuple(omega), tuple(alpha))
+    return sp.Matrix(force), sp.Matrix(torque)
+
+
+@lru_cache(maxsize=64)
+def _newton_euler(
+    moments: tuple[Any, ...], lift: tuple[Any, ...], omega: tuple[Any, ...], alpha: tuple[Any, ...]
+) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """`newton_euler` of tuples, cached: most effects change neither body nor motion."""
+    body = RigidBody(moments[0], sp.Matrix(moments[1]), sp.Matrix(3, 3, moments[2]))
+    r = sp.Matrix(sp.symbols("r_1 r_2 r_3"))
+    rate = sp.Matrix(omega)
+    element = sp.Matrix(lift) + sp.Matrix(alpha).cross(r) + rate.cross(rate.cross(r))
+    force = element.applyfunc(lambda e: _sum_over_body(e, r, body))
+    torque = r.cross(element).applyfunc(lambda e: _sum_over_body(e, r, body))
+    return tuple(force), tuple(torque)
+
+
+def _sum_over_body(density: sp.Expr, r: sp.Matrix, body: RigidBody) -> sp.Expr:
+    second = sp.eye(3) * body.inertia.trace() / 2 - body.inertia
+    total = sp.S.Zero
+    for powers, coefficient in sp.Poly(sp.expand(density), *r).terms():
+        indices = [i for i, power in enumerate(powers) for _ in range(power)]
+        moment = (
+            body.mass
+            if not indices
+            else body.first_moment[indices[0]]
+            if len(indices) == 1
+            else second[indices[0], indices[1]]
+        )
+        total += coefficient * moment
+    return total

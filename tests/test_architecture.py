@@ -1,0 +1,105 @@
+"""What ARCHITECTURE.md says: the files are there, and what it says can be added can be added from outside the tree."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from design.criteria import Criterion
+from design.criteria.criterion import Array
+from design.trajectories.fourier import FreeSeries
+from design.trajectory_design import design
+from diagnosis.diagnosis import diagnose
+from estimation.recordings.reading import from_columns
+from modeling.chain.model import planar
+from modeling.effects import named
+from modeling.effects.friction import ViscousDrag
+from modeling.rig.rig import Limits, Rig
+from truewrench import simulated_rig
+from truewrench.simulated_rig import PlanarRig, simulate
+
+ROOT = Path(__file__).parents[1]
+MAP = (ROOT / "ARCHITECTURE.md").read_text()
+
+
+def test_every_file_that_the_map_names_is_there() -> None:
+    """Names without a folder belong to the folder named before them."""
+    folder, missing = ROOT, []
+    for name in re.findall(r"`([\w/*]+(?:\.py|/))`", MAP):
+        place = (ROOT / name) if "/" in name else folder / name
+        if "*" in name:
+            assert list(ROOT.glob(name)), name
+            continue
+        folder = place if name.endswith("/") else place.parent
+        if not place.exists():
+            missing.append(name)
+    assert missing == []
+    assert len(re.findall(r"`[\w/]+\.py`", MAP)) > 30
+
+
+@dataclass(frozen=True)
+class HoseDrag(ViscousDrag):
+    """A drag under a name of its own."""
+
+    id = "hose_drag"
+    title = "drag of a hose"
+
+
+def test_an_effect_from_outside_is_found() -> None:
+    """The data are MuJoCo's; the new class replaces the catalogue's, among others that are not there."""
+    pytest.importorskip("mujoco")
+    rig = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
+    hidden = (simulated_rig.ViscousDrag(),)
+    frame = simulate(
+        PlanarRig(), PlanarRig().random_motion(seed=5), hidden=hidden, repeats=4, samples_per_period=200, seed=5
+    )
+    recording = from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
+    found = diagnose(planar(rig), recording, effects=[HoseDrag(), named("sensor_lag"), named("gravity_tilt")])
+    assert found.added == ("hose_drag",)
+
+
+@dataclass(frozen=True)
+class TraceOptimal(Criterion):
+    """ln tr M, the information's mean eigenvalue: larger where the motion is larger, whatever it leaves unknown."""
+
+    name = "ln tr M"
+
+    def value(self, information: Array) -> float:
+        """ln tr M."""
+        return float(np.log(np.trace(information)))
+
+    def gradient(self, information: Array) -> Array:
+        """1 / tr M times the identity."""
+        return np.asarray(np.eye(len(information)) / np.trace(information))
+
+    def expression(self, information: Any) -> Any:
+        """The same of CasADi's matrices."""
+        import casadi as ca
+
+        return ca.log(ca.trace(information))
+
+    def degree(self, size: int) -> float:
+        """1: ln tr cM = ln tr M + ln c."""
+        return 1.0 + 0 * size
+
+
+def test_a_criterion_from_outside_is_designed_for() -> None:
+    """Its own optimum is better by it than the D-optimal motion, and worse by ln det."""
+    ends = np.array([[-1.0, 1.0]] * 3)
+    limits = Limits(position=ends, velocity=2 * ends, acceleration=6 * ends)
+    rig = Rig(name="three joints", link_lengths=(1.0, 0.97, 0.4), tip_length=0.2, limits=limits)
+    options: dict[str, Any] = {
+        "series": FreeSeries(joints=3, harmonics=(1, 2), period=5.0),
+        "starts": 4,
+        "samples": 60,
+        "bounded": False,
+    }
+    mine, usual = design(rig, criterion=TraceOptimal(), **options), design(rig, **options)
+    by = [np.log(np.trace(plan.experiment.information(plan.motion, plan.samples))) for plan in (mine, usual)]
+    assert by[0] > by[1]
+    assert usual.logdet > mine.logdet

@@ -1,0 +1,55 @@
+"""Planning: what it tells on its way, and that neither workers nor the order of their work decide."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from design.trajectories.fourier import FreeSeries, PaperSeries
+from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.trajectory import TrajectorySeries
+from design.trajectory_design import DesignStage, design
+from modeling.rig.rig import Rig
+from tests.test_optimiser import ARM, LIMITS
+
+RIG = Rig(name="reference", link_lengths=ARM.link_lengths, tip_length=0.2, limits=LIMITS)
+FEW = FreeSeries(joints=3, harmonics=(1, 2), period=5.0)
+
+
+def test_a_step_says_how_much_is_done_and_how_long_it_may_take() -> None:
+    said = str(DesignStage("few harmonics", 51.256, None, 7, 32, 3.2))
+    assert said == "few harmonics: 7 of 32 starts, 51.26 reached, about 3 s left"
+    assert str(DesignStage("bound, round 3")) == "bound, round 3"
+
+
+@pytest.mark.parametrize(
+    "series",
+    [PaperSeries(period=5.0), FreeSeries(joints=3, harmonics=(1, 2, 3, 4, 5, 6), period=5.0)],
+    ids=["few harmonics only", "all after few"],
+)
+def test_every_start_is_told_of_and_the_best_motion_is_within_its_limits(series: TrajectorySeries) -> None:
+    told: list[DesignStage] = []
+    plan = design(RIG, series=series, starts=4, samples=60, bounded=False, progress=told.append)
+    stages = {step.stage: [s for s in told if s.stage == step.stage] for step in told}
+    for steps in stages.values():
+        assert [step.done for step in steps] == list(range(steps[0].total + 1))
+        assert steps[-1].seconds == 0
+    kept = [step.best for step in told if step.best is not None]
+    assert kept
+    assert all(plan.task.use(attempt.motion).worst.use <= 1 for attempt in kept)
+    assert plan.local_optima[0].value == max(attempt.value for attempt in kept)
+    assert plan.limit_use.worst.use <= 1
+    values = [attempt.value for attempt in plan.local_optima]
+    assert values == sorted(values, reverse=True)
+
+
+@pytest.mark.parametrize("series", [FEW, RestToRest(inner=FEW, ramp=0.5)], ids=["periodic", "rest"])
+def test_the_number_of_workers_does_not_decide(series: TrajectorySeries) -> None:
+    alone = design(RIG, series=series, starts=4, samples=60, bounded=False)
+    with ThreadPoolExecutor(3) as pool:
+        together = design(RIG, series=series, starts=4, samples=60, bounded=False, executor=pool)
+    assert together.logdet == alone.logdet
+    assert together.evaluations == alone.evaluations
+    np.testing.assert_array_equal(together.motion.coefficients, alone.motion.coefficients)

@@ -1,0 +1,138 @@
+"""Command-line options of `truewrench design` resolved to rig, model, criterion, series and noise."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from functools import cached_property
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from design.criteria import AOptimal, Criterion, DOptimal, EOptimal
+from design.information import DiscretePrior, Experiment, SensorNoise, WhiteNoise, noise_equivalent_sizes
+from design.limits.rig_limits import arm_and_limits
+from design.trajectories.fourier import FreeSeries, PaperSeries
+from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.spline import SplineSeries
+from design.trajectories.trajectory import TrajectorySeries
+from diagnosis.parallel.workers import available_cores
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.errors import InputError
+from modeling.kinematics.arm import Arm
+from modeling.rig.rig import Convention, Rig
+from modeling.space import Space
+from truewrench.files.model_file import ModelFile
+
+
+@dataclass(frozen=True, eq=False)
+class DesignRequest:
+    """Options of `truewrench design` with their rig and model files.
+
+    Raises InputError for files that cannot be used.
+    """
+
+    options: argparse.Namespace
+    rig: Rig
+    saved: ModelFile | None
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> DesignRequest:
+        """Read the rig and the model file; --out is checked first."""
+        if options.out is not None:
+            _require_csv(options.out)
+        saved = None if options.model is None else ModelFile.read(options.model)
+        return cls(options, Rig.read(options.rig), saved)
+
+    @property
+    def arm(self) -> Arm:
+        """The rig's arm."""
+        return arm_and_limits(self.rig)[0]
+
+    @cached_property
+    def model(self) -> WrenchModel:
+        """Model of the model file, else the rigid tool of the rig; its sign convention may be undecided."""
+        if self.saved is not None:
+            return self.saved.model.designable
+        model = (planar if self.arm.space is Space.PLANE else spatial)(self.rig)
+        return replace(model, convention=Convention.ON_TOOL) if model.convention is Convention.AUTO else model
+
+    @property
+    def left_out(self) -> list[str]:
+        """Ids of the effects of the model file for which no trajectory can be designed."""
+        return [] if self.saved is None else [e.id for e in self.saved.model.effects if not e.designable]
+
+    @property
+    def values(self) -> dict[str, float] | None:
+        """Parameter values of the model file, without those of excluded effects."""
+        if self.saved is None:
+            return None
+        return {p.name: self.saved.parameters[p.name].value for p in self.model.parameters}
+
+    @property
+    def prior(self) -> DiscretePrior | None:
+        """Prior from estimates and covariance of the model file, with --averaged."""
+        if not self.options.averaged:
+            return None
+        if self.saved is None or self.values is None:
+            remedy = "add --model MODEL.json, of `truewrench fit --out`"
+            raise InputError(what="the covariance of the parameters is unknown", where="--averaged", remedy=remedy)
+        names = [p.name for p in self.saved.model.parameters]
+        index = [names.index(p.name) for p in self.model.parameters]
+        return DiscretePrior.around(self.model, self.values, self.saved.covariance[np.ix_(index, index)])
+
+    @property
+    def noise(self) -> SensorNoise:
+        """Sensor noise of the model file, else of the rig file."""
+        if self.saved is not None:
+            return WhiteNoise.of_std([self.saved.noise_floor[channel] for channel in self.model.channels])
+        return WhiteNoise.of_rig(self.rig, self.model.channels)
+
+    @property
+    def weight(self) -> SensorNoise | None:
+        """Sensor noise that weights the readings, with --weighted."""
+        return self.noise if self.options.weighted else None
+
+    @property
+    def criterion(self) -> Criterion:
+        """D-, A- or E-optimality; A and E in noise-equivalent sizes of the parameters."""
+        if self.options.criterion == "d":
+            return DOptimal()
+        experiment = Experiment.of(self.model, self.arm, self.values, noise=self.weight)
+        scale = noise_equivalent_sizes(experiment, self.rig.limits)
+        return AOptimal(scale) if self.options.criterion == "a" else EOptimal(scale)
+
+    @property
+    def series(self) -> TrajectorySeries:
+        """Family of trajectories."""
+        asked, joints, period = self.options, self.arm.joints, self.options.period
+        free = FreeSeries(joints=joints, harmonics=tuple(range(1, asked.harmonics + 1)), period=period)
+        kinds: dict[str, Callable[[], TrajectorySeries]] = {
+            "free": lambda: free,
+            "paper": lambda: PaperSeries(joints=joints, period=period),
+            "spline": lambda: SplineSeries(joints=joints, knots=asked.knots, degree=asked.degree, period=period),
+            "rest": lambda: RestToRest(inner=free, ramp=asked.ramp or period / 10),
+        }
+        return kinds[asked.series]()
+
+    def pool(self) -> AbstractContextManager[Executor | None]:
+        """Process pool of --workers, one for each core by default; None for one."""
+        workers = self.options.workers or available_cores()
+        if workers == 1:
+            return nullcontext()
+        return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+
+
+def plot_path(path: Path) -> Path:
+    """PLAN.png beside PLAN.csv."""
+    return path.with_suffix(".png")
+
+
+def _require_csv(path: Path) -> None:
+    if path.is_dir() or not path.name or plot_path(path) == path:
+        what = "a table file was expected; its plot is written beside it as .png"
+        raise InputError(what=what, where=str(path), remedy="give --out a name such as plan.csv")

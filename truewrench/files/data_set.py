@@ -1,0 +1,126 @@
+"""Data set: training and validation recordings of one rig and tool, rigid-tool model, sign convention."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+from estimation.recordings.reading import read
+from estimation.recordings.recording import Recording
+from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.errors import InputError
+from modeling.rig.rig import Convention, Rig
+
+
+@dataclass(frozen=True, eq=False)
+class DataSet:
+    """Training and validation recordings, and the rigid-tool model with its sign convention.
+
+    training    recordings to fit
+    validation  recordings of other motions, not fitted
+    sign        decision on the sign convention from the data; None where the rig file states it
+    """
+
+    model: WrenchModel
+    training: tuple[Recording, ...]
+    validation: tuple[Recording, ...]
+    sign: SignDecision | None
+
+    @classmethod
+    def read(cls, training: Sequence[str], *, validation: Sequence[str] = (), rig: Rig | str | None = None) -> DataSet:
+        """Data set of these files; `rig` is a rig, or the path of its file.
+
+        Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
+        sensors, a convention that the data cannot decide.
+        """
+        description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
+        paths = [Path(p) for p in (*training, *validation)]
+        _require_different(paths)
+        recordings = [
+            replace(read(p, rig=description), name=n) for p, n in zip(paths, recording_labels(paths), strict=True)
+        ]
+        _require_one_sensor(recordings)
+        model = (planar if recordings[0].dimension == 2 else spatial)(description)
+        sign = None
+        if model.convention is Convention.AUTO:
+            model, sign = _with_convention(model, recordings)
+        count = len(training)
+        return cls(model, tuple(recordings[:count]), tuple(recordings[count:]), sign)
+
+
+def recording_labels(paths: Sequence[Path]) -> list[str]:
+    """Unique label of each file: its name, preceded by as many parent folders as needed."""
+    full = [_real(p).parts for p in paths]
+    names = []
+    for parts in full:
+        others = [o for o in full if o != parts]
+        length = next(n for n in range(1, len(parts) + 1) if all(o[-n:] != parts[-n:] for o in others))
+        names.append("/".join(parts[-length:]))
+    return names
+
+
+def _real(path: Path) -> Path:
+    """The path with symbolic links resolved; a circular link stays, and reading it is an error."""
+    return Path(os.path.realpath(path))
+
+
+def _require_different(paths: Sequence[Path]) -> None:
+    seen = set()
+    for path in paths:
+        if _real(path) in seen:
+            what = "the recording is given twice"
+            raise InputError(what=what, where=str(path), remedy="give each once; validate with another motion")
+        seen.add(_real(path))
+
+
+def _require_one_sensor(recordings: Sequence[Recording]) -> None:
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.channels != first.channels:
+            raise InputError(
+                what=f"its channels are {', '.join(other.channels)}, those of {first.name} {', '.join(first.channels)}",
+                where=other.name,
+                remedy="give recordings of one sensor",
+            )
+
+
+def _with_convention(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[WrenchModel, SignDecision]:
+    model = with_decided_convention(model, recordings)  # InputError for planar sensors, where two forces cannot decide
+    return model, decide_convention(recordings, model.gravity)
+
+
+# ------------------------------------------------------------------------------- sign convention
+
+
+def mounting_angle(sign: SignDecision) -> float:
+    """Angle of the mounting rotation, rad."""
+    from scipy.spatial.transform import Rotation
+
+    return float(Rotation.from_matrix(sign.mounting).magnitude())
+
+
+def convention_sentence(sign: SignDecision) -> str:
+    """The decision as a sentence."""
+    meaning = {
+        Convention.ON_TOOL: "the wrench that the sensor exerts on the tool (on_tool)",
+        Convention.ON_SENSOR: "the wrench that the tool exerts on the sensor (on_sensor)",
+    }[sign.convention]
+    return (
+        f"Sign convention decided from the data: the sensor reads {meaning}; "
+        f"mass {sign.mass:.4g} kg, mounting rotation {degrees(mounting_angle(sign)):.1f}°."
+    )
+
+
+def convention_data(sign: SignDecision) -> dict[str, Any]:
+    """The decision as data: kg, degrees, and the rotation (3, 3) from the frame of the motion to the readings'."""
+    return {
+        "convention": sign.convention.value,
+        "mass": sign.mass,
+        "mounting_angle_deg": degrees(mounting_angle(sign)),
+        "mounting": sign.mounting.tolist(),
+    }

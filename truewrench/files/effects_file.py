@@ -1,0 +1,95 @@
+"""Effects file: custom effects read from TOML, and those usable on a data set."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from estimation.model_response import model_signals
+from modeling.errors import InputError, quoted
+from modeling.formulas.custom_effects.custom_effect import CustomEffect
+from modeling.formulas.custom_effects.effect_check import require_finite
+from truewrench.files.data_set import DataSet
+
+MAX_BYTES = 200_000
+"""Of a file: some hundred effects."""
+MAX_EFFECTS = 50
+"""Of a file: each is tested in a diagnosis and adds to the multiplicity correction."""
+REMEDY = "write each effect as a table [[effect]]"
+
+
+def read_effects(path: str | Path) -> tuple[CustomEffect, ...]:
+    """Custom effects of a TOML file, each an [[effect]] table (see `CustomEffect`), in order.
+
+    The file is data: formulas are parsed by a grammar of their own and never executed.
+    Raises InputError, in one line that names effect, key and column, for an invalid file.
+    """
+    where = str(path)
+    tables = _tables(_text(Path(path), where), where)
+    effects = tuple(
+        CustomEffect.from_data(table, where=_location(where, table, n)) for n, table in enumerate(tables, 1)
+    )
+    ids = [effect.id for effect in effects]
+    for number, effect_id in enumerate(ids):
+        if effect_id in ids[:number]:
+            what = f"the id '{effect_id}' is used twice"
+            raise InputError(what=what, where=where, remedy="give each effect a unique id")
+    return effects
+
+
+def _text(path: Path, where: str) -> str:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        text = data.decode("utf-8-sig")
+    except OSError as error:
+        reason = error.strerror or "cannot be read"
+        raise InputError(what=reason, where=where, remedy="give the path of a file of effects") from None
+    except ValueError as error:  # not UTF-8, or a path that cannot be
+        raise InputError(what=f"not a TOML file: {error}", where=where, remedy=REMEDY) from None
+    if len(data) > MAX_BYTES:
+        raise InputError(what=f"has more than {MAX_BYTES} bytes", where=where, remedy="divide it into several files")
+    return text
+
+
+def _tables(text: str, where: str) -> list[object]:
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        what = f"not a TOML file: {'tables are nested too deep' if isinstance(error, RecursionError) else error}"
+        raise InputError(what=what, where=where, remedy="correct the TOML there") from None
+    tables = data.get("effect")
+    unknown = [key for key in data if key != "effect"]
+    if unknown or not isinstance(tables, list) or not tables:
+        what = f"{quoted(unknown[0])} is not a key of an effects file" if unknown else "it contains no effect"
+        raise InputError(what=what, where=where, remedy=REMEDY)
+    if len(tables) > MAX_EFFECTS:
+        what = f"the file has {len(tables)} effects"
+        raise InputError(what=what, where=where, remedy=f"use {MAX_EFFECTS} at most")
+    return tables
+
+
+def _location(where: str, table: object, number: int) -> str:
+    """Location of an effect in an error: its number in the file, and its id if it has one."""
+    name = table.get("id") if isinstance(table, Mapping) else None
+    return f"{where}: effect {number}" + (f" ({name})" if isinstance(name, str) and name.isidentifier() else "")
+
+
+def custom_candidates(path: Path | None, case: DataSet) -> tuple[CustomEffect, ...]:
+    """Custom effects of a file that apply to the data set's sensor; none without a file.
+
+    Raises InputError when none applies, or one is not finite on a recording.
+    """
+    if path is None:
+        return ()
+    space = case.model.space
+    found = tuple(effect for effect in read_effects(path) if space in effect.spaces)
+    if not found:
+        what = f"no effect in it is for a sensor of the channels {', '.join(space.channels)}"
+        raise InputError(what=what, where=str(path), remedy="use the signals and channels of these recordings")
+    for effect in found:
+        for recording in (*case.training, *case.validation):
+            where = f"{path}, on {recording.name}"
+            require_finite(effect, space, model_signals(recording), recording.samples, where)
+    return found

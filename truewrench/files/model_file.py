@@ -1,0 +1,358 @@
+"""Model file: JSON of a fitted model with covariance and noise, for prediction, design and compensation."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import reduce
+from math import isclose, isfinite
+from operator import add
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from estimation.contact.calibrated_model import CalibratedModel
+from estimation.fit import Estimate, Fit
+from estimation.noise.recording_noise import NoiseSource
+from estimation.streaming.streamed_fit import StreamedFit
+from modeling.chain.effect import Effect
+from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
+from modeling.effects import named
+from modeling.errors import InputError
+from modeling.formulas.custom_effects.custom_effect import CustomEffect
+from modeling.kinematics.arm import Arm
+from modeling.rig.rig import Convention, Rig
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+FORMAT = "truewrench model"
+VERSION = 1
+BASES = {"planar": Space.PLANE, "spatial": Space.SPACE}
+ROUNDING = 1e-6
+"""Relative tolerance of redundant numbers in one file, which may have been rounded by hand."""
+REMEDY = "write the file again with `truewrench fit --out`, or correct it there"
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """A fitted model: estimates, covariance, noise and systematic residual.
+
+    parameters    in the model's order; biases are those of the first recording
+    covariance    (k, k) in the same order, in products of their units; a parameter that is not identifiable has
+                  an infinite variance and zero covariances
+    noise_floor   std of one sample per channel of the first recording, and its source
+    remainder     RMS per channel of the systematic residual of the fit
+    """
+
+    model: WrenchModel
+    rig: Rig | None
+    parameters: Mapping[str, Estimate]
+    covariance: Array
+    noise_floor: Mapping[str, float]
+    noise_source: NoiseSource
+    remainder: Mapping[str, float]
+
+    @classmethod
+    def of(cls, fitted: Fit | StreamedFit) -> Self:
+        """Model file of a fit, with the biases of its first recording."""
+        noise = fitted.noise if isinstance(fitted, StreamedFit) else fitted.noise[0]
+        names = [p.name for p in fitted.model.parameters]
+        known, calibration = fitted.parameters, CalibratedModel.of(fitted)
+        return cls(
+            model=fitted.model,
+            rig=fitted.rig if isinstance(fitted, StreamedFit) else fitted.recordings[0].rig,
+            parameters={name: known[name] for name in names},
+            covariance=calibration.covariance,
+            noise_floor=_by_channel(fitted.model, noise.floor),
+            noise_source=noise.source,
+            remainder=_by_channel(fitted.model, calibration.remainder),
+        )
+
+    @property
+    def calibration(self) -> CalibratedModel:
+        """Calibrated model for compensation of other recordings."""
+        return CalibratedModel(
+            model=self.model,
+            theta=np.array([e.value for e in self.parameters.values()]),
+            covariance=self.covariance,
+            floor=np.array([self.noise_floor[c] for c in self.model.channels]),
+            remainder=np.array([self.remainder[c] for c in self.model.channels]),
+        )
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """The model in a JSON file.
+
+        Raises InputError, in one line, for an invalid file.
+        """
+        where = str(path)
+        try:
+            text = Path(path).read_bytes().decode("utf-8-sig")
+        except OSError as error:
+            reason = error.strerror or "cannot be read"
+            raise InputError(what=reason, where=where, remedy="give the path of a model file") from None
+        except ValueError as error:  # not UTF-8, or a path that cannot be
+            raise InputError(what=f"not a JSON file: {error}", where=where, remedy=REMEDY) from None
+        return cls.from_text(text, where=where)
+
+    @classmethod
+    def from_text(cls, text: str, *, where: str = "model") -> Self:
+        """The model in a JSON text; `where` names it in an InputError."""
+        try:
+            data = json.loads(text, parse_int=_whole, parse_constant=_no_number, object_pairs_hook=_each_once)
+        except (ValueError, RecursionError) as error:
+            raise InputError(what=f"not a JSON file: {error}", where=where, remedy=REMEDY) from None
+        return cls.from_data(data, where=where)
+
+    @classmethod
+    def from_data(cls, data: object, *, where: str = "model") -> Self:
+        """The model of plain dictionaries, lists, numbers and strings, as `to_data` gives them."""
+        try:
+            table = _Model.model_validate(data)
+        except ValidationError as error:
+            raise _refusal(error, where) from None
+        rig = None if table.rig is None else Rig.from_data(table.rig, where=f"{where}: rig")
+        model = _model(table, where, None if rig is None else rig.arm)
+        parameters, covariance = _numbers(table, model, where)
+        return cls(
+            model=model,
+            rig=rig,
+            parameters=parameters,
+            covariance=covariance,
+            noise_floor=table.noise_floor,
+            noise_source=NoiseSource(table.noise_source),
+            remainder=table.remainder,
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """The model as plain data: numbers are finite, or None for a parameter that is not identifiable."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "base": next(base for base, space in BASES.items() if space is self.model.space),
+            "gravity": self.model.gravity,
+            "convention": self.model.convention.value,
+            "mirror_y": self.model.mirror_y,
+            "mounting": [list(row) for row in self.model.mounting],
+            "channels": list(self.model.channels),
+            "effects": [_effect_data(effect) for effect in self.model.effects],
+            "parameters": {
+                e.name: {"value": e.value, "std": _finite(e.std), "unit": e.unit} for e in self.parameters.values()
+            },
+            "covariance": {
+                "parameters": list(self.parameters),
+                "matrix": [[_finite(v) for v in row] for row in self.covariance.tolist()],
+            },
+            "noise_floor": dict(self.noise_floor),
+            "noise_source": self.noise_source.value,
+            "remainder": dict(self.remainder),
+            "rig": None if self.rig is None else self.rig.to_data(),
+        }
+
+    def to_text(self) -> str:
+        """The JSON text of the file."""
+        return json.dumps(self.to_data(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _by_channel(model: WrenchModel, values: Array) -> dict[str, float]:
+    return {c: float(v) for c, v in zip(model.channels, values, strict=True)}
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+# ------------------------------------------------------------------------------ schema of the file
+
+
+def _no_number(token: str) -> float:
+    raise ValueError(f"{token} is not a number in JSON")
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > 18:  # 64 bits
+        raise ValueError(f"{digits[:12]}... is too large an integer")
+    return int(digits)
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for key in found if sum(k == key for k, _ in pairs) > 1)
+        raise ValueError(f"the key '{twice[:40]}' is used twice")
+    return found
+
+
+Positive = Annotated[float, Field(gt=0)]
+Variance = float | None
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class _Effect(_Table):
+    id: str
+    options: dict[str, int] = Field(default_factory=dict)
+    definition: dict[str, Any] | None = None
+
+
+class _Estimate(_Table):
+    value: float
+    std: Annotated[float, Field(ge=0)] | None
+    unit: str
+
+
+class _Covariance(_Table):
+    parameters: list[str]
+    matrix: list[list[Variance]]
+
+
+class _Model(_Table):
+    format: Literal["truewrench model"]
+    version: Literal[1]
+    base: Literal["planar", "spatial"]
+    gravity: Positive
+    convention: Literal["on_tool", "on_sensor"]
+    mirror_y: bool
+    mounting: list[list[int]]
+    channels: list[str]
+    effects: list[_Effect]
+    parameters: dict[str, _Estimate]
+    covariance: _Covariance
+    noise_floor: dict[str, Annotated[float, Field(ge=0)]]
+    noise_source: Literal["repeats", "rig", "residual"]
+    remainder: dict[str, Annotated[float, Field(ge=0)]]
+    rig: dict[str, Any] | None
+
+
+def _refusal(error: ValidationError, where: str) -> InputError:
+    first = error.errors(include_url=False, include_context=False)[0]
+    key = ".".join(map(str, first["loc"]))[:80]
+    value = repr(first["input"])
+    got = "" if first["type"] == "missing" else f"; got {value[:40] + '...' * (len(value) > 40)}"
+    what = f"{key}: {first['msg']}{got}" if key else f"not a model: {first['msg']}"
+    return InputError(what=what, where=where, remedy=REMEDY)
+
+
+# --------------------------------------------------------------------------- model from the tables
+
+
+def _mounting(rows: list[list[int]], where: str) -> QuarterTurnRotation:
+    for turn in QUARTER_TURNS:
+        if rows == [list(row) for row in turn]:
+            return turn
+    raise InputError(what="mounting is not a rotation by quarter turns", where=where, remedy=REMEDY)
+
+
+def _model(table: _Model, where: str, arm: Arm | None) -> WrenchModel:
+    space = BASES[table.base]
+    _require_names(table.channels, space.channels, "channels", where)
+    _require_names(table.noise_floor, space.channels, "noise_floor", where)
+    _require_names(table.remainder, space.channels, "remainder", where)
+    bare = WrenchModel(
+        space=space,
+        gravity=table.gravity,
+        convention=Convention(table.convention),
+        mirror_y=table.mirror_y,
+        mounting=_mounting(table.mounting, where),
+    ).with_arm(arm)
+    try:
+        model = reduce(add, (_effect(effect, len(table.parameters)) for effect in table.effects), bare)
+    except InputError as error:
+        place = "" if error.where in ("effects", "effect id") else f"{error.where}: "
+        raise InputError(what=f"effects: {place}{error.what}", where=where, remedy=error.remedy) from None
+    if arm is None and any(effect.needs_joints for effect in model.effects):
+        raise InputError(what="effects: one of them needs joints, and rig has no arm", where=where, remedy=REMEDY)
+    _require_names(table.parameters, [p.name for p in model.parameters], "parameters", where)
+    return model
+
+
+def _effect(table: _Effect, most: int) -> Effect:
+    """Effect of that id with its options, each an integer from 1 to the number of parameters of the file.
+
+    A custom effect has its definition, whose formulas are parsed like those of an effects file.
+    """
+    if table.definition is not None:
+        custom = CustomEffect.from_data(table.definition, where=table.id[:40])
+        if custom.id != table.id or table.options:
+            raise InputError(what=f"{table.id[:40]} is defined as '{custom.id}'", where="effects", remedy=REMEDY)
+        return custom
+    effect = named(table.id)
+    known = _options(effect)
+    for name, value in table.options.items():
+        if name not in known:
+            raise InputError(what=f"{table.id} has no option '{name[:40]}'", where="effects", remedy=REMEDY)
+        if not 0 < value <= most:
+            raise InputError(what=f"{table.id} cannot have {name} = {value:.3g}", where="effects", remedy=REMEDY)
+    return type(effect)(**table.options)
+
+
+def _effect_data(effect: Effect) -> dict[str, Any]:
+    """Id with options, or with the definition of a custom effect."""
+    if isinstance(effect, CustomEffect):
+        return {"id": effect.id, "definition": effect.to_data()}
+    return {"id": effect.id, "options": _options(effect)}
+
+
+def _options(effect: Effect) -> dict[str, int]:
+    """Its options, integers; the other fields follow from the arm."""
+    return {name: value for name, value in asdict(effect).items() if isinstance(value, int)}
+
+
+def _require_names(names: Iterable[str], expected: Iterable[str], what: str, where: str) -> None:
+    names, expected = list(names), list(expected)
+    missing = [name for name in expected if name not in names]
+    unknown = [name for name in names if name not in expected]
+    if missing:
+        raise InputError(what=f"{what}: {missing[0]} is missing", where=where, remedy=REMEDY)
+    if unknown:
+        raise InputError(what=f"{what}: {unknown[0][:40]} is not expected", where=where, remedy=REMEDY)
+    if len(names) != len(expected):
+        raise InputError(what=f"{what}: a name is used twice", where=where, remedy=REMEDY)
+
+
+def _numbers(table: _Model, model: WrenchModel, where: str) -> tuple[dict[str, Estimate], Array]:
+    """Estimates and covariance in the model's order."""
+    found = {}
+    for parameter in model.parameters:
+        entry = table.parameters[parameter.name]
+        if entry.unit != parameter.unit:
+            what = f"parameters.{parameter.name}: expected the unit {parameter.unit}; got {entry.unit[:40]!r}"
+            raise InputError(what=what, where=where, remedy=REMEDY)
+        std = np.inf if entry.std is None else entry.std
+        found[parameter.name] = Estimate(parameter.name, entry.value, std, parameter.unit)
+    covariance = _covariance(table.covariance, list(found), where)
+    for name, variance in zip(found, np.diag(covariance), strict=True):
+        if not isclose(found[name].std, np.sqrt(variance), rel_tol=ROUNDING):
+            what = f"parameters.{name}: std is not the square root of its variance in covariance"
+            raise InputError(what=what, where=where, remedy=REMEDY)
+    return found, covariance
+
+
+def _covariance(table: _Covariance, names: list[str], where: str) -> Array:
+    """The matrix in the order of `names`; None is an infinite variance on the diagonal, and zero off it."""
+    _require_names(table.parameters, names, "covariance", where)
+    if [len(row) for row in table.matrix] != [len(names)] * len(names):
+        what = f"covariance: a matrix of {len(names)} x {len(names)} numbers was expected"
+        raise InputError(what=what, where=where, remedy=REMEDY)
+    order = [table.parameters.index(name) for name in names]
+    matrix = np.array(table.matrix, dtype=np.float64)[np.ix_(order, order)]
+    unknown = np.isnan(matrix)
+    matrix[unknown] = np.where(np.eye(len(names), dtype=bool), np.inf, 0.0)[unknown]
+    variance = np.diag(matrix)
+    scale = np.sqrt(np.where(np.isfinite(variance) & (variance > 0), variance, 1.0))
+    finite = np.where(np.isfinite(matrix), matrix, 1.0) / scale[:, None] / scale
+    if (
+        (variance < 0).any()
+        or not np.allclose(finite, finite.T, rtol=0, atol=ROUNDING)
+        or np.linalg.eigvalsh(finite).min() < -ROUNDING * len(names)
+    ):
+        what = "covariance: the matrix is not symmetric and positive semidefinite"
+        raise InputError(what=what, where=where, remedy=REMEDY)
+    return matrix

@@ -1,0 +1,1 @@
+"""Plot of an exciting trajectory."""

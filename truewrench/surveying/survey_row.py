@@ -1,0 +1,56 @@
+"""Row of a survey: one recording with its time and outcome."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from truewrench.surveying.diagnosis_outcome import ChannelError, DiagnosisOutcome
+from truewrench.surveying.recording_time import RecordingTime
+
+
+@dataclass(frozen=True)
+class SurveyRow:
+    """One recording of a survey; `file` is the path as given, `time` None where there is no such file."""
+
+    file: str
+    time: RecordingTime | None
+    outcome: DiagnosisOutcome
+
+    @classmethod
+    def of(cls, recording: Path, outcome: DiagnosisOutcome) -> SurveyRow:
+        """The row of a recording; bytes of its name that are not UTF-8 are written as `\\xe9`."""
+        file = os.fsencode(recording).decode("utf-8", "backslashreplace")
+        return cls(file, RecordingTime.of(recording), outcome)
+
+    def to_data(self) -> dict[str, Any]:
+        """The row as in survey.parquet, the time in ISO 8601: plain numbers, text, lists, None."""
+        outcome, time = self.outcome, self.time
+        return {
+            "file": self.file,
+            "recorded": None if time is None else time.moment.isoformat(),
+            "recorded_from": None if time is None else time.source.value,
+            "verdict": outcome.verdict,
+            "added": list(outcome.added),
+            "sizes": [asdict(size) for size in outcome.sizes],
+            "parameters": [asdict(size) for size in outcome.parameters],
+            "misfit_before": outcome.misfit_before,
+            "misfit": outcome.misfit,
+            "noise_floor": self._by_channel("noise_floor"),
+            "rms_before": self._by_channel("rms_before"),
+            "rms_after": self._by_channel("rms_after"),
+            "systematic_before": self._by_channel("systematic_before"),
+            "systematic_after": self._by_channel("systematic_after"),
+            "seconds": outcome.seconds,
+            "error": outcome.error or None,
+        }
+
+    def _by_channel(self, quantity: str) -> dict[str, float | None]:
+        return {c.channel: _number(c, quantity) for c in self.outcome.channels}
+
+
+def _number(error: ChannelError, quantity: str) -> float | None:
+    value: float | None = getattr(error, quantity)
+    return value

@@ -1,0 +1,129 @@
+"""Survey task and its fingerprint (recording, rig, candidates, code)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from modeling.errors import InputError
+from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
+
+if TYPE_CHECKING:
+    from diagnosis.diagnosis import Diagnosis
+
+
+STORE_VERSION = 1
+"""Version of a stored outcome, increased when its fields change."""
+FINGERPRINTED_PACKAGES = ("modeling", "design", "estimation", "diagnosis")
+"""Packages whose code determines the outcome."""
+
+
+def fingerprint(recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None) -> str:
+    """SHA-256 of everything that the outcome of a recording depends on, in hexadecimal.
+
+    Of the file's name only the ending counts, which gives the format: a renamed recording keeps its fingerprint.
+    Raises OSError when the recording cannot be read.
+    """
+    settings = {
+        "layout": STORE_VERSION,
+        "code": code_version(),
+        "format": recording.suffix.lower(),
+        "rig": rig,
+        "only": only,
+    }
+    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode("ascii"))
+    with recording.open("rb") as stream:
+        digest.update(hashlib.file_digest(stream, "sha256").digest())
+    return digest.hexdigest()
+
+
+@cache
+def code_version() -> str:
+    """Hash of the source files, different for two checkouts of one version."""
+    digest = hashlib.sha256()
+    for package in FINGERPRINTED_PACKAGES:
+        spec = find_spec(package)
+        for folder in [] if spec is None else spec.submodule_search_locations or []:
+            for source in sorted(Path(folder).rglob("*.py")):
+                digest.update(source.relative_to(folder).as_posix().encode())
+                digest.update(hashlib.sha256(source.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurveyTask:
+    """One recording to diagnose.
+
+    recording  absolute path, the same for every worker
+    rig        as `Rig.to_data` gives it, None without a rig
+    only       ids of the candidate effects; None is the whole catalogue
+    key        fingerprint at the time of submission, None where the recording could not be read
+    """
+
+    recording: str
+    rig: Mapping[str, Any] | None
+    only: tuple[str, ...] | None
+    key: str | None
+
+    @classmethod
+    def of(cls, recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None) -> SurveyTask:
+        """The task of a recording as it is now."""
+        place = recording.absolute()
+        return cls(recording=str(place), rig=rig, only=only, key=_fingerprint_or_none(place, rig, only))
+
+
+def diagnosed_outcome(task: SurveyTask) -> DiagnosisOutcome:
+    """Outcome of the diagnosis of a task; an exception becomes the outcome's error message.
+
+    The outcome is final only if the worker's fingerprint is that of the task.
+    """
+    began = perf_counter()
+    try:
+        if _fingerprint_or_none(Path(task.recording), task.rig, task.only) != task.key:
+            what = "is another file, or read by another version of truewrench, on the worker"
+            remedy = "survey it again, with one version and one file system for all workers"
+            return DiagnosisOutcome(error=f"{what}; {remedy}", final=False)
+        return DiagnosisOutcome.of(_diagnosis(task), seconds=perf_counter() - began)
+    except InputError as error:
+        return DiagnosisOutcome(
+            error=_error_line(error, task), seconds=perf_counter() - began, final=task.key is not None
+        )
+    except Exception as error:
+        return failed_outcome(error)
+
+
+def failed_outcome(error: BaseException) -> DiagnosisOutcome:
+    """Outcome of a failure not due to the recording: not final, may be rerun."""
+    message = " ".join(f"{type(error).__name__}: {error}".split())
+    return DiagnosisOutcome(error=f"internal error: {message}", final=False)
+
+
+def _error_line(error: InputError, task: SurveyTask) -> str:
+    """Error message without the name of the recording, which is in the row and may change."""
+    where = error.where.removeprefix(task.recording).removeprefix(Path(task.recording).name).lstrip(" ,:")
+    return f"{where}: {error.what}; {error.remedy}" if where else f"{error.what}; {error.remedy}"
+
+
+def _fingerprint_or_none(recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None) -> str | None:
+    try:
+        return fingerprint(recording, rig, only)
+    except OSError:
+        return None
+
+
+def _diagnosis(task: SurveyTask) -> Diagnosis:
+    from diagnosis.diagnosis import diagnose
+    from modeling.effects import catalogue, named
+    from modeling.rig.rig import Rig
+    from truewrench.files.data_set import DataSet
+
+    case = DataSet.read([task.recording], rig=None if task.rig is None else Rig.from_data(task.rig))
+    candidates = catalogue(case.model.space) if task.only is None else [named(i) for i in task.only]
+    return diagnose(case.model, case.training, effects=candidates)

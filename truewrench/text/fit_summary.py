@@ -1,0 +1,146 @@
+"""Text and JSON summary of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+from typing import Any
+
+from diagnosis.comparison.comparison import Comparison, comparison_of
+from estimation.confidence_intervals import Intervals
+from estimation.fit import Fit, table
+from estimation.least_squares.constrained import ConstrainedMinimum
+from estimation.recordings.sign_convention import SignDecision
+from estimation.repeatability.repeat_table import REPEAT_TABLE_HEADER, RepeatTable
+from estimation.robust.robust_fit import RobustFit
+from estimation.static.centre_of_mass import CentreOfMass
+from estimation.static.pose_advice import PoseAdvice
+from truewrench.files.data_set import convention_data, convention_sentence
+from truewrench.text.diagnosis_text import estimate_text
+
+
+@dataclass(frozen=True, eq=False)
+class FitSummary:
+    """A fit with confidence intervals, and the robust fit where one was made."""
+
+    fit: Fit
+    intervals: Intervals
+    robust: RobustFit | None = None
+
+    @cached_property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Residual statistics of each recording."""
+        return tuple(comparison_of(self.fit, i) for i in range(len(self.fit.recordings)))
+
+    @cached_property
+    def repeat_tables(self) -> tuple[RepeatTable, ...]:
+        """Table 22.1 of each recording whose motion was repeated."""
+        return tuple(RepeatTable.of(self.fit, i) for i, r in enumerate(self.fit.recordings) if r.repeats > 1)
+
+    # ------------------------------------------------------------------------------------------ text
+
+    def text(self, sign: SignDecision | None, *, runs: bool) -> str:
+        """Full summary; the rows of every run in Table 22.1 only with `runs`."""
+        parts = [] if sign is None else [convention_sentence(sign)]
+        parts += [self.parameters(), *self._constraints(), *self._outliers(), *self._poses()]
+        parts += [f"{c.recording.name}:\n{c}" for c in self.comparisons]
+        parts += [repeatability_text(t, runs=runs) for t in self.repeat_tables]
+        return "\n\n".join(parts)
+
+    def parameters(self) -> str:
+        """Every estimate with std and 95 % interval, and remarks on identifiability."""
+        rows = [
+            (e.name, estimate_text(e), f"{low:.6g} to {high:.6g}" if isfinite(low) else "")
+            for e, low, high in zip(self.fit.parameters.values(), self.intervals.low, self.intervals.high, strict=True)
+        ]
+        found = table(("parameter", "value", f"{self.intervals.level:.0%} interval"), rows)
+        return "\n".join([found, *self.fit.remarks()])
+
+    def _constraints(self) -> Iterator[str]:
+        if self.fit.constrained is not None:
+            found = self.fit.constrained
+            yield "\n".join(["Constraints:", str(found), *(f"  {active.sentence}." for active in found.active)])
+
+    def _outliers(self) -> Iterator[str]:
+        if self.robust is not None:
+            head = (
+                "recording",
+                "channel",
+                "scale",
+                "downweighted",
+                "if Gaussian",
+                "outliers",
+                "largest (std)",
+                "at (s, row)",
+            )
+            yield f"Outliers, by {self.robust.loss}:\n{table(head, self.robust.outlier_rows())}"
+
+    def _poses(self) -> Iterator[str]:
+        if any(r.at_rest for r in self.fit.recordings):
+            yield str(CentreOfMass.of(self.fit))
+            yield str(PoseAdvice.of(self.fit))
+
+    # ------------------------------------------------------------------------------------------- data
+
+    def to_data(self, sign: SignDecision | None) -> dict[str, Any]:
+        """JSON data in addition to the model: numbers are finite or None."""
+        ends = zip(self.fit.parameters, self.intervals.low, self.intervals.high, strict=True)
+        data: dict[str, Any] = {
+            "intervals": {name: [float(a), float(b)] if isfinite(a) else None for name, a, b in ends},
+            "condition": self.fit.condition if isfinite(self.fit.condition) else None,
+            "unseen": [str(direction) for direction in self.fit.unseen],
+            "recordings": [comparison_data(c) for c in self.comparisons],
+            "repeats": [t.to_data() for t in self.repeat_tables],
+        }
+        data |= {} if self.fit.constrained is None else {"constraints": constraints_data(self.fit.constrained)}
+        return data if sign is None else data | {"sign": convention_data(sign)}
+
+
+def repeatability_text(found: RepeatTable, *, runs: bool) -> str:
+    """Noise, systematic residual and gain of averaging per channel; with `runs` all of Table 22.1."""
+    title = f"{found.recording}, over its repeats (Table 22.1):"
+    if runs:
+        return f"{title}\n{found}"
+    return "\n".join([title, table(REPEAT_TABLE_HEADER, [row.row() for row in found.readings]), *found.remarks()])
+
+
+def constraints_data(found: ConstrainedMinimum) -> dict[str, Any]:
+    """Constraints and their active set: numbers finite or None."""
+    return {
+        "chi_square": found.cost,
+        "chi_square_free": found.free.cost,
+        "p_value": found.p_value,
+        "prior_cost": None if found.region.prior is None else found.pulled,
+        "converged": found.converged,
+        "active": [
+            {
+                "constraint": active.constraint,
+                "quantity": active.quantity,
+                "unit": active.unit,
+                "held": active.held,
+                "wanted": active.wanted,
+                "std": active.std,
+                "chi_square": active.chi_square,
+                "p_value": active.p_value,
+                "pressure": active.pressure.name.lower(),
+                "sentence": active.sentence,
+            }
+            for active in found.active
+        ],
+    }
+
+
+def comparison_data(comparison: Comparison) -> dict[str, Any]:
+    """Residual statistics of a recording, as in `result.json`: numbers finite or None."""
+    explainable = comparison.explainable_rms
+    return {
+        "name": comparison.recording.name,
+        "noise_floor": dict(comparison.noise_floor),
+        "noise_source": comparison.noise.source.value,
+        "misfit": comparison.misfit,
+        "lack_of_fit_p": comparison.lack_of_fit,
+        "rms": dict(comparison.rms),
+        "explainable_rms": None if explainable is None else dict(explainable),
+    }

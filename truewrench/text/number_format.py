@@ -1,0 +1,91 @@
+"""Formatting of numbers, units, p-values and estimates ± std."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor, isfinite, log10
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+NO_VALUE = "–"
+
+
+def format_number(value: float | None, digits: int = 3) -> str:
+    """A number to so many significant digits; a dash for none."""
+    if value is None or not isfinite(value):
+        return NO_VALUE
+    if value == 0:
+        return "0"
+    exponent = floor(log10(abs(value)))
+    if exponent < -4 or exponent > 5:
+        return f"{_signed(value / 10.0**exponent, digits - 1)}·10{_superscript(exponent)}"
+    return _signed(value, max(0, digits - 1 - exponent))
+
+
+def format_with_std(value: float, std: float) -> str:
+    """value ± std, both to two digits of the std; the value alone for a std of zero."""
+    if not isfinite(value):
+        return NO_VALUE
+    if not isfinite(std):
+        return f"{format_number(value)} (not identifiable)"
+    if std <= 0:
+        return format_number(value, 4)
+    size = floor(log10(max(abs(value), std)))
+    places = 1 - floor(log10(std))
+    if size < -3 or size > 5:
+        scale = 10.0**size
+        shown = min(9, max(0, places + size))
+        return f"({_signed(value / scale, shown)} ± {std / scale:.{shown}f})·10{_superscript(size)}"
+    shown = min(9, max(0, places))
+    return f"{_signed(value, shown)} ± {std:.{shown}f}"
+
+
+def format_unit(unit: str) -> str:
+    """A unit with its factors joined by a dot: `N m` is N·m; nothing for a plain number."""
+    if unit == "1":
+        return ""
+    return unit if unit == "as recorded" else unit.replace(" ", "·")
+
+
+def axis_label(name: str, unit: str) -> str:
+    """The label of an axis: name and, in brackets, unit."""
+    shown = format_unit(unit)
+    return f"{name} ({shown})" if shown else name
+
+
+def format_p_value(p: float | None) -> str:
+    """A p-value; those below a millionth as a power of ten."""
+    if p is None or not isfinite(p):
+        return NO_VALUE
+    if p <= 1e-300:
+        return "< 10⁻³⁰⁰"
+    if p < 1e-6:
+        return f"10{_superscript(round(log10(p)))}"
+    return "1" if p >= 0.995 else format_number(p, 2)
+
+
+def format_percentage(share: float | None) -> str:
+    """A share as a percentage that never rounds to a whole hundred or to zero when it is neither."""
+    if share is None or not isfinite(share):
+        return NO_VALUE
+    if 0.999 < share < 1:
+        return "> 99.9 %"
+    if 0 < share < 0.001:
+        return "< 0.1 %"
+    return f"{100 * share:.1f} %" if share not in (0, 1) else f"{share:.0%}".replace("%", " %")
+
+
+def _signed(value: float, places: int) -> str:
+    return f"{value:.{places}f}".replace("-", "−")
+
+
+def _superscript(exponent: int) -> str:
+    return str(exponent).translate(SUPERSCRIPTS)
+
+
+@dataclass(frozen=True)
+class FormattedQuantity:
+    """A named number as text, with its unit."""
+
+    name: str
+    value: str
+    unit: str
