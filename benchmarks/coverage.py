@@ -224,7 +224,7 @@ def covered(
     for seed in seeds:
         found, std = estimator(setting, setting.drawn(noise, seed))
         names = [p.name for p in found.fit.unknowns]
-        kept = [i for i, name in enumerate(names) if name in truth and found.fit.shown[i]]
+        kept = [i for i, name in enumerate(names) if name in truth and found.fit.identifiable[i]]
         error = np.abs(found.fit.theta - np.array([truth.get(name, np.nan) for name in names]))
         normal.append((error <= NORMAL * std)[kept])
         student.append((error <= found.half_width)[kept])

@@ -48,7 +48,7 @@ class WhitenedFit(Protocol):
     @property
     def covariance(self) -> Array: ...
     @property
-    def shown(self) -> NDArray[np.bool_]: ...
+    def identifiable(self) -> NDArray[np.bool_]: ...
     @property
     def unknowns(self) -> tuple[Parameter, ...]: ...
 
@@ -70,7 +70,7 @@ class Intervals:
     def half_width(self) -> Array:
         """(k,) t quantile times std; infinite for an unidentifiable parameter."""
         quantile = student_isf(0.5 - self.level / 2, self.freedom)
-        return np.asarray(np.where(self.fit.shown, quantile * self.std, np.inf))
+        return np.asarray(np.where(self.fit.identifiable, quantile * self.std, np.inf))
 
     @property
     def low(self) -> Array:

@@ -61,7 +61,7 @@ class Fit(Estimates):
     theta       (k,) unknowns in the order of `layout.parameters`
     covariance  (k, k) from the whitened derivative, valid for the noise it was whitened with
     converged   whether the last refit converged
-    shown       (k,) whether a parameter is identifiable
+    identifiable       (k,) whether a parameter is identifiable
     noise       per recording
     """
 
@@ -71,7 +71,7 @@ class Fit(Estimates):
     layout: ParameterLayout
     theta: Array
     covariance: Array
-    shown: NDArray[np.bool_]
+    identifiable: NDArray[np.bool_]
     converged: bool = True
     constrained: ConstrainedMinimum | None = None
 
@@ -233,7 +233,9 @@ def refit(
         held = None if constraints is None else constrained(problem, theta, constraints)
         found = problem.minimise(theta) if held is None else held
         theta = found.theta
-        estimated = Fit(model, several, known, unknowns, theta, found.covariance, found.shown, found.converged, held)
+        estimated = Fit(
+            model, several, known, unknowns, theta, found.covariance, found.identifiable, found.converged, held
+        )
         if noise is not None or all(n.source is not NoiseSource.RESIDUAL for n in known):
             break
         known = reestimated_noise(estimated)
@@ -261,7 +263,7 @@ def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[
 
 def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:
     """The noise of a fit's recordings, re-estimated where it comes from the residual."""
-    fitted = int(estimated.shown.sum())
+    fitted = int(estimated.identifiable.sum())
     return tuple(
         estimate_noise(r, e, fitted, n.events) if n.source is NoiseSource.RESIDUAL else n
         for r, e, n in zip(estimated.recordings, estimated.residuals, estimated.noise, strict=True)

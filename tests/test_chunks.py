@@ -90,7 +90,7 @@ def test_recordings_one_by_one(space: Space, order: int, block: int) -> None:
         assert_same(found, whole)
     left = np.concatenate([n.whitener.series(e) for n, e in zip(whole.noise, whole.residuals, strict=True)])
     assert found.misfit == pytest.approx(float(left @ left) / (len(left) - len(whole.theta)), rel=1e-9)
-    assert found.shown.all()
+    assert found.identifiable.all()
 
 
 @given(data=st.data())
@@ -325,7 +325,7 @@ def test_a_chunk_at_rest_tells_what_it_can() -> None:
     still |= {"dphi": np.zeros(4_000), "ddphi": np.zeros(4_000)}
     rest = replace(rest, signals=still)
     alone = fit(model, rest, noise=noise)
-    assert not alone.shown[3:].any()  # weight from zero
+    assert not alone.identifiable[3:].any()  # weight from zero
     both = Chunk(
         run="a",
         signals={n: np.concatenate([rest.signals[n], motion.signals[n]]) for n in model.inputs},
@@ -334,7 +334,7 @@ def test_a_chunk_at_rest_tells_what_it_can() -> None:
     theta, std = by_lstsq(model, both, noise)
     found = fit(model, [rest, motion], noise=noise)
     np.testing.assert_allclose(found.theta / std, theta / std, rtol=0, atol=BILLIONTH)
-    assert found.shown.all()
+    assert found.identifiable.all()
 
 
 def test_readings_without_noise_leave_nothing() -> None:

@@ -442,7 +442,7 @@ def test_what_the_data_do_not_show_stays_not_shown() -> None:
     free = blind.minimise(np.zeros(6))
     seen = np.array(posed.names) != "I"
     assert found.converged
-    np.testing.assert_array_equal(found.shown, seen)
+    np.testing.assert_array_equal(found.identifiable, seen)
     std = np.sqrt(np.diag(free.covariance)[seen])
     assert np.max(np.abs(found.theta - free.theta)[seen] / std) < 1e-6
     assert found.theta[posed.names.index("I")] > 0

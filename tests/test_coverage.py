@@ -117,8 +117,8 @@ def test_poses_have_the_freedom_of_their_readings() -> None:
     counts its own parameters instead, six of 72: half as many degrees of freedom as a channel's 22, never more."""
     setting = Setting(repeats=1, samples=24, rest=True)
     found = intervals(fit(planar(), setting.drawn(NOISES["white"], 1)))
-    assert (found.freedom[found.fit.shown] < 23).all()
-    assert (found.freedom[found.fit.shown] > 10).all()
+    assert (found.freedom[found.fit.identifiable] < 23).all()
+    assert (found.freedom[found.fit.identifiable] > 10).all()
 
 
 def test_a_rising_spectrum_below_the_autoregression_widens() -> None:

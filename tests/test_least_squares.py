@@ -132,7 +132,7 @@ def fitted(columns: Array, target: Array) -> tuple[Array, Array]:
 
     free = np.full(len(lengths), np.inf)
     found = levenberg_marquardt(information, np.zeros(len(lengths)), (-free, free))
-    if not found.shown.all():
+    if not found.identifiable.all():
         raise np.linalg.LinAlgError("not identifiable")
     return found.theta, np.sqrt(np.diag(found.covariance) * found.cost / freedom)
 
@@ -232,7 +232,7 @@ def test_what_is_not_seen_is_left_out_and_said() -> None:
     found = solved(columns, target)
     assert found.unseen.shape == (5, 2)
     np.testing.assert_allclose(columns / found.scaled_svd.scale @ found.unseen, 0, atol=1e-14)  # rounding
-    assert found.scaled_svd.shown.tolist() == [True, False, False, False, True]
+    assert found.scaled_svd.identifiable.tolist() == [True, False, False, False, True]
     alone = solved(columns[:, [0, 1, 4]], target)
     np.testing.assert_allclose(found.theta[[0, 4]], alone.theta[[0, 2]], rtol=1e-12)
     assert found.theta[1] + 2 * found.theta[3] == pytest.approx(alone.theta[1], rel=1e-12)

@@ -64,7 +64,7 @@ def validation_fit(
     ).minimise(theta)
     biased = PartiallyFixedProblem(unknowns, (recording,), (known,), biases).minimise(disturbed.theta)
     covariance = biased.covariance + disturbed.covariance * np.outer(added, added)
-    estimable = biased.shown | (disturbed.shown & added)
+    estimable = biased.identifiable | (disturbed.identifiable & added)
     return Fit(model, (recording,), (known,), unknowns, biased.theta, covariance, estimable)
 
 

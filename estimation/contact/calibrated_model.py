@@ -43,7 +43,7 @@ class CalibratedModel:
         """
         size = len(fitted.model.parameters)
         covariance = fitted.covariance[:size, :size].copy()
-        unidentifiable = ~fitted.shown[:size]
+        unidentifiable = ~fitted.identifiable[:size]
         covariance[unidentifiable], covariance[:, unidentifiable] = 0.0, 0.0
         covariance[unidentifiable, unidentifiable] = np.inf
         if isinstance(fitted, StreamedFit):

@@ -71,12 +71,12 @@ class CorrectedScoreExpansion:
         return float(self._axes[0].min(initial=1.0))
 
     @property
-    def shown(self) -> NDArray[np.bool_]:
+    def identifiable(self) -> NDArray[np.bool_]:
         """Identifiable parameters (k,): no component in the null space or in a direction below `MIN_RELIABILITY`."""
         reliability, axes = self._axes
         lost = (self.scaled_svd.scale[:, None] * axes)[:, reliability < MIN_RELIABILITY]
         lost = lost / np.linalg.norm(lost, axis=0)
-        return np.asarray(self.scaled_svd.shown & (np.linalg.norm(lost, axis=1) < 1e-3))
+        return np.asarray(self.scaled_svd.identifiable & (np.linalg.norm(lost, axis=1) < 1e-3))
 
     def step(self, damping: float) -> Array:
         """Levenberg step on axes in which ordinary least squares has unit information."""

@@ -89,7 +89,11 @@ def errors_in_variables_fit(
         theta, found, converged = problem.minimise(theta)
     plain = refit(first.model, first.recordings, noise=problem.problem.noise, start=first.values)
     corrected = replace(
-        plain, theta=theta, covariance=found.covariance, shown=found.shown, converged=converged and plain.converged
+        plain,
+        theta=theta,
+        covariance=found.covariance,
+        identifiable=found.identifiable,
+        converged=converged and plain.converged,
     )
     return ErrorsInVariables(plain, corrected, inputs, found.reliability)
 

@@ -41,13 +41,13 @@ class Estimate:
 class Estimates(ABC):
     """Parameters estimated by least squares, from recordings or a stream.
 
-    theta        (k,), its covariance (k, k), and `shown` (k,), whether a parameter is identifiable
+    theta        (k,), its covariance (k, k), and `identifiable` (k,), whether a parameter is identifiable
     converged    whether the iteration converged
     """
 
     theta: Array
     covariance: Array
-    shown: NDArray[np.bool_]
+    identifiable: NDArray[np.bool_]
     converged: bool
 
     @property
@@ -63,7 +63,7 @@ class Estimates(ABC):
     @cached_property
     def parameters(self) -> Mapping[str, Estimate]:
         """Every parameter by name, with std and unit; an unidentifiable one has an infinite std."""
-        std = np.where(self.shown, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.inf)
+        std = np.where(self.identifiable, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.inf)
         return {
             p.name: Estimate(p.name, float(value), float(s), p.unit)
             for p, value, s in zip(self.unknowns, self.theta, std, strict=True)

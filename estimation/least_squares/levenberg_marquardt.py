@@ -38,7 +38,7 @@ class LeastSquaresMinimum:
 
     theta: Array
     covariance: Array
-    shown: NDArray[np.bool_]
+    identifiable: NDArray[np.bool_]
     cost: float
     converged: bool
     information: SquareRootInformation
@@ -47,7 +47,7 @@ class LeastSquaresMinimum:
     def at(cls, theta: Array, steps: SquareRootInformation, converged: bool) -> LeastSquaresMinimum:
         """At theta, from the information on a step from theta."""
         scaled_svd = ScaledSVD.of(steps.root, SINGULAR_VALUE_TOLERANCE, NEGLIGIBLE_COLUMN_LENGTH)
-        return cls(theta, scaled_svd.covariance, scaled_svd.shown, steps.cost, converged, steps.moved(-theta))
+        return cls(theta, scaled_svd.covariance, scaled_svd.identifiable, steps.cost, converged, steps.moved(-theta))
 
 
 def levenberg_marquardt(

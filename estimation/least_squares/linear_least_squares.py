@@ -61,7 +61,7 @@ class ScaledSVD:
         return np.asarray(self.right[~self.seen].T)
 
     @cached_property
-    def shown(self) -> NDArray[np.bool_]:
+    def identifiable(self) -> NDArray[np.bool_]:
         """Identifiable parameters (k,): those without a component in the null space."""
         return np.asarray(np.linalg.norm(self.unseen, axis=1) < UNIDENTIFIABLE_SHARE)
 
@@ -92,7 +92,7 @@ class LinearSolution:
     power       residual sum of squares
     rows        number of rows, and `method` their factorisation
     scaled_svd  identifiable directions and null space
-    Nothing is regularised: `unseen` is the null space that is left out, `scaled_svd.shown` the parameters free of it.
+    Nothing is regularised: `unseen` is the null space left out, `scaled_svd.identifiable` the parameters free of it.
     """
 
     theta: Array

@@ -105,7 +105,7 @@ class Bootstrap:
         analytic = intervals(self.fit)
         ratio = (self.std / np.maximum(analytic.std, 1e-300)) ** 2
         above = f.sf(ratio, self.freedom, analytic.freedom)
-        return np.where(self.fit.shown, np.minimum(1.0, 2 * np.minimum(above, 1 - above)), 1.0)
+        return np.where(self.fit.identifiable, np.minimum(1.0, 2 * np.minimum(above, 1 - above)), 1.0)
 
     @cached_property
     def agreement(self) -> tuple[Agreement, ...]:
@@ -113,7 +113,7 @@ class Bootstrap:
         return tuple(map(self._classified, range(len(self.std)), _holm(self.p_values)))
 
     def _classified(self, number: int, p_value: float) -> Agreement:
-        if not self.fit.shown[number]:
+        if not self.fit.identifiable[number]:
             return Agreement.NOT_IDENTIFIABLE
         if p_value >= AGREEMENT_LEVEL:
             return Agreement.AGREES

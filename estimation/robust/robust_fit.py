@@ -127,7 +127,9 @@ def _iterated(plain: Fit, loss: Loss) -> RobustFit:
         before, fitted = fitted, refit(plain.model, cleaned, noise=noise, start=fitted.values)
         outliers = _outliers(plain, fitted, loss, outliers, noise is not None)
         std = np.sqrt(np.diag(fitted.covariance))
-        change = float(np.max(np.abs(fitted.theta - before.theta)[fitted.shown] / std[fitted.shown], initial=0.0))
+        change = float(
+            np.max(np.abs(fitted.theta - before.theta)[fitted.identifiable] / std[fitted.identifiable], initial=0.0)
+        )
         if change < PARAMETER_TOLERANCE:
             break
     pull = _influence(fitted, outliers)

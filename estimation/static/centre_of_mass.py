@@ -49,7 +49,7 @@ class CentreOfMass:
             tuple(centre),
             np.array(values[: len(centre)], dtype=float),
             jacobian @ fitted.covariance[:size, :size] @ jacobian.T,
-            np.array([fitted.shown[:size][row].all() for row in used]),
+            np.array([fitted.identifiable[:size][row].all() for row in used]),
         )
 
     @property

@@ -61,13 +61,15 @@ class PoseAdvice:
         chosen = _sequential_d_optimal(root, rows, all_poses)
         after, now = _stacked_svd([root, *rows[list(chosen)]]), _stacked_svd([root])
         names = [p.name for p in fitted.layout.parameters]
-        std = np.where(after.shown, np.sqrt(np.diag(after.covariance)), np.inf)
+        std = np.where(after.identifiable, np.sqrt(np.diag(after.covariance)), np.inf)
         return cls(
             fitted,
             poses,
-            tuple(n for n, identifiable in zip(names, all_poses.shown, strict=True) if not identifiable),
+            tuple(n for n, identifiable in zip(names, all_poses.identifiable, strict=True) if not identifiable),
             tuple(
-                n for n, later, before in zip(names, all_poses.shown, now.shown, strict=True) if later and not before
+                n
+                for n, later, before in zip(names, all_poses.identifiable, now.identifiable, strict=True)
+                if later and not before
             ),
             chosen,
             dict(zip(names, std.tolist(), strict=True)),

@@ -44,7 +44,7 @@ class StreamedFit(Estimates):
     """Parameters of a model estimated from streamed recordings or chunks, under known noise.
 
     theta       (k,) the model's parameters; its biases, and recording-specific effects, are those of the first run
-    covariance  (k, k) for the noise given; `shown` (k,) whether a parameter is identifiable
+    covariance  (k, k) for the noise given; `identifiable` (k,) whether a parameter is identifiable
     triangle    square-root information on theta of all parts, the zero of every other run eliminated
     where       name of the first run; `rig` of a recording or a log
     """
@@ -53,7 +53,7 @@ class StreamedFit(Estimates):
     noise: NoiseModel
     theta: Array
     covariance: Array
-    shown: NDArray[np.bool_]
+    identifiable: NDArray[np.bool_]
     converged: bool
     triangle: SquareRootInformation
     where: str
@@ -218,7 +218,7 @@ def estimate_streamed(
         noise=noise,
         theta=found.theta,
         covariance=found.covariance,
-        shown=found.shown,
+        identifiable=found.identifiable,
         converged=found.converged,
         triangle=found.information,
         where=where,

@@ -93,8 +93,8 @@ def amount_is_recovered(case: Case) -> Fit:
     assert found.converged
     left = np.abs(found.residuals[0] / noise.floor).max()
     assert left < RECOVERED, f"{case}: {left:.1e} standard deviations of a sample are left"
-    error = np.abs(found.theta - case.theta)[found.shown]
-    allowed = RECOVERED * np.sqrt(np.diag(found.covariance))[found.shown]
+    error = np.abs(found.theta - case.theta)[found.identifiable]
+    allowed = RECOVERED * np.sqrt(np.diag(found.covariance))[found.identifiable]
     assert (error <= allowed).all(), f"{case}: {error / allowed} of what is allowed"
     unseen_changes_nothing(case, found)
     return found

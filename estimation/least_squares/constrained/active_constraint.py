@@ -101,33 +101,35 @@ def active_constraints(found: KKTConditions) -> tuple[ActiveConstraint, ...]:
 
 def strictly_active(found: KKTConditions) -> NDArray[np.bool_]:
     """(c,) which of the active set's normals belong to a strictly active constraint (nonzero multiplier)."""
-    ends = len(found.edge.ends)
+    ends = len(found.active_set.ends)
     strong = np.abs(found.unit_multipliers) > KKT_TOLERANCE
     strong[ends:] = strong[ends:].any()
     return strong
 
 
 def _active_constraints(found: KKTConditions) -> Iterator[ActiveConstraint]:
-    edge, strong = found.edge, strictly_active(found)
+    active_set, strong = found.active_set, strictly_active(found)
     alone = np.eye(len(strong), dtype=bool)
-    for place, (index, lower) in enumerate(edge.ends):
+    for place, (index, lower) in enumerate(active_set.ends):
         tangent = constraints_lifted(found, alone[place]) if strong[place] else None
         yield _active_bound(found, index, lower=lower, lifted=tangent)
-    if edge.rank:
-        of_inertia = np.arange(len(strong)) >= len(edge.ends)
+    if active_set.rank:
+        of_inertia = np.arange(len(strong)) >= len(active_set.ends)
         yield _active_inertia(found, constraints_lifted(found, of_inertia) if strong[of_inertia].any() else None)
 
 
 def constraints_lifted(found: KKTConditions, spared: NDArray[np.bool_]) -> NullSpaceStep:
     """Quadratic problem with the strictly active and fixed constraints held, except those in `spared`."""
-    edge = found.edge
-    held = (strictly_active(found) | edge.sign_free) & ~spared
-    curved = found.inner if held[len(edge.ends) :].any() else None
-    return NullSpaceStep(edge.local, *sum_of_squares(edge, curved), edge.normals[held], np.zeros(int(held.sum())))
+    active_set = found.active_set
+    held = (strictly_active(found) | active_set.sign_free) & ~spared
+    curved = found.inner if held[len(active_set.ends) :].any() else None
+    return NullSpaceStep(
+        active_set.local, *sum_of_squares(active_set, curved), active_set.normals[held], np.zeros(int(held.sum()))
+    )
 
 
 def _active_bound(found: KKTConditions, index: int, *, lower: bool, lifted: NullSpaceStep | None) -> ActiveConstraint:
-    region, local = found.edge.region, found.edge.local
+    region, local = found.active_set.region, found.active_set.local
     parameter, held = region.parameters[index], float(local.theta[index])
     idle = ActiveConstraint(
         constraint=region.text(index, lower=lower), quantity=parameter.name, unit=parameter.unit, held=held
@@ -146,19 +148,19 @@ def _active_bound(found: KKTConditions, index: int, *, lower: bool, lifted: Null
 
 
 def _active_inertia(found: KKTConditions, lifted: NullSpaceStep | None) -> ActiveConstraint:
-    edge, inertia = found.edge, found.edge.region.inertia
+    active_set, inertia = found.active_set, found.active_set.region.inertia
     assert inertia is not None
-    theta = edge.local.theta if lifted is None else edge.local.theta + lifted.step
+    theta = active_set.local.theta if lifted is None else active_set.local.theta + lifted.step
     quantity, unit, vector = most_negative_moment(inertia, theta)
     first = inertia.mass[0]
-    held = float(inertia.at(edge.local.theta)[first, first]) if unit == "kg" else 0.0
+    held = float(inertia.at(active_set.local.theta)[first, first]) if unit == "kg" else 0.0
     idle = ActiveConstraint(constraint=inertia.condition, quantity=quantity, unit=unit, held=held)
     if lifted is None:
         return idle
     form = np.einsum("n,knm,m->k", vector, inertia.slopes, vector)
     wanted = float(vector @ inertia.at(theta) @ vector)
     std = float(np.sqrt(form @ lifted.covariance @ form))
-    p_value = chi_bar_squared_sf(lifted.gain, svec_size(edge.rank))
+    p_value = chi_bar_squared_sf(lifted.gain, svec_size(active_set.rank))
     against = ConstraintInterpretation.NEGATIVE_MASS if unit == "kg" else ConstraintInterpretation.IMPOSSIBLE
     return _tested(idle, wanted, std, lifted.gain, p_value, against)
 

@@ -38,7 +38,7 @@ class ConstrainedMinimum:
                 the region is convex, so that the constrained estimate is nearer to any truth inside than the
                 unconstrained one, in the metric of the data, and the unconstrained covariance is conservative; that on
                 the tangent (`tangent_covariance`) would be far too small where the truth lies off the boundary
-    shown       (k,) whether data and prior identify a parameter
+    identifiable       (k,) whether data and prior identify a parameter
     cost        chi-square of the data alone
     converged   whether the KKT conditions are met
     free        the unconstrained minimum (parameters' own bounds only)
@@ -47,7 +47,7 @@ class ConstrainedMinimum:
 
     theta: Array
     covariance: Array
-    shown: NDArray[np.bool_]
+    identifiable: NDArray[np.bool_]
     cost: float
     converged: bool
     free: LeastSquaresMinimum
@@ -118,13 +118,13 @@ def minimise_constrained(problem: LeastSquaresProblem, start: Array, constraints
     if region.prior is None and region.contains(free.theta):
         return _unconstrained_minimum(problem, region, free)
     found = sequential_cone_programs(problem, region, free.theta)
-    relaxed = constraints_lifted(found, ~found.edge.sign_free)
+    relaxed = constraints_lifted(found, ~found.active_set.sign_free)
     free_parameters = ~region.fixed
     return ConstrainedMinimum(
-        theta=found.edge.local.theta,
+        theta=found.active_set.local.theta,
         covariance=relaxed.covariance * np.outer(free_parameters, free_parameters),
-        shown=relaxed.shown,
-        cost=found.edge.local.cost,
+        identifiable=relaxed.identifiable,
+        cost=found.active_set.local.cost,
         converged=found.met,
         free=free,
         region=region,
@@ -139,7 +139,7 @@ def _unconstrained_minimum(
     return ConstrainedMinimum(
         theta=free.theta,
         covariance=free.covariance,
-        shown=free.shown,
+        identifiable=free.identifiable,
         cost=free.cost,
         converged=free.converged,
         free=free,

@@ -29,17 +29,17 @@ class KKTConditions:
     multiplier, so that complementarity holds by construction.
     """
 
-    edge: ActiveSet
+    active_set: ActiveSet
 
     @cached_property
     def gradient(self) -> Array:
         """(k,) of chi-square and prior in the parameters."""
-        rows, targets = sum_of_squares(self.edge)
+        rows, targets = sum_of_squares(self.active_set)
         return np.asarray(-2 * rows.T @ targets)
 
     @cached_property
     def _lagrange(self) -> LagrangeMultipliers:
-        return LagrangeMultipliers.of(self.edge, self.gradient)
+        return LagrangeMultipliers.of(self.active_set, self.gradient)
 
     @property
     def unit_multipliers(self) -> Array:
@@ -54,25 +54,25 @@ class KKTConditions:
     @property
     def inner(self) -> Array:
         """(rank, rank) multiplier of v' J v."""
-        return smat(self.multipliers[len(self.edge.ends) :], self.edge.rank)
+        return smat(self.multipliers[len(self.active_set.ends) :], self.active_set.rank)
 
     @property
     def Z(self) -> Array:
         """(n, n) multiplier of J."""
-        return np.asarray(self.edge.null @ self.inner @ self.edge.null.T)
+        return np.asarray(self.active_set.null @ self.inner @ self.active_set.null.T)
 
     def of_ends(self, *, lower: bool) -> Array:
         """(k,) multipliers of the lower or of the upper bounds."""
-        found = np.zeros(len(self.edge.low))
-        for (index, is_lower), value in zip(self.edge.ends, self.multipliers, strict=False):
+        found = np.zeros(len(self.active_set.low))
+        for (index, is_lower), value in zip(self.active_set.ends, self.multipliers, strict=False):
             found[index] += max(value if is_lower is lower else -value, 0.0)
         return found
 
     @property
     def slope(self) -> float:
         """Norm of the gradient of the Lagrangian, chi-square per std."""
-        gradient = self.gradient - self.edge.normals.T @ self.multipliers
-        return float(np.linalg.norm(self.edge.local.basis.T @ gradient))
+        gradient = self.gradient - self.active_set.normals.T @ self.multipliers
+        return float(np.linalg.norm(self.active_set.local.basis.T @ gradient))
 
     @property
     def wrong_sign(self) -> float:
@@ -82,14 +82,14 @@ class KKTConditions:
     @property
     def outside(self) -> float:
         """Primal infeasibility: of a bound in std, of J relative to its size."""
-        edge, region, theta = self.edge, self.edge.region, self.edge.local.theta
-        beyond = np.maximum(region.low - theta, theta - region.high) / edge.local.spread
-        return max(float(beyond.max(initial=0.0)), -float(edge.eigenvalues.min(initial=0.0)))
+        active_set, region, theta = self.active_set, self.active_set.region, self.active_set.local.theta
+        beyond = np.maximum(region.low - theta, theta - region.high) / active_set.local.spread
+        return max(float(beyond.max(initial=0.0)), -float(active_set.eigenvalues.min(initial=0.0)))
 
     @property
     def gap(self) -> float:
         """Complementarity gap: multipliers times values of the active constraints, in chi-square."""
-        return float(np.abs(self.multipliers) @ np.abs(self.edge.values))
+        return float(np.abs(self.multipliers) @ np.abs(self.active_set.values))
 
     @property
     def residual(self) -> float:
@@ -107,13 +107,13 @@ class KKTConditions:
         return max(self.residual, self.wrong_sign) < KKT_TOLERANCE and self.outside < FEASIBILITY_TOLERANCE
 
 
-def sum_of_squares(edge: ActiveSet, curved: Array | None = None) -> tuple[Array, Array]:
+def sum_of_squares(active_set: ActiveSet, curved: Array | None = None) -> tuple[Array, Array]:
     """F (m, k), e (m,): chi-square and prior are |F d - e|² about the point, to second order.
 
     With a multiplier `curved` of v' J v, the curvature of the cone's boundary is added.
     """
-    rows, targets = edge.local.whole.root, edge.local.whole.target
-    if curved is None or not edge.rank:
+    rows, targets = active_set.local.whole.root, active_set.local.whole.target
+    if curved is None or not active_set.rank:
         return rows, targets
-    curvature = edge.curvature(curved)
+    curvature = active_set.curvature(curved)
     return np.concatenate([rows, curvature]), np.concatenate([targets, np.zeros(len(curvature))])

@@ -28,18 +28,18 @@ class LagrangeMultipliers:
     sizes    (c,) their norms before scaling
     """
 
-    edge: ActiveSet
+    active_set: ActiveSet
     slope: Array
     columns: Array
     sizes: Array
 
     @classmethod
-    def of(cls, edge: ActiveSet, gradient: Array) -> Self:
+    def of(cls, active_set: ActiveSet, gradient: Array) -> Self:
         """From a gradient (k,) in the parameters."""
-        normals = edge.normals @ edge.local.basis
+        normals = active_set.normals @ active_set.local.basis
         lengths = np.linalg.norm(normals, axis=1)
         sizes = np.where(lengths > 0, lengths, 1.0)
-        return cls(edge, edge.local.basis.T @ gradient, (normals / sizes[:, None]).T, sizes)
+        return cls(active_set, active_set.local.basis.T @ gradient, (normals / sizes[:, None]).T, sizes)
 
     @cached_property
     def unit_multipliers(self) -> Array:
@@ -49,7 +49,7 @@ class LagrangeMultipliers:
         simplest sufficient set is used: the bounds alone, the pseudo-inertia alone, it with the bounds independent of
         it, all.
         """
-        is_bound = np.arange(len(self.sizes)) < len(self.edge.ends)
+        is_bound = np.arange(len(self.sizes)) < len(self.active_set.ends)
         independent = is_bound & ~_in_span(self.columns, self.columns[:, ~is_bound])
         every = np.ones_like(is_bound)
         subsets = (is_bound, ~is_bound, ~is_bound | independent, every)
@@ -66,11 +66,11 @@ class LagrangeMultipliers:
         balances the gradient.
         """
         found = np.zeros(len(used))
-        if self.edge.rank > 1 and used[len(self.edge.ends) :].any():
-            found[used] = (self.edge.guess * self.sizes)[used]
+        if self.active_set.rank > 1 and used[len(self.active_set.ends) :].any():
+            found[used] = (self.active_set.guess * self.sizes)[used]
             found[used] += np.linalg.lstsq(self.columns[:, used], self.slope - self.columns @ found)[0]
             return found
-        both = used & self.edge.sign_free
+        both = used & self.active_set.sign_free
         signed = np.concatenate([self.columns[:, used], -self.columns[:, both]], axis=1)
         if signed.size:
             from scipy.optimize import nnls  # slow to import and rarely needed
@@ -89,8 +89,8 @@ class LagrangeMultipliers:
 
         Scaling rows and columns of a matrix alike preserves its inertia (signs of the eigenvalues).
         """
-        ends, rank = len(self.edge.ends), self.edge.rank
-        signed = unit_multipliers[:ends][~self.edge.sign_free[:ends]]
+        ends, rank = len(self.active_set.ends), self.active_set.rank
+        signed = unit_multipliers[:ends][~self.active_set.sign_free[:ends]]
         size = np.sqrt(np.diag(smat(self.sizes[ends:], rank)))
         inner = np.linalg.eigvalsh(smat((unit_multipliers / self.sizes)[ends:], rank) * np.outer(size, size))
         return -float(min(signed.min(initial=0.0), inner.min(initial=0.0)))

@@ -82,7 +82,7 @@ class NullSpaceStep:
         return np.asarray(root @ root.T)
 
     @property
-    def shown(self) -> NDArray[np.bool_]:
+    def identifiable(self) -> NDArray[np.bool_]:
         """(k,) whether a parameter is identifiable with the constraints held."""
         _, _, right, regular = self._decomposed
         lost = self.local.basis @ self._space[1] @ _complement(right[regular], self._space[1].shape[1])

@@ -32,15 +32,15 @@ def sequential_cone_programs(problem: LeastSquaresProblem, region: FeasibleRegio
     for _ in range(MAX_STEPS):
         solution = ConeProgram(local, region, damping).solve()
         if solution is not None:
-            edge = ActiveSet.of_solution(region, local, solution).at(
+            active_set = ActiveSet.of_solution(region, local, solution).at(
                 QuadraticModel.at(problem, solution.theta, region.prior)
             )
-            cost = edge.local.cost + region.added(solution.theta)
+            cost = active_set.local.cost + region.added(solution.theta)
             if cost < merit:
-                found = newton_polished(problem, edge)
+                found = newton_polished(problem, active_set)
                 if found.met or merit - cost < STEP_TOLERANCE:
                     break
-                local, merit, damping = edge.local, cost, damping / 10 if damping > 1e-9 else 0.0
+                local, merit, damping = active_set.local, cost, damping / 10 if damping > 1e-9 else 0.0
                 continue
         damping = max(10 * damping, 1e-6)
         if damping > 1e6:
@@ -52,18 +52,18 @@ def sequential_cone_programs(problem: LeastSquaresProblem, region: FeasibleRegio
     return found
 
 
-def newton_polished(problem: LeastSquaresProblem, edge: ActiveSet) -> KKTConditions:
+def newton_polished(problem: LeastSquaresProblem, active_set: ActiveSet) -> KKTConditions:
     """Newton steps on the KKT conditions with the active set held, as long as they halve the residual.
 
     A step that corrects the curvature of the boundary can increase the residual before the next one reduces it: one
     such step is allowed.
     """
-    best, region, failures = KKTConditions(edge), edge.region, 0
+    best, region, failures = KKTConditions(active_set), active_set.region, 0
     latest = best
     for _ in range(MAX_NEWTON_STEPS):
         if failures > 1 or best.exact:
             break
-        latest = KKTConditions(edge.at(QuadraticModel.at(problem, _tangent_step(latest), region.prior)))
+        latest = KKTConditions(active_set.at(QuadraticModel.at(problem, _tangent_step(latest), region.prior)))
         failures = 0 if latest.residual < best.residual / 2 else failures + 1
         best = latest if latest.residual < best.residual else best
     return best
@@ -71,11 +71,13 @@ def newton_polished(problem: LeastSquaresProblem, edge: ActiveSet) -> KKTConditi
 
 def _tangent_step(found: KKTConditions) -> Array:
     """The point after one step on the active set, active bounds met exactly; halved until the prior is finite."""
-    edge, region = found.edge, found.edge.region
-    step = NullSpaceStep(edge.local, *sum_of_squares(edge, found.inner), edge.normals, edge.values).step
+    active_set, region = found.active_set, found.active_set.region
+    step = NullSpaceStep(
+        active_set.local, *sum_of_squares(active_set, found.inner), active_set.normals, active_set.values
+    ).step
     for _ in range(MAX_STEPS):
-        theta = edge.local.theta + step
-        theta = np.asarray(np.where(edge.low, region.low, np.where(edge.high, region.high, theta)))
+        theta = active_set.local.theta + step
+        theta = np.asarray(np.where(active_set.low, region.low, np.where(active_set.high, region.high, theta)))
         if np.isfinite(region.added(theta)):
             break
         step = step / 2
