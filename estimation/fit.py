@@ -61,7 +61,7 @@ class Fit(Estimates):
     theta       (k,) unknowns in the order of `layout.parameters`
     covariance  (k, k) from the whitened derivative, valid for the noise it was whitened with
     converged   whether the last refit converged
-    identifiable       (k,) whether a parameter is identifiable
+    identifiable  (k,) whether a parameter is identifiable
     noise       per recording
     """
 

@@ -38,7 +38,7 @@ class ConstrainedMinimum:
                 the region is convex, so that the constrained estimate is nearer to any truth inside than the
                 unconstrained one, in the metric of the data, and the unconstrained covariance is conservative; that on
                 the tangent (`tangent_covariance`) would be far too small where the truth lies off the boundary
-    identifiable       (k,) whether data and prior identify a parameter
+    identifiable  (k,) whether data and prior identify a parameter
     cost        chi-square of the data alone
     converged   whether the KKT conditions are met
     free        the unconstrained minimum (parameters' own bounds only)
