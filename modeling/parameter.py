@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 from math import inf
 
 from modeling import symbolic as sp
+
+
+class Role(Enum):
+    """What a parameter is to the effect or model that has it."""
+
+    AMPLITUDE = "the effect vanishes with it, or the model is linear in it"
+    ONSET = "a time at which a transient begins or ends"
+    FREQUENCY = "of a sinusoid that is not locked to the motion"
+    SHAPE = "another nonlinear parameter: a place, a natural length, a damping"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,16 +25,20 @@ class Parameter:
 
     `nominal` is the value at which an effect's parameter leaves the model unchanged. It is the initial value of a fit,
     unless `start` gives another because a fit cannot start there (an infinite stiffness, a push of zero duration).
-    `bounds` are the physical ones (inclusive), in the same `unit`. A nuisance parameter (`nuisance`: an anchor, a time)
-    is not identifiable while the effect's amplitudes vanish: it is found by grid search, not by a score test.
+    `bounds` are the physical ones (inclusive), in the same `unit`. `role` decides how it is searched for.
     """
 
     name: str
     unit: str
     nominal: float = 0.0
     bounds: tuple[float, float] = (-inf, inf)
-    nuisance: bool = False
+    role: Role = Role.AMPLITUDE
     start: float | None = None
+
+    @property
+    def nuisance(self) -> bool:
+        """Whether it is not identifiable while the amplitudes vanish: found by grid search, not by a score test."""
+        return self.role is not Role.AMPLITUDE
 
     @cached_property
     def symbol(self) -> sp.Symbol:

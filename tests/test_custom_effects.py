@@ -30,6 +30,7 @@ from modeling.errors import InputError
 from modeling.expressions.compilation import numpy_function
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.formulas.custom_effects.definition_parser import LARGEST_GRID
+from modeling.parameter import Role
 from modeling.space import Space
 from truewrench.command_line import main
 from truewrench.files.effects_file import MAX_BYTES, MAX_EFFECTS, read_effects
@@ -340,6 +341,16 @@ def test_units_of_a_recorded_column_may_be_anything_and_are_held_to() -> None:
         effect(**gauge, parameters={"k": "1/counts"}, gain={"fx_fx": "k*(gauge + time)"})
     with pytest.raises(InputError, match="did you mean counts"):
         effect(**gauge, parameters={"k": "1/count"}, gain={"fx_fx": "k*gauge"})
+
+
+@pytest.mark.parametrize(("unit", "role"), [("s", Role.ONSET), ("Hz", Role.FREQUENCY), ("m", Role.SHAPE)])
+def test_a_searched_parameter_has_the_role_of_its_unit(unit: str, role: Role) -> None:
+    parameters = {"b": "N", "c": {"unit": unit, "search": [1.0, 2.0]}}
+    scale = {"constants": {"c0": f"1 {unit}"}, "tip_body": None, "zero": {"fx": "b*progress*tanh(c/c0)"}}
+    amplitude, searched = effect(parameters=parameters, **scale).parameters(Space.PLANE)
+    assert (amplitude.role, searched.role) == (Role.AMPLITUDE, role)
+    assert searched.nuisance
+    assert not amplitude.nuisance
 
 
 def test_a_zero_that_moves_with_time_needs_repeats() -> None:

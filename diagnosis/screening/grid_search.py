@@ -21,6 +21,7 @@ from estimation.parameter_layout import parameter_layout
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
+from modeling.parameter import Role
 from modeling.space import Space
 
 Array = NDArray[np.float64]
@@ -181,8 +182,7 @@ class GridSearch:
     @property
     def number_of_tests(self) -> float:
         """Effective number of tests: that of the grid, or, for a tone, at least that over all frequencies."""
-        nuisances = [p for p in self.effect.parameters(self.space) if p.nuisance]
-        if any(p.unit == "Hz" for p in nuisances):
+        if self.effect.has_role(Role.FREQUENCY, self.space):
             return max(self.effective_tests, effective_number_of_frequencies(self.best.score, self.samples))
         return self.effective_tests
 
@@ -240,7 +240,7 @@ def refine_onsets(null_model: NullModel, effect: Effect, start: NuisanceValues) 
     fit = null_model.fit
     model = fit.model + effect
     own = model.effects[-1].qualified(model.space)
-    times = [p.name for p in own if p.nuisance and p.unit == "s"]
+    times = [p.name for p in own if p.role is Role.ONSET]
     steps = [r.dt for r in fit.recordings if r.dt is not None and r.repeats > 1]
     if not times or not steps:
         return start

@@ -22,6 +22,7 @@ from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
+from modeling.parameter import Role
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,15 +136,15 @@ def _search(null_model: NullModel, new: Effect) -> GridSearch | ScoreTest:
 def _missing_inputs(alone: WrenchModel, effect: Effect, recording: Recording, noise: RecordingNoise) -> tuple[str, ...]:
     """What a recording lacks for an effect: signals, or repeats where without them it is aliased."""
     missing = missing_inputs(alone, recording)
-    searched = {p.unit for p in effect.parameters(alone.space) if p.nuisance}
     whitener = noise.whitener
-    if "Hz" in searched and not (isinstance(whitener, FourierLineWhitener) and len(whitener.between)):
+    nonperiodic_lines = isinstance(whitener, FourierLineWhitener) and len(whitener.between)
+    if effect.has_role(Role.FREQUENCY, alone.space) and not nonperiodic_lines:
         return (*missing, "repeats without pause, whose non-excited lines would show a tone")
     if recording.repeats > 1 or recording.at_rest:
         return missing
     if effect.needs_repeats:
         return (*missing, "repeats, without which the effect is aliased with other slow ones")
-    if "s" in searched and noise.source is NoiseSource.RESIDUAL and not noise.events:
+    if effect.has_role(Role.ONSET, alone.space) and noise.source is NoiseSource.RESIDUAL and not noise.events:
         return (*missing, "detected event, nor repeats in which a small one would be significant")
     return missing
 

@@ -13,7 +13,8 @@ from estimation.noise.disturbances.tones import NonperiodicResidual
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect, SearchDomain
-from modeling.tool.rigid_body import inertial_parameters
+from modeling.parameter import Role
+from modeling.tool.rigid_body import rigid_body
 
 MAX_TONES = 3
 """Tones taken up: noise may make a neighbour of the right line the strongest."""
@@ -22,7 +23,7 @@ MAX_TONES = 3
 def search_domain(null_model: NullModel, number: int, effect: Effect) -> SearchDomain:
     """Search domain of an effect in one of the fit's recordings, given the fit's residual."""
     domain = null_model.search_domain(number, lambda: _recording_domain(null_model, number))
-    if any(p.nuisance and p.unit == "Hz" for p in effect.parameters(null_model.fit.model.space)):
+    if effect.has_role(Role.FREQUENCY, null_model.fit.model.space):
         return replace(domain, tones=strongest_tones(null_model, number))
     return domain
 
@@ -59,8 +60,8 @@ def _position_box(recording: Recording) -> tuple[tuple[float, ...], tuple[float,
 def _inertia(null_model: NullModel) -> float:
     """The largest fitted moment of inertia of the tool about the sensor, kg m²."""
     values = null_model.fit.values
-    names = [p.name for p in inertial_parameters(null_model.fit.model.space) if p.unit == "kg m²"]
-    return max((abs(values[name]) for name in names), default=0.0)
+    moments = rigid_body(null_model.fit.model.space).inertia.free_symbols
+    return max(abs(values[symbol.name]) for symbol in moments)
 
 
 def strongest_tones(null_model: NullModel, number: int) -> tuple[float, ...]:

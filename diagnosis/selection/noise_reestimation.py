@@ -11,8 +11,7 @@ from estimation.fit import Fit
 from estimation.model_response import predicted_readings
 from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
-from modeling.chain.effect import Effect
-from modeling.space import Space
+from modeling.parameter import Role
 
 Array = NDArray[np.float64]
 
@@ -20,17 +19,12 @@ MIN_POWER_RATIO = 1.1
 """Ratio of old to re-estimated noise power, in any channel, above which the search is repeated."""
 
 
-def has_search_parameter(effect: Effect, unit: str, space: Space) -> bool:
-    """Whether an effect has a nonlinear parameter of that unit: "s" for an onset or end, "Hz" for a frequency."""
-    return any(p.nuisance and p.unit == unit for p in effect.parameters(space))
-
-
 def reestimated_noise(fit: Fit) -> tuple[RecordingNoise, ...] | None:
     """Noise of a fit's recordings without the transient effects that it explains; None where it hardly changes.
 
     A payload change or a contact has a broad spectrum, and what event detection missed of it was attributed to noise.
     """
-    if not any(has_search_parameter(e, "s", fit.model.space) for e in fit.model.effects):
+    if not any(e.has_role(Role.ONSET, fit.model.space) for e in fit.model.effects):
         return None
     new_noise = tuple(_reestimated(fit, number) for number in range(len(fit.recordings)))
     ratios = [_power_ratio(old, new) for old, new in zip(fit.noise, new_noise, strict=True)]
@@ -50,7 +44,7 @@ def residual_with_tones(fit: Fit, number: int) -> Array:
     own = fit.layout.models[number]
     index = fit.layout.index[number]
     values = {p.name: fit.theta[i] for p, i in zip(own.parameters, index, strict=True)}
-    without_tones = replace(own, effects=tuple(e for e in own.effects if not has_search_parameter(e, "Hz", own.space)))
+    without_tones = replace(own, effects=tuple(e for e in own.effects if not e.has_role(Role.FREQUENCY, own.space)))
     theta = np.array([values[p.name] for p in without_tones.parameters])
     return np.asarray(fit.recordings[number].wrench - predicted_readings(without_tones, fit.recordings[number], theta))
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 from modeling.space import Space
 
 if TYPE_CHECKING:
@@ -119,17 +119,11 @@ class Effect(ABC):
 
     def qualified(self, space: Space) -> tuple[Parameter, ...]:
         """The parameters under their full names, `<id>.<name>`."""
-        return tuple(
-            Parameter(
-                name=f"{self.id}.{p.name}",
-                unit=p.unit,
-                nominal=p.nominal,
-                bounds=p.bounds,
-                nuisance=p.nuisance,
-                start=p.start,
-            )
-            for p in self.parameters(space)
-        )
+        return tuple(replace(p, name=f"{self.id}.{p.name}") for p in self.parameters(space))
+
+    def has_role(self, role: Role, space: Space) -> bool:
+        """Whether one of its parameters has that role."""
+        return any(p.role is role for p in self.parameters(space))
 
     def applied(self, chain: Chain) -> Chain:
         """The chain with this effect in it, in terms of its qualified parameters' symbols."""

@@ -9,7 +9,7 @@ from math import inf
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 from modeling.space import Space, signals
 
 
@@ -94,7 +94,7 @@ class LineInterference(Effect):
         """frequency in Hz, then sine and cosine of each channel in the channel's unit."""
         named = zip(space.channels, space.units, strict=True)
         waves = tuple(Parameter(name=f"{c}_{wave}", unit=u) for c, u in named for wave in ("sin", "cos"))
-        return (Parameter(name="frequency", unit="Hz", bounds=(0.0, inf), nuisance=True), *waves)
+        return (Parameter(name="frequency", unit="Hz", bounds=(0.0, inf), role=Role.FREQUENCY), *waves)
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the sinusoid to the bias."""

@@ -11,7 +11,7 @@ from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage, point_on_tip, world_vector
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
 from modeling.effects.tip_force import SMOOTHING_SPEED, TIP_DISTANCE, with_tip_force
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 from modeling.space import Space
 
 ANCHOR_BOUNDS = (-5.0, 5.0)
@@ -35,8 +35,10 @@ class CableSpring(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """k in N/m; anchor, length and d in m."""
-        anchor = tuple(Parameter(name=f"anchor_{a}", unit="m", bounds=ANCHOR_BOUNDS, nuisance=True) for a in space.axes)
-        length = Parameter(name="length", unit="m", bounds=(0.0, inf), nuisance=True)
+        anchor = tuple(
+            Parameter(name=f"anchor_{a}", unit="m", bounds=ANCHOR_BOUNDS, role=Role.SHAPE) for a in space.axes
+        )
+        length = Parameter(name="length", unit="m", bounds=(0.0, inf), role=Role.SHAPE)
         return (Parameter(name="k", unit="N/m", bounds=(0.0, inf)), *anchor, length, TIP_DISTANCE)
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:

@@ -11,7 +11,7 @@ from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
 from modeling.dynamics.deflection import Deflection
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 from modeling.space import Space
 
 LOWEST_STIFFNESS = 1.0
@@ -48,7 +48,7 @@ class TipFlexibility(Effect):
         """Stiffness in N m/rad, infinite for a rigid mounting, and damping in N m s/rad."""
         return (
             Parameter(name="stiffness", unit="N m/rad", nominal=inf, bounds=(LOWEST_STIFFNESS, inf), start=300.0),
-            Parameter(name="damping", unit="N m s/rad", bounds=(0.0, inf), nuisance=True, start=1.0),
+            Parameter(name="damping", unit="N m s/rad", bounds=(0.0, inf), role=Role.SHAPE, start=1.0),
         )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:

@@ -7,12 +7,12 @@ from dataclasses import replace
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, point_on_tip
 from modeling.chain.effect import SearchDomain
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 
 SMOOTHING_SPEED = 1e-6
 """Speed (m/s) or length (m) below which |v| is smoothed, so that it has a derivative at zero."""
 
-TIP_DISTANCE = Parameter(name="d", unit="m", bounds=(-0.5, 1.5), nuisance=True)
+TIP_DISTANCE = Parameter(name="d", unit="m", bounds=(-0.5, 1.5), role=Role.SHAPE)
 
 
 def with_tip_force(chain: Chain, force: sp.Matrix, distance: sp.Expr) -> Chain:

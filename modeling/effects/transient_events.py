@@ -11,7 +11,7 @@ from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage, point_on_tip
 from modeling.chain.effect import Effect, GridSuperposition, NuisanceValues, SearchDomain
 from modeling.effects.tip_force import TIP_DISTANCE
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 from modeling.space import Space, signals
 from modeling.tool.rigid_body import RigidBody
 from modeling.tool.wrench_components import contact_components, contact_force_torque
@@ -43,7 +43,7 @@ class PayloadChange(Effect):
         return (
             Parameter(name="mass", unit="kg"),
             TIP_DISTANCE,
-            Parameter(name="time", unit="s", nuisance=True),
+            Parameter(name="time", unit="s", role=Role.ONSET),
         )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
@@ -82,7 +82,7 @@ class ContactEvent(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """start and end in s, then the wrench in N and N m."""
-        times = tuple(Parameter(name=name, unit="s", nuisance=True) for name in ("start", "end"))
+        times = tuple(Parameter(name=name, unit="s", role=Role.ONSET) for name in ("start", "end"))
         return times + tuple(
             Parameter(name=n, unit=u) for n, u in zip(contact_components(space), space.units, strict=True)
         )

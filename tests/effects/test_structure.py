@@ -16,6 +16,7 @@ from modeling.chain.prediction import compiled_prediction
 from modeling.effects import catalogue
 from modeling.errors import InputError
 from modeling.formulas.units import dimension
+from modeling.parameter import Role
 from modeling.space import Space
 from tests.effects.cases import CASES, RIGS, Case
 from tests.effects.parts import random_signals
@@ -40,6 +41,19 @@ def test_parameters_are_named_bounded_and_have_units(case: Case) -> None:
         assert low < high
         assert parameter.start is None or low <= parameter.start <= high
     assert any(not p.nuisance for p in own)
+
+
+ROLE_UNITS = {Role.ONSET: "s", Role.FREQUENCY: "Hz"}
+
+
+@every_case
+def test_searched_times_and_frequencies_have_their_roles(case: Case) -> None:
+    """Search, noise re-estimation and missing inputs read the role: a time called a shape would never be refined."""
+    for parameter in case.effect.parameters(case.space):
+        if parameter.nuisance:
+            expected = {unit: role for role, unit in ROLE_UNITS.items()}.get(parameter.unit, Role.SHAPE)
+            assert parameter.role is expected
+        assert case.effect.has_role(parameter.role, case.space)
 
 
 @every_case

@@ -24,11 +24,14 @@ from modeling.formulas.custom_effects.vocabulary import (
 from modeling.formulas.functions import FORMULA_FUNCTIONS
 from modeling.formulas.tokens import LONGEST_NAME
 from modeling.formulas.units import dimension
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 from modeling.space import Space
 
 LARGEST_GRID = 2000
 """Grid points of the nuisance parameters: each is a score column to project, and thousands take seconds."""
+
+_SEARCHED_ROLES = {"s": Role.ONSET, "Hz": Role.FREQUENCY}
+"""Roles of the parameters with `search` by their unit: a table does not state them."""
 
 _ID = re.compile(r"[a-z][a-z0-9_]*")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -91,7 +94,8 @@ def _parameter(name: str, table: ParameterTable, where: str) -> Parameter:
     if not low <= table.nominal <= high and not table.search:
         raise InputError(what="the nominal value is outside the bounds", where=where, remedy="correct one of them")
     nominal = min(max(table.nominal, low), high)
-    return Parameter(name=name, unit=table.unit, nominal=nominal, bounds=(low, high), nuisance=table.search is not None)
+    role = _SEARCHED_ROLES.get(table.unit, Role.SHAPE) if table.search else Role.AMPLITUDE
+    return Parameter(name=name, unit=table.unit, nominal=nominal, bounds=(low, high), role=role)
 
 
 def _searched(table: ParameterTable, where: str) -> tuple[float, ...]:
