@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
+from difflib import get_close_matches
 from functools import partial
 
 LONGEST_QUOTATION = 40
@@ -13,6 +15,14 @@ def quoted(text: object) -> str:
     full = str(text)
     cut = full[:LONGEST_QUOTATION] + "..." * (len(full) > LONGEST_QUOTATION)
     return f"'{cut}'" if cut.isprintable() else ascii(cut)
+
+
+def suggestion(name: str, choices: Collection[str], shown: Callable[[str], str] = str) -> str:
+    """Remedy for an unknown name: the choices closest to it, else the first twelve, as `shown`."""
+    close = get_close_matches(name, choices, n=2)
+    if close:
+        return f"did you mean {' or '.join(map(shown, close))}?"
+    return f"use one of {', '.join(map(shown, [*choices][:12]))}{', ..' * (len(choices) > 12)}"
 
 
 class TruewrenchError(Exception):

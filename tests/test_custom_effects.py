@@ -254,7 +254,7 @@ REFUSED: Mapping[str, tuple[dict[str, Any], str]] = {
     "two stages": ({"zero": {"fx": "k*px"}}, "formulas were given in tip_body and zero"),
     "no stage": ({"tip_body": None}, "there are no formulas"),
     "no formulas": ({"tip_body": {"at": "0"}}, "there are no formulas"),
-    "target": ({"tip_body": {"force_q": "k"}}, "'force_q' is not a target of this stage; did you mean force_z?"),
+    "target": ({"tip_body": {"force_q": "k"}}, "'force_q' is not a target of this stage; did you mean force_z"),
     "unit of a parameter": ({"parameters": {"k": "N/mm"}}, "parameters.k: 'mm' is not a known unit (column 3"),
     "unit of a formula": (
         {"parameters": {"k": "N"}},

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Mapping
 
 from modeling import symbolic as sp
-from modeling.formulas.source import FormulaSource
-from modeling.formulas.syntax_tree import Call, Name, Node, Number, Power, Product, Sum
+from modeling.formulas.functions import FORMULA_FUNCTIONS
+from modeling.formulas.syntax_tree import exponent, signed_parts
+from modeling.formulas.tokens import FormulaSource
 
 LARGEST_INTEGER = 1000
 """Integers up to this stay integers, so that x/2 prints as written; larger ones become floats."""
@@ -14,36 +16,43 @@ LARGEST_FLOAT = 1e300
 """Bound on numbers that SymPy computes, near the largest float."""
 
 
-def to_sympy(tree: Node, values: Mapping[str, sp.Expr], source: FormulaSource) -> sp.Expr:
+def to_sympy(tree: ast.expr, values: Mapping[str, sp.Expr], source: FormulaSource) -> sp.Expr:
     """The formula with expressions for its names.
 
     Raises InputError, naming the column, where it simplifies to no finite real number, as in 1/(x - x).
     """
     match tree:
-        case Number(value=value):
+        case ast.Constant(value=float(value)):
             return sp.Integer(int(value)) if value == int(value) and abs(value) <= LARGEST_INTEGER else sp.Float(value)
-        case Name(name=name):
+        case ast.Name(id=name):
             return values[name]
     try:
         built = _combined(tree, values, source)
+        finite = not built.has(*_NOT_FINITE) and all(map(_is_representable, (built, *built.args)))
     except (ValueError, TypeError):  # SymPy cannot compare infinite or complex values
-        built = sp.nan
-    invalid = (sp.zoo, sp.nan, sp.oo, sp.S.NegativeInfinity, sp.I)
-    if built.has(*invalid) or not all(map(_is_representable, (built, *built.args))):
-        raise source.error(tree.column, "it simplifies to no finite real number", "correct the formula there")
+        finite = False
+    if not finite:
+        raise source.error(tree.col_offset, "it simplifies to no finite real number", "correct the formula there")
     return built
 
 
-def _combined(tree: Node, values: Mapping[str, sp.Expr], source: FormulaSource) -> sp.Expr:
+_NOT_FINITE = (sp.zoo, sp.nan, sp.oo, sp.S.NegativeInfinity, sp.I)
+
+
+def _combined(tree: ast.expr, values: Mapping[str, sp.Expr], source: FormulaSource) -> sp.Expr:
     match tree:
-        case Sum(terms=terms):
-            return sp.Add(*(sign * to_sympy(child, values, source) for sign, child in terms))
-        case Product(factors=factors):
-            return sp.Mul(*(to_sympy(child, values, source) ** sign for sign, child in factors))
-        case Power(base=base, exponent=exponent):
-            return to_sympy(base, values, source) ** sp.Rational(exponent.numerator, exponent.denominator)
-        case Call(function=function, arguments=arguments):
-            built = function.expression(*(to_sympy(child, values, source) for child in arguments))
+        case ast.UnaryOp():
+            return -to_sympy(tree.operand, values, source)
+        case ast.BinOp(op=ast.Pow()):
+            power = exponent(tree)
+            return to_sympy(tree.left, values, source) ** sp.Rational(power.numerator, power.denominator)
+        case ast.BinOp(op=ast.Add() | ast.Sub()):
+            return sp.Add(*(sign * to_sympy(child, values, source) for sign, child in signed_parts(tree)))
+        case ast.BinOp():
+            return sp.Mul(*(to_sympy(child, values, source) ** sign for sign, child in signed_parts(tree)))
+        case ast.Call(func=ast.Name(id=name)):
+            function = FORMULA_FUNCTIONS[name]
+            built = function.expression(*(to_sympy(child, values, source) for child in tree.args))
             if built.is_number and built.is_finite is None:  # atan2(1, 0) unevaluated
                 return sp.Float(function.number(*map(float, built.args)))
             return built

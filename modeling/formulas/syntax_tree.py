@@ -1,82 +1,59 @@
-"""Syntax tree of a formula, each node with its column in the text."""
+"""Walks over a formula's syntax tree, whose `col_offset` are columns (from 1) of the formula's text.
+
+Its nodes are those of the standard library's `ast`, of five kinds: Constant (a float), Name, UnaryOp (a minus), BinOp
+(a sum, a product or a power with a constant exponent) and Call (of a formula function).
+"""
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 
-from modeling.formulas.functions import FormulaFunction
+LARGEST_EXPONENT = 8
+"""Bound on numerator and denominator of an exponent: no law of physics has more, and 9^9^9 would never end."""
+SUM, PRODUCT = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
 
 
-@dataclass(frozen=True)
-class Number:
-    """A finite number; constant parts of a formula are folded to one."""
-
-    value: float
-    column: int
-
-
-@dataclass(frozen=True)
-class Name:
-    """A named quantity."""
-
-    name: str
-    column: int
+def chain_links(node: ast.BinOp) -> list[ast.BinOp]:
+    """The operations of a sum a + b - c, or a product a * b / c, the leftmost first; a power alone."""
+    kind = next((kind for kind in (SUM, PRODUCT) if isinstance(node.op, kind)), ())
+    links = [node]
+    while isinstance(links[-1].left, ast.BinOp) and isinstance(links[-1].left.op, kind):
+        links.append(links[-1].left)
+    return links[::-1]
 
 
-@dataclass(frozen=True)
-class Sum:
-    """The sum of terms, each with its sign (+1, -1)."""
-
-    terms: tuple[tuple[int, Node], ...]
-    column: int
+def signed_parts(node: ast.BinOp) -> list[tuple[int, ast.expr]]:
+    """The terms of a sum, each with its sign, or the factors of a product, with -1 for divisors."""
+    links = chain_links(node)
+    return [(1, links[0].left), *((-1 if isinstance(n.op, ast.Sub | ast.Div) else 1, n.right) for n in links)]
 
 
-@dataclass(frozen=True)
-class Product:
-    """The product of factors, each multiplied (+1) or divided by (-1)."""
-
-    factors: tuple[tuple[int, Node], ...]
-    column: int
-
-
-@dataclass(frozen=True)
-class Power:
-    """A base to a constant power."""
-
-    base: Node
-    exponent: Fraction
-    column: int
+def exponent(power: ast.BinOp) -> Fraction:
+    """The constant exponent of a power."""
+    assert isinstance(power.right, ast.Constant)
+    assert isinstance(power.right.value, float)
+    return Fraction(power.right.value).limit_denominator(LARGEST_EXPONENT)
 
 
-@dataclass(frozen=True)
-class Call:
-    """A function of arguments."""
-
-    function: FormulaFunction
-    arguments: tuple[Node, ...]
-    column: int
-
-
-Node = Number | Name | Sum | Product | Power | Call
-
-
-def child_nodes(node: Node) -> tuple[Node, ...]:
-    """The children of a node."""
+def child_nodes(node: ast.expr) -> list[ast.expr]:
+    """The terms, factors, arguments, or base and exponent of a node."""
     match node:
-        case Sum(terms=pairs) | Product(factors=pairs):
-            return tuple(child for _, child in pairs)
-        case Power(base=base):
-            return (base,)
-        case Call(arguments=arguments):
-            return arguments
+        case ast.BinOp(op=ast.Pow()):
+            return [node.left, node.right]
+        case ast.BinOp():
+            return [child for _, child in signed_parts(node)]
+        case ast.UnaryOp():
+            return [node.operand]
+        case ast.Call():
+            return node.args
         case _:
-            return ()
+            return []
 
 
-def nodes_in(tree: Node) -> Iterator[Node]:
-    """Every node of a tree, the root first."""
+def nodes_in(tree: ast.expr) -> Iterator[ast.expr]:
+    """Every node of a tree, the root first; a sum or product of many parts is one."""
     pending = [tree]
     while pending:
         node = pending.pop()
@@ -84,6 +61,6 @@ def nodes_in(tree: Node) -> Iterator[Node]:
         pending.extend(child_nodes(node))
 
 
-def names_in(tree: Node) -> frozenset[str]:
-    """The names in a tree."""
-    return frozenset(node.name for node in nodes_in(tree) if isinstance(node, Name))
+def names_in(tree: ast.expr) -> frozenset[str]:
+    """The names in a tree, without those of functions."""
+    return frozenset(node.id for node in nodes_in(tree) if isinstance(node, ast.Name))

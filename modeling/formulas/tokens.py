@@ -1,25 +1,24 @@
-"""Tokens of a formula's text: numbers, names and operators."""
+"""Text of a formula with its location, and the same as Python writes it, token by token."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import Enum
 
-from modeling.errors import quoted
-from modeling.formulas.source import FormulaSource
+from modeling.errors import InputError, quoted
 
 LONGEST_FORMULA = 1000
 """Characters of a formula at most; `let` divides a longer one into steps."""
 LONGEST_NAME = 40
 """Characters of a name at most, so that an error message stays one line."""
+DEEPEST_NESTING = 30
+"""Depth of nested brackets at most; within Python's recursion limit."""
 
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
     r"|(?P<name>[A-Za-z][A-Za-z0-9_]*)"
-    r"|(?P<operator>\*\*|[-+*/^(),])"
-    r"|(?P<space>[ \t\r\n]+)"
+    r"|(?P<operator>\*\*|[-+*/^(),])|(?P<space>[ \t\r\n]+)"
 )
 
 _REPLACEMENTS: Mapping[str, str] = {
@@ -38,43 +37,52 @@ _REPLACEMENTS: Mapping[str, str] = {
 """Remedies for characters outside the grammar."""
 
 
-class TokenKind(Enum):
-    """Kind of a token."""
-
-    NUMBER = "a number"
-    NAME = "a name"
-    OPERATOR = "an operator"
-    END = "the end"
-
-
 @dataclass(frozen=True)
-class Token:
-    """A piece of text at a column (from 1)."""
+class FormulaSource:
+    """A formula's text; `where` is its location (file, effect and key) in error messages."""
 
-    kind: TokenKind
     text: str
-    column: int
+    where: str = "formula"
 
-    def __str__(self) -> str:
-        return "the end" if self.kind is TokenKind.END else quoted(self.text)
+    def error(self, column: int, what: str, remedy: str) -> InputError:
+        """An error about the character at `column`, counted from 1."""
+        return InputError(what=what, where=f"{self.where}, column {column}", remedy=remedy)
 
 
-def tokenize(source: FormulaSource) -> list[Token]:
-    """The tokens of a formula, the last of them the end.
+def python_text(source: FormulaSource) -> tuple[str, dict[int, int]]:
+    """The formula as Python writes it, and the column in the formula of each place where a token begins there.
 
-    Raises InputError at the first invalid character, or when the text is too long.
+    Python means the same by each token, in all its versions: a name gets a trailing underscore, so that it is no
+    keyword, a number becomes a float, and ^ becomes **.
+    Raises InputError at a character outside the grammar, and for a text that is too long or too deeply nested.
     """
+    text, columns, place, depth = "", {}, 0, 0
     if len(source.text) > LONGEST_FORMULA:
         what = f"the formula has {len(source.text)} characters"
         raise source.error(LONGEST_FORMULA + 1, what, f"use {LONGEST_FORMULA} at most, and `let` for repeated parts")
-    found, place = [], 0
     while place < len(source.text):
         match = _TOKEN.match(source.text, place)
         if match is None:
-            character = source.text[place]
-            remedy = _REPLACEMENTS.get(character, "use numbers, names, + - * / ^ and round brackets")
-            raise source.error(place + 1, f"{quoted(character)} is not allowed in a formula", remedy)
-        if match.lastgroup != "space":
-            found.append(Token(TokenKind[str(match.lastgroup).upper()], match[0], place + 1))
+            remedy = _REPLACEMENTS.get(source.text[place], "use numbers, names, + - * / ^ and round brackets")
+            raise source.error(place + 1, f"{quoted(source.text[place])} is not allowed in a formula", remedy)
+        depth += {"(": 1, ")": -1}.get(match[0], 0)
+        if depth > DEEPEST_NESTING:
+            raise too_deep(source, place + 1)
+        columns[len(text)] = place + 1
+        text += _REWRITTEN[str(match.lastgroup)](match[0])
         place = match.end()
-    return [*found, Token(TokenKind.END, "", len(source.text) + 1)]
+    return text.rstrip(), columns
+
+
+_REWRITTEN: Mapping[str, Callable[[str], str]] = {
+    "number": lambda text: f"{float(text)!r} ".replace("inf", "1e999"),
+    "name": lambda text: f"{text}_ ",
+    "operator": lambda text: text.replace("^", "**") + " ",
+    "space": lambda text: "",
+}
+
+
+def too_deep(source: FormulaSource, column: int) -> InputError:
+    """The error for a formula nested too deep."""
+    what = f"brackets, signs and powers are nested more than {DEEPEST_NESTING} deep"
+    return source.error(column, what, "divide the formula into steps with `let`")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
+from collections.abc import Mapping
 from math import isfinite, prod
 
 import numpy as np
 
 from modeling.effects import CATALOGUE
-from modeling.errors import InputError, quoted
+from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.custom_effects.definition import POINT_KEY, EffectDefinition, PhysicalConstant
 from modeling.formulas.custom_effects.effect_schema import LARGEST_ENTRY, EffectTable, ParameterTable
 from modeling.formulas.custom_effects.parsed_formulas import parsed_formulas, require_known_signals
@@ -155,16 +154,10 @@ def _require_targets(definition: EffectDefinition, where: str) -> None:
     for name, _ in definition.formulas:
         if name not in known:
             what = f"{quoted(name)} is not a target of this stage"
-            raise InputError(what=what, where=f"{where}: {definition.key}", remedy=_suggestion(name, known))
+            raise InputError(what=what, where=f"{where}: {definition.key}", remedy=suggestion(name, sorted(known)))
     if not definition.formulas:
-        remedy = _suggestion("", known)
+        remedy = suggestion("", sorted(known))
         raise InputError(what="there are no formulas", where=f"{where}: {definition.key}", remedy=remedy)
-
-
-def _suggestion(name: str, known: Iterable[str]) -> str:
-    choices = sorted(known)
-    close = get_close_matches(name, choices, n=1)
-    return f"did you mean {close[0]}?" if close else f"use {', '.join(choices[:12])}{', ..' * (len(choices) > 12)}"
 
 
 def _require_grid(definition: EffectDefinition, where: str) -> None:

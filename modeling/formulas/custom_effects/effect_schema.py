@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from difflib import get_close_matches
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from modeling.chain.chain import Stage
-from modeling.errors import InputError, quoted
+from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES
 
 _OTHER_STAGES = {"stage", *(stage.value.replace(" ", "_") for stage in Stage)} - set(FORMULA_STAGES)
@@ -129,5 +128,4 @@ def _suggestion(location: tuple[int | str, ...]) -> str:
         return f"use {', '.join(ParameterTable.model_fields)}"
     if location[0] in _OTHER_STAGES:
         return f"give formulas in {', '.join(FORMULA_STAGES)}; other stages are not functions of one sample"
-    close = get_close_matches(str(location[0]), EffectTable.model_fields, n=1)
-    return f"did you mean {close[0]}?" if close else f"use {', '.join(EffectTable.model_fields)}"
+    return suggestion(str(location[0]), EffectTable.model_fields)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -12,9 +13,9 @@ from modeling.errors import InputError
 from modeling.formulas.custom_effects.definition import POINT_KEY, EffectDefinition
 from modeling.formulas.custom_effects.vocabulary import signal_units, target_units, tip_units, tip_values
 from modeling.formulas.parser import MOST_NODES, parse_formula
-from modeling.formulas.source import FormulaSource
 from modeling.formulas.sympy_expression import to_sympy
-from modeling.formulas.syntax_tree import Name, Node, names_in, nodes_in
+from modeling.formulas.syntax_tree import names_in, nodes_in
+from modeling.formulas.tokens import FormulaSource
 from modeling.formulas.unit_check import require_unit, unit_of
 from modeling.formulas.units import DIMENSIONLESS, Dimension, dimension
 from modeling.space import Space, signals
@@ -25,9 +26,9 @@ class ParsedFormulas:
     """Syntax trees of a definition: the distance along the tip, its steps in order, its formulas by target."""
 
     definition: EffectDefinition
-    at: tuple[Node, FormulaSource] | None
-    steps: Mapping[str, tuple[Node, FormulaSource]]
-    formulas: Mapping[str, tuple[Node, FormulaSource]]
+    at: tuple[ast.expr, FormulaSource] | None
+    steps: Mapping[str, tuple[ast.expr, FormulaSource]]
+    formulas: Mapping[str, tuple[ast.expr, FormulaSource]]
 
     @property
     def names(self) -> frozenset[str]:
@@ -100,19 +101,19 @@ class _DefinitionReader:
 
     def _read(
         self, key: str, text: str, units: Mapping[str, Dimension], expected: Dimension | None
-    ) -> tuple[Node, FormulaSource]:
+    ) -> tuple[ast.expr, FormulaSource]:
         source = FormulaSource(text, f"{self.where}: {key}")
         tree = parse_formula(source, units)
         if expected is not None:
             require_unit(tree, units, expected, source)
         return tree, source
 
-    def _require_size(self, tree: Node, source: FormulaSource) -> int:
+    def _require_size(self, tree: ast.expr, source: FormulaSource) -> int:
         """Nodes of a formula with its steps expanded: twenty that each use the last twice would be a million."""
-        total = sum(self.sizes.get(node.name, 1) if isinstance(node, Name) else 1 for node in nodes_in(tree))
+        total = sum(self.sizes.get(node.id, 1) if isinstance(node, ast.Name) else 1 for node in nodes_in(tree))
         if total > MOST_EXPANDED_NODES:
             what = f"with its steps expanded it has {total} numbers, names and operations"
-            raise source.error(tree.column, what, f"keep it below {MOST_EXPANDED_NODES}")
+            raise source.error(tree.col_offset, what, f"keep it below {MOST_EXPANDED_NODES}")
         return total
 
 
