@@ -17,12 +17,12 @@ def quoted(text: object) -> str:
     return f"'{cut}'" if cut.isprintable() else ascii(cut)
 
 
-def suggestion(name: str, choices: Collection[str], shown: Callable[[str], str] = str) -> str:
-    """Remedy for an unknown name: the choices closest to it, else the first twelve, as `shown`."""
+def suggestion(name: str, choices: Collection[str], shown: Callable[[str], str] = str, most: int = 12) -> str:
+    """Remedy for an unknown name: the choices closest to it, else `most` of them, as `shown`."""
     close = get_close_matches(name, choices, n=2)
     if close:
         return f"did you mean {' or '.join(map(shown, close))}?"
-    return f"use one of {', '.join(map(shown, [*choices][:12]))}{', ..' * (len(choices) > 12)}"
+    return f"use one of {', '.join(map(shown, [*choices][:most]))}{', ..' * (len(choices) > most)}"
 
 
 class TruewrenchError(Exception):

@@ -67,8 +67,8 @@ def test_data_round_trip(tmp_path: Path) -> None:
 
 
 WRONG = {
-    "robot.length": ("[robot]\nlength = 3", "not a key"),
-    "robotics": ("[robotics]\nx = 1", "not a key"),
+    "robot.length": ("[robot]\nlength = 3", "no such key"),
+    "robotics": ("[robotics]\nx = 1", "no such key"),
     "robot.link_lengths[1]": ("[robot]\nlink_lengths = [1.0, -0.97]", "-0.97"),
     "robot.link_lengths[0]": ("[robot]\nlink_lengths = [inf]", "inf"),
     "robot.link_lengths": ("[robot]\nlink_lengths = 1.0", "1.0"),

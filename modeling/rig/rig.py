@@ -17,6 +17,7 @@ from modeling.evaluation.cache import cached
 from modeling.kinematics.arm import Arm
 from modeling.kinematics.planar_arm import PlanarArm
 from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.text_file import file_text, toml_data
 
 RigTables: TypeAlias = dict[str, Any]
 """Validated rig data, as returned by `modeling.rig.rig_schema.validated_tables`."""
@@ -96,13 +97,7 @@ class Rig:
     def read(cls, path: str | Path) -> Self:
         """The rig of a TOML file; InputError when it, or its URDF, does not conform to FORMATS."""
         path = Path(path)
-        try:
-            text = path.read_bytes().decode("utf-8-sig")
-        except OSError as error:
-            reason = error.strerror or "cannot be read"
-            raise InputError(what=reason, where=str(path), remedy="give the path of a rig file") from None
-        except UnicodeDecodeError as error:
-            raise _no_toml(error, str(path)) from None
+        text = file_text(path, kind="a rig file")
         # Cached by its text: importing the validator takes longer than the rest of reading a rig.
         checked = cached({"rig": text}, lambda: _tables_of_text(text, str(path)), dict)
         return cls._of_tables(checked, where=str(path), folder=path.parent)
@@ -175,19 +170,9 @@ def _sensor_data(sensor: SensorDescription) -> dict[str, Any]:
 
 def _tables_of_text(text: str, where: str) -> RigTables:
     """The tables in the text of a TOML file; InputError where they do not conform to FORMATS."""
-    import tomllib
-
     from modeling.rig.rig_schema import validated_tables  # pydantic is slow to import
 
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _no_toml(error, where) from None
-    return validated_tables(data, where)
-
-
-def _no_toml(error: ValueError, where: str) -> InputError:
-    return InputError(what=f"not a TOML file: {error}", where=where, remedy="correct the TOML there")
+    return validated_tables(toml_data(text, where), where)
 
 
 def _spatial_arm(robot: Mapping[str, Any], folder: Path) -> SpatialArm | None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
 
-from modeling.errors import InputError
 from modeling.kinematics.joint import LARGEST_NUMBER
 from modeling.kinematics.spatial_arm import SpatialArm
 from modeling.space import Space
+from modeling.strict_table import StrictTable, validated
 
 SPATIAL_ARM = TypeAdapter(SpatialArm)
 
@@ -46,13 +46,7 @@ Channel = Literal["fx", "fy", "fz", "tx", "ty", "tz", "tau"]
 PerChannel = Annotated[dict[Channel, PositiveNumber], Field(min_length=1)]
 
 
-class StrictRigTable(BaseModel):
-    """A table of the file: no other keys, strict types, finite numbers."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class RobotTable(StrictRigTable):
+class RobotTable(StrictTable):
     """[robot]; `spatial_arm` is the arm of the URDF, in a rig stored without that file."""
 
     name: str = ""
@@ -70,7 +64,7 @@ class RobotTable(StrictRigTable):
         return self
 
 
-class LimitsTable(StrictRigTable):
+class LimitsTable(StrictTable):
     """[limits], in rad, rad/s, rad/s², rad/s³, m for prismatic joints; what is missing may be in a URDF."""
 
     position: LimitPairs | None = None
@@ -90,7 +84,7 @@ class LimitsTable(StrictRigTable):
         return {name: len(pairs) for name, pairs in self if pairs is not None}
 
 
-class WorkspaceTable(StrictRigTable):
+class WorkspaceTable(StrictTable):
     """[workspace], in m."""
 
     x: LimitInterval | None = None
@@ -98,7 +92,7 @@ class WorkspaceTable(StrictRigTable):
     z: LimitInterval | None = None
 
 
-class SensorTable(StrictRigTable):
+class SensorTable(StrictTable):
     """[sensor], in N and N·m."""
 
     noise: PerChannel | None = None
@@ -115,7 +109,7 @@ class SensorTable(StrictRigTable):
         return self
 
 
-class RigTable(StrictRigTable):
+class RigTable(StrictTable):
     """The whole file."""
 
     robot: RobotTable = RobotTable()
@@ -134,45 +128,4 @@ class RigTable(StrictRigTable):
 
 def validated_tables(data: Mapping[str, object], where: str) -> dict[str, Any]:
     """The validated tables as plain data, missing entries as None; InputError for anything else."""
-    try:
-        return RigTable.model_validate(dict(data)).model_dump(mode="json")
-    except ValidationError as error:
-        raise validation_error(error, where) from None
-
-
-# ---------------------------------------------------------------------- pydantic errors in one line
-
-
-def validation_error(error: ValidationError, where: str) -> InputError:
-    """The first of the errors as one line about the file `where`."""
-    first = error.errors(include_url=False)[0]
-    key = _key(first["loc"])
-    remedy = "correct it in the rig file"
-    got = f", got {_shortened(first['input'])}"
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        what, remedy = "is not a key of a rig file", f"use one of {_known(first['loc'])}, or remove it"
-    elif first["type"] == "missing":
-        what, remedy = "missing", "add it to the rig file"
-    else:
-        what = message if "got " in message else message + got
-    return InputError(where=where, what=f"{key}: {what}" if key else what, remedy=remedy)
-
-
-def _key(location: tuple[int | str, ...]) -> str:
-    key = ""
-    for part in location:
-        key += f"[{part}]" if isinstance(part, int) else f".{part}"
-    return key.lstrip(".").removesuffix(".[key]")
-
-
-def _known(location: tuple[int | str, ...]) -> str:
-    tables: dict[str, type[StrictRigTable]] = {"robot": RobotTable, "limits": LimitsTable}
-    tables |= {"workspace": WorkspaceTable, "sensor": SensorTable}
-    table = tables.get(str(location[0]), RigTable) if len(location) > 1 else RigTable
-    return ", ".join(table.model_fields)
-
-
-def _shortened(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return validated(RigTable, dict(data), where).model_dump(mode="json")

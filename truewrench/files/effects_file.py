@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from estimation.model_response import model_signals
 from modeling.errors import InputError, quoted
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.formulas.custom_effects.effect_check import require_finite
+from modeling.text_file import file_text, toml_data
 from truewrench.files.data_set import DataSet
 
 MAX_BYTES = 200_000
@@ -26,7 +26,7 @@ def read_effects(path: str | Path) -> tuple[CustomEffect, ...]:
     Raises InputError, in one line that names effect, key and column, for an invalid file.
     """
     where = str(path)
-    tables = _tables(_text(Path(path), where), where)
+    tables = _tables(file_text(path, kind="a file of effects", most=MAX_BYTES), where)
     effects = tuple(
         CustomEffect.from_data(table, where=_location(where, table, n)) for n, table in enumerate(tables, 1)
     )
@@ -38,27 +38,8 @@ def read_effects(path: str | Path) -> tuple[CustomEffect, ...]:
     return effects
 
 
-def _text(path: Path, where: str) -> str:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        text = data.decode("utf-8-sig")
-    except OSError as error:
-        reason = error.strerror or "cannot be read"
-        raise InputError(what=reason, where=where, remedy="give the path of a file of effects") from None
-    except ValueError as error:  # not UTF-8, or a path that cannot be
-        raise InputError(what=f"not a TOML file: {error}", where=where, remedy=REMEDY) from None
-    if len(data) > MAX_BYTES:
-        raise InputError(what=f"has more than {MAX_BYTES} bytes", where=where, remedy="divide it into several files")
-    return text
-
-
 def _tables(text: str, where: str) -> list[object]:
-    try:
-        data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        what = f"not a TOML file: {'tables are nested too deep' if isinstance(error, RecursionError) else error}"
-        raise InputError(what=what, where=where, remedy="correct the TOML there") from None
+    data = toml_data(text, where)
     tables = data.get("effect")
     unknown = [key for key in data if key != "effect"]
     if unknown or not isinstance(tables, list) or not tables:

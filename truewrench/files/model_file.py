@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.fit import Estimate, Fit
@@ -27,6 +27,8 @@ from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.kinematics.arm import Arm
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
+from modeling.strict_table import StrictTable, validated
+from modeling.text_file import file_text
 
 Array = NDArray[np.float64]
 
@@ -91,14 +93,7 @@ class ModelFile:
         Raises InputError, in one line, for an invalid file.
         """
         where = str(path)
-        try:
-            text = Path(path).read_bytes().decode("utf-8-sig")
-        except OSError as error:
-            reason = error.strerror or "cannot be read"
-            raise InputError(what=reason, where=where, remedy="give the path of a model file") from None
-        except ValueError as error:  # not UTF-8, or a path that cannot be
-            raise InputError(what=f"not a JSON file: {error}", where=where, remedy=REMEDY) from None
-        return cls.from_text(text, where=where)
+        return cls.from_text(file_text(path, kind="a model file", syntax="JSON"), where=where)
 
     @classmethod
     def from_text(cls, text: str, *, where: str = "model") -> Self:
@@ -112,10 +107,7 @@ class ModelFile:
     @classmethod
     def from_data(cls, data: object, *, where: str = "model") -> Self:
         """The model of plain dictionaries, lists, numbers and strings, as `to_data` gives them."""
-        try:
-            table = _Model.model_validate(data)
-        except ValidationError as error:
-            raise _refusal(error, where) from None
+        table = validated(_Model, data, where, remedy=REMEDY)
         rig = None if table.rig is None else Rig.from_data(table.rig, where=f"{where}: rig")
         model = _model(table, where, None if rig is None else rig.arm)
         parameters, covariance = _numbers(table, model, where)
@@ -192,28 +184,24 @@ Positive = Annotated[float, Field(gt=0)]
 Variance = float | None
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class _Effect(_Table):
+class _Effect(StrictTable):
     id: str
     options: dict[str, int] = Field(default_factory=dict)
     definition: dict[str, Any] | None = None
 
 
-class _Estimate(_Table):
+class _Estimate(StrictTable):
     value: float
     std: Annotated[float, Field(ge=0)] | None
     unit: str
 
 
-class _Covariance(_Table):
+class _Covariance(StrictTable):
     parameters: list[str]
     matrix: list[list[Variance]]
 
 
-class _Model(_Table):
+class _Model(StrictTable):
     format: Literal["truewrench model"]
     version: Literal[1]
     base: Literal["planar", "spatial"]
@@ -229,15 +217,6 @@ class _Model(_Table):
     noise_source: Literal["repeats", "rig", "residual"]
     remainder: dict[str, Annotated[float, Field(ge=0)]]
     rig: dict[str, Any] | None
-
-
-def _refusal(error: ValidationError, where: str) -> InputError:
-    first = error.errors(include_url=False, include_context=False)[0]
-    key = ".".join(map(str, first["loc"]))[:80]
-    value = repr(first["input"])
-    got = "" if first["type"] == "missing" else f"; got {value[:40] + '...' * (len(value) > 40)}"
-    what = f"{key}: {first['msg']}{got}" if key else f"not a model: {first['msg']}"
-    return InputError(what=what, where=where, remedy=REMEDY)
 
 
 # --------------------------------------------------------------------------- model from the tables

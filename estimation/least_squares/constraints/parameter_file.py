@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from difflib import get_close_matches
 from math import isnan
 from pathlib import Path
 
-from modeling.errors import InputError
+from modeling.errors import InputError, quoted, suggestion
+from modeling.text_file import file_text, toml_data
 
 
 def read_parameter_file(path: str | Path) -> dict[str, object]:
@@ -16,17 +15,9 @@ def read_parameter_file(path: str | Path) -> dict[str, object]:
 
     Raises InputError, in one line, when it cannot be read or is not TOML.
     """
-    where, remedy = str(path), "give the path of a TOML file"
-    try:
-        data = tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise InputError(what=error.strerror or "cannot be read", where=where, remedy=remedy) from None
-    except ValueError as error:  # invalid TOML or UTF-8, or an impossible path
-        raise InputError(
-            what=f"not a TOML file: {error}", where=where, remedy="correct the TOML syntax there"
-        ) from None
+    where = str(path)
     entries: dict[str, object] = {}
-    for name, value in _entries(data):
+    for name, value in _entries(toml_data(file_text(path, kind="a TOML file"), where)):
         if name in entries:
             raise InputError(what=f"'{name}' appears twice", where=where, remedy="name each parameter once")
         entries[name] = value
@@ -51,6 +42,8 @@ def require_known_names(names: Iterable[str], known: Iterable[str], where: str) 
     known = list(known)
     for name in names:
         if name not in known:
-            near = get_close_matches(name, known, n=1)
-            remedy = f"did you mean '{near[0]}'?" if near else f"the parameters are {', '.join(known)}"
-            raise InputError(what=f"no parameter is called '{name[:60]}'", where=where, remedy=remedy)
+            raise InputError(
+                what=f"no parameter is called {quoted(name)}",
+                where=where,
+                remedy=suggestion(name, known, most=len(known)),
+            )

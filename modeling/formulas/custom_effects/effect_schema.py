@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BeforeValidator, Field
 
 from modeling.chain.chain import Stage
-from modeling.errors import InputError, quoted, suggestion
+from modeling.errors import InputError
 from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES
+from modeling.strict_table import StrictTable, validated
 
 _OTHER_STAGES = {"stage", *(stage.value.replace(" ", "_") for stage in Stage)} - set(FORMULA_STAGES)
 LARGEST_ENTRY = 1e12
@@ -21,12 +23,6 @@ MOST_ENTRIES = 24
 
 MOST_VALUES = 50
 """Grid values of one nuisance parameter at most."""
-
-
-class StrictEffectTable(BaseModel):
-    """Base model: no other keys, no type coercion, finite numbers."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def _bound(value: object, open_end: float) -> float:
@@ -65,7 +61,7 @@ Text = Annotated[str, BeforeValidator(_text)]
 Named = Annotated[dict[str, str], Field(max_length=MOST_ENTRIES)]
 
 
-class ParameterTable(StrictEffectTable):
+class ParameterTable(StrictTable):
     """One parameter: its unit and, where they differ from the defaults, bounds, nominal value and search values."""
 
     unit: str
@@ -82,7 +78,10 @@ def _quantity(value: object) -> object:
     return f"{float(value)!r}" if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
-class EffectTable(StrictEffectTable):
+Quantities = Annotated[dict[str, Annotated[str, BeforeValidator(_quantity)]], Field(max_length=MOST_ENTRIES)]
+
+
+class EffectTable(StrictTable):
     """One [[effect]], with its formulas in exactly one of the tables of `FORMULA_STAGES`."""
 
     id: str
@@ -90,9 +89,9 @@ class EffectTable(StrictEffectTable):
     parameters: Annotated[
         dict[str, Annotated[ParameterTable, BeforeValidator(_parameter)]], Field(min_length=1, max_length=MOST_ENTRIES)
     ]
-    inputs: Named = {}
-    constants: Annotated[dict[str, Annotated[str, BeforeValidator(_quantity)]], Field(max_length=MOST_ENTRIES)] = {}
-    let: Named = {}
+    inputs: Named = Field(default_factory=dict)
+    constants: Quantities = Field(default_factory=dict)
+    let: Named = Field(default_factory=dict)
     tip_body: Named | None = None
     gain: Named | None = None
     zero: Named | None = None
@@ -105,27 +104,8 @@ def read_table(data: object, where: str) -> EffectTable:
 
     Raises InputError, naming the key, for an invalid table.
     """
-    try:
-        return EffectTable.model_validate(data)
-    except ValidationError as error:
-        raise _input_error(error, where) from None
-
-
-def _input_error(error: ValidationError, where: str) -> InputError:
-    first = error.errors(include_url=False)[0]
-    key = ".".join(part if part.isidentifier() else quoted(part) for part in map(str, first["loc"]))
-    if first["type"] == "extra_forbidden":
-        return InputError(what=f"{key}: no such key", where=where, remedy=_suggestion(first["loc"]))
-    if first["type"] == "missing":
-        return InputError(what=f"{key}: is missing", where=where, remedy="add it")
-    message = first["msg"].removeprefix("Value error, ")
-    what = f"{message}, got {quoted(first['input'])}"
-    return InputError(what=f"{key}: {what}" if key else what, where=where, remedy="correct it")
-
-
-def _suggestion(location: tuple[int | str, ...]) -> str:
-    if len(location) > 1:
-        return f"use {', '.join(ParameterTable.model_fields)}"
-    if location[0] in _OTHER_STAGES:
-        return f"give formulas in {', '.join(FORMULA_STAGES)}; other stages are not functions of one sample"
-    return suggestion(str(location[0]), EffectTable.model_fields)
+    for key in data if isinstance(data, Mapping) else ():
+        if key in _OTHER_STAGES:
+            remedy = f"give formulas in {', '.join(FORMULA_STAGES)}; other stages are not functions of one sample"
+            raise InputError(what=f"{key}: no such key", where=where, remedy=remedy)
+    return validated(EffectTable, data, where)
