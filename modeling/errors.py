@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from difflib import get_close_matches
 from functools import partial
 
 LONGEST_QUOTATION = 40
@@ -19,6 +18,8 @@ def quoted(text: object) -> str:
 
 def suggestion(name: str, choices: Collection[str], shown: Callable[[str], str] = str, most: int = 12) -> str:
     """Remedy for an unknown name: the choices closest to it, else `most` of them, as `shown`."""
+    from difflib import get_close_matches
+
     close = get_close_matches(name, choices, n=2)
     if close:
         return f"did you mean {' or '.join(map(shown, close))}?"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +32,8 @@ def file_text(path: str | Path, *, kind: str, syntax: str = "TOML", most: int = 
 
 def toml_data(text: str, where: str) -> dict[str, Any]:
     """The data of a text in TOML; InputError, naming the line, where it is not."""
+    import tomllib
+
     try:
         return tomllib.loads(text)
     except RecursionError:

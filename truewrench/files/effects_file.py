@@ -72,5 +72,5 @@ def custom_candidates(path: Path | None, case: DataSet) -> tuple[CustomEffect, .
     for effect in found:
         for recording in (*case.training, *case.validation):
             where = f"{path}, on {recording.name}"
-            require_finite(effect, space, model_signals(recording), recording.samples, where)
+            require_finite(effect.definition, space, model_signals(recording), recording.samples, where)
     return found

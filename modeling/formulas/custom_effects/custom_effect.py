@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any, Self
 
 from modeling import symbolic as sp
@@ -62,9 +61,9 @@ class CustomEffect(Effect):
         Raises InputError, in one line that names key and column, for an invalid definition: syntax errors, wrong
         units, an effect that does not vanish at nominal values or is not identifiable to first order there.
         """
-        effect = cls(parse_definition(read_table(data, where), where))
-        require_identifiable(effect, where)
-        return effect
+        definition = parse_definition(read_table(data, where), where)
+        require_identifiable(definition, where)
+        return cls(definition)
 
     def to_data(self) -> dict[str, Any]:
         """The table that `from_data` takes."""
@@ -88,8 +87,7 @@ class CustomEffect(Effect):
 
     def nuisance_grid(self, extent: SearchDomain) -> tuple[NuisanceValues, ...]:
         """Every combination of the values of the nuisance parameters."""
-        names = [name for name, _ in self.definition.search]
-        return tuple(dict(zip(names, row, strict=True)) for row in product(*(v for _, v in self.definition.search)))
+        return self.definition.nuisance_grid
 
 
 def _with_contact_wrench(chain: Chain, added: Mapping[str, sp.Expr], at: sp.Expr) -> Chain:

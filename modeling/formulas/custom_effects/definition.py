@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from modeling.chain.chain import Stage
@@ -65,6 +66,12 @@ class EffectDefinition:
     def fixed(self) -> dict[str, str]:
         """Unit by name of the quantities that are constant during a recording."""
         return {p.name: p.unit for p in self.parameters} | {name: q.unit for name, q in self.constants}
+
+    @property
+    def nuisance_grid(self) -> tuple[dict[str, float], ...]:
+        """Every combination of the values of the nuisance parameters."""
+        names = [name for name, _ in self.search]
+        return tuple(dict(zip(names, row, strict=True)) for row in product(*(values for _, values in self.search)))
 
     @property
     def key(self) -> str:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.chain.chain import rigid_chain
-from modeling.chain.effect import NuisanceValues, SearchDomain
 from modeling.chain.prediction import Signals, VectorFunction
 from modeling.errors import InputError
 from modeling.formulas.custom_effects.definition import EffectDefinition
@@ -30,34 +26,21 @@ VANISHING_TOLERANCE = 1e-9
 """Of values of order one, far above the rounding of a few hundred operations."""
 
 
-class FormulaEffect(Protocol):
-    """The interface of a custom effect that the checks need."""
-
-    @property
-    def id(self) -> str: ...
-    @property
-    def definition(self) -> EffectDefinition: ...
-    @property
-    def spaces(self) -> tuple[Space, ...]: ...
-    def parameters(self, space: Space) -> tuple[Parameter, ...]: ...
-    def nuisance_grid(self, extent: SearchDomain) -> Sequence[NuisanceValues]: ...
-
-
-def require_identifiable(effect: FormulaEffect, where: str) -> None:
+def require_identifiable(definition: EffectDefinition, where: str) -> None:
     """Raise InputError unless the effect vanishes at nominal values and is identifiable to first order there.
 
     The score test uses the derivative at the nominal values: it would never find an amplitude that enters squared.
     """
-    space = effect.spaces[0]
+    space = parsed_formulas(definition).spaces[0]
     try:
-        value, derivative = _at_random_points(effect, space)
+        value, derivative = _at_random_points(definition, space)
     except (KeyError, TypeError, ValueError):  # SymPy simplified it to a function that CasADi lacks
         remedy = "give atan2, abs, min and max arguments that are real and not constant"
-        place = f"{where}: {effect.definition.key}"
+        place = f"{where}: {definition.key}"
         raise InputError(
             what="one of its functions has no counterpart in generated code", where=place, remedy=remedy
         ) from None
-    keys = [f"{effect.definition.key}.{name}" for name, _ in effect.definition.formulas]
+    keys = [f"{definition.key}.{name}" for name, _ in definition.formulas]
     finite = np.isfinite(value) & np.isfinite(derivative).all(axis=2)
     for channel, key in enumerate(keys):
         if not finite[:, channel].any():
@@ -68,63 +51,63 @@ def require_identifiable(effect: FormulaEffect, where: str) -> None:
             remedy = "multiply it by an amplitude, or give the nominal values"
             raise InputError(what=what, where=f"{where}: {key}", remedy=remedy)
     largest = np.where(finite[:, :, None], np.abs(derivative), 0.0).max(axis=(0, 1))
-    for parameter, sensitivity in zip(_amplitudes(effect, space), largest, strict=True):
+    for parameter, sensitivity in zip(_amplitudes(definition), largest, strict=True):
         if not sensitivity > 0:
             what = "it is not identifiable to first order: the effect has no sensitivity to it at nominal values"
             remedy = "let the effect be proportional to it, or give it `search` as a nuisance parameter"
             raise InputError(what=what, where=f"{where}: parameters.{parameter.name}", remedy=remedy)
 
 
-def require_finite(effect: FormulaEffect, space: Space, signals: Signals, samples: int, where: str) -> None:
+def require_finite(definition: EffectDefinition, space: Space, signals: Signals, samples: int, where: str) -> None:
     """Raise InputError where the effect is not finite on a recording's signals, at any point of the search grid.
 
     `signals` are those of the recording by name, each (samples,); nothing is checked when one is missing.
     """
-    parameters = effect.parameters(space)
-    function = _vector_function(effect, space, tuple(p.name for p in parameters))
+    parameters = definition.parameters
+    function = _vector_function(definition, space, tuple(p.name for p in parameters))
     if not set(function.inputs) <= set(signals):
         return
     amplitudes = tuple(i for i, p in enumerate(parameters) if not p.nuisance)
-    grid = [[values.get(p.name, p.nominal) for p in parameters] for values in effect.nuisance_grid(SearchDomain())]
+    grid = [[values.get(p.name, p.nominal) for p in parameters] for values in definition.nuisance_grid]
     for first in range(0, len(grid), GRID_CHUNK):
         derivative = function.slopes(signals, np.array(grid[first : first + GRID_CHUNK]), amplitudes, samples)
         wrong = np.argwhere(~np.isfinite(derivative))
         if len(wrong):
             sample, formula, point, _ = wrong[0]
-            key = f"{effect.definition.key}.{effect.definition.formulas[formula][0]}"
+            key = f"{definition.key}.{definition.formulas[formula][0]}"
             at = ", ".join(
                 f"{p.name} = {v:.4g}" for p, v in zip(parameters, grid[first + point], strict=True) if p.nuisance
             )
-            what = f"{effect.id}: {key} is not finite at sample {sample + 1}{' with ' * bool(at)}{at}"
+            what = f"{definition.id}: {key} is not finite at sample {sample + 1}{' with ' * bool(at)}{at}"
             remedy = "keep roots and quotients away from that sample, or search other values"
             raise InputError(what=what, where=where, remedy=remedy)
 
 
-def _amplitudes(effect: FormulaEffect, space: Space) -> list[Parameter]:
-    return [p for p in effect.parameters(space) if not p.nuisance]
+def _amplitudes(definition: EffectDefinition) -> list[Parameter]:
+    return [p for p in definition.parameters if not p.nuisance]
 
 
-def _at_random_points(effect: FormulaEffect, space: Space) -> tuple[Array, Array]:
+def _at_random_points(definition: EffectDefinition, space: Space) -> tuple[Array, Array]:
     """Values (points, formulas) and derivatives (points, formulas, amplitudes) at nominal amplitudes."""
-    amplitudes = _amplitudes(effect, space)
-    function = _vector_function(effect, space, tuple(p.name for p in amplitudes))
+    amplitudes = _amplitudes(definition)
+    function = _vector_function(definition, space, tuple(p.name for p in amplitudes))
     nominal = np.array([p.nominal for p in amplitudes])
-    return function.tangent(_random_signals(effect, function.inputs), nominal, RANDOM_POINTS)
+    return function.tangent(_random_signals(definition, function.inputs), nominal, RANDOM_POINTS)
 
 
-def _vector_function(effect: FormulaEffect, space: Space, names: tuple[str, ...]) -> VectorFunction:
+def _vector_function(definition: EffectDefinition, space: Space, names: tuple[str, ...]) -> VectorFunction:
     """The formulas as a function of the parameters `names`; other parameters are inputs, like signals."""
     size = len(space.channels)
     chain = rigid_chain(space, gravity=0.0, sign=(1,) * size, zero=sp.zeros(size, 1), mounting=sp.eye(3))
-    known = {p.name: sp.Symbol(p.name, real=True) for p in effect.parameters(space)}
-    added, _ = parsed_formulas(effect.definition).values(chain, known)
+    known = {p.name: sp.Symbol(p.name, real=True) for p in definition.parameters}
+    added, _ = parsed_formulas(definition).values(chain, known)
     expressions, symbols = sp.Matrix(list(added.values())), tuple(known[name] for name in names)
     inputs = tuple(sorted(s.name for s in expressions.free_symbols - set(symbols)))
     return VectorFunction.of(expressions, inputs, symbols)
 
 
-def _random_signals(effect: FormulaEffect, inputs: tuple[str, ...]) -> dict[str, Array]:
-    rng, searched = np.random.default_rng(0), dict(effect.definition.search)
+def _random_signals(definition: EffectDefinition, inputs: tuple[str, ...]) -> dict[str, Array]:
+    rng, searched = np.random.default_rng(0), dict(definition.search)
     found = {}
     for name in inputs:
         size = 10.0 ** rng.uniform(-SIGNAL_DECADES, SIGNAL_DECADES, RANDOM_POINTS)
