@@ -62,6 +62,11 @@ class Space(Enum):
         return (FORCE_UNIT,) * forces + (TORQUE_UNIT,) * (len(self.channels) - forces)
 
     @property
+    def channel_units(self) -> dict[str, str]:
+        """The unit of each channel, by its name."""
+        return dict(zip(self.channels, self.units, strict=True))
+
+    @property
     def rows(self) -> tuple[int, ...]:
         """Indices of the measured components among the six (force, torque)."""
         return (0, 1, 5) if self is Space.PLANE else (0, 1, 2, 3, 4, 5)

@@ -18,6 +18,7 @@ from estimation.model_response import predicted_readings
 from estimation.recordings.recording import QUATERNION, Recording, motion_columns
 from estimation.repeatability.error_statistics import ErrorStatistics, averaging_noise_gains, split_into_repeats
 from modeling.errors import InputError
+from modeling.kinematics.joint import JointKind
 from modeling.space import Space
 
 Array = NDArray[np.float64]
@@ -137,7 +138,8 @@ def motion_error_rows(recording: Recording) -> tuple[ErrorStatistics, ...]:
         return ()
     recorded = [name for name in motion_columns(recording.form, recording.joints) if name in recording.columns]
     errors = {name: split_into_repeats(recording, _motion_error(recording, name)) for name in recorded}
-    prismatic = () if recording.arm is None else np.flatnonzero(np.array(recording.arm.units) == "m") + 1
+    kinds = () if recording.arm is None else recording.arm.kinds
+    prismatic = [joint for joint, kind in enumerate(kinds, start=1) if kind is JointKind.PRISMATIC]
     linear = {f"{prefix}{joint}" for prefix in ("q", "dq", "ddq") for joint in prismatic}
     units = {name: column_unit(name).replace("rad", "m") if name in linear else column_unit(name) for name in errors}
     return tuple(ErrorStatistics.of(name, units[name], own) for name, own in errors.items())

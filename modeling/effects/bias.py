@@ -36,7 +36,7 @@ class BiasDrift(Effect):
         """Coefficients per channel and degree, in the channel's unit."""
         return tuple(
             Parameter(name=f"{channel}_{k}", unit=unit)
-            for channel, unit in zip(space.channels, space.units, strict=True)
+            for channel, unit in space.channel_units.items()
             for k in range(1, self.degree + 1)
         )
 
@@ -64,9 +64,7 @@ class ThermalDrift(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """One coefficient per channel, in the channel's unit per K."""
-        return tuple(
-            Parameter(name=channel, unit=f"{unit}/K") for channel, unit in zip(space.channels, space.units, strict=True)
-        )
+        return tuple(Parameter(name=channel, unit=f"{unit}/K") for channel, unit in space.channel_units.items())
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the thermal term to the bias."""
@@ -92,7 +90,7 @@ class LineInterference(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """frequency in Hz, then sine and cosine of each channel in the channel's unit."""
-        named = zip(space.channels, space.units, strict=True)
+        named = space.channel_units.items()
         waves = tuple(Parameter(name=f"{c}_{wave}", unit=u) for c, u in named for wave in ("sin", "cos"))
         return (Parameter(name="frequency", unit="Hz", bounds=(0.0, inf), role=Role.FREQUENCY), *waves)
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import permutations
 from math import inf, pi
-from typing import Any
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
 from modeling.parameter import Parameter
-from modeling.space import Space, rotation_matrix
+from modeling.space import TORQUE_UNIT, Space, rotation_matrix
 
 SATURATION_FRACTIONS = (0.99, 0.96, 0.92, 0.85, 0.7)
 """Initial saturation levels as fractions of the largest reading, which noise lifts above the level."""
+
+CROSSTALK_BOUNDS = {"1": (-0.5, 0.5), "m": (-0.2, 0.2), "1/m": (-5.0, 5.0)}
+"""Bounds of a crosstalk gain by its unit: at most half of a channel, or a force-to-torque lever of 0.2 m."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,11 @@ class SensorCrosstalk(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """The off-diagonal gains."""
-        units = dict(zip(space.channels, space.units, strict=True))
+        units = space.channel_units
         return tuple(
-            Parameter(name=f"{row}_{column}", **_crosstalk_unit(units[row], units[column]))
-            for row in space.channels
-            for column in space.channels
-            if row != column
+            Parameter(name=f"{row}_{column}", unit=unit, bounds=CROSSTALK_BOUNDS[unit])
+            for row, column in permutations(space.channels, 2)
+            for unit in (gain_unit(units[row], units[column]),)
         )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
@@ -118,7 +120,7 @@ class GainNonlinearity(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """The channels' quadratic gains in 1/N or 1/(N m), then the cubic ones in 1/N² or 1/(N m)²."""
-        named = list(zip(space.channels, space.units, strict=True))
+        named = space.channel_units.items()
         squares = [Parameter(name=f"{c}_2", unit="1/N" if u == "N" else "1/(N m)") for c, u in named]
         return (*squares, *(Parameter(name=f"{c}_3", unit="1/N²" if u == "N" else "1/(N² m²)") for c, u in named))
 
@@ -146,10 +148,8 @@ class Saturation(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """The level of each channel, in the channel's unit."""
-        return tuple(
-            Parameter(name=c, unit=u, nominal=inf, bounds=(0.0, inf))
-            for c, u in zip(space.channels, space.units, strict=True)
-        )
+        named = space.channel_units.items()
+        return tuple(Parameter(name=c, unit=u, nominal=inf, bounds=(0.0, inf)) for c, u in named)
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Set the saturation levels."""
@@ -164,8 +164,8 @@ class Saturation(Effect):
         )
 
 
-def _crosstalk_unit(row: str, column: str) -> dict[str, Any]:
-    """Unit and bounds of a crosstalk gain: at most half of a channel, or a force-to-torque lever of 0.2 m."""
+def gain_unit(row: str, column: str) -> str:
+    """Unit of a gain from a channel of the unit `column` to a reading of the unit `row`."""
     if row == column:
-        return {"unit": "1", "bounds": (-0.5, 0.5)}
-    return {"unit": "m", "bounds": (-0.2, 0.2)} if row == "N m" else {"unit": "1/m", "bounds": (-5.0, 5.0)}
+        return "1"
+    return "m" if row == TORQUE_UNIT else "1/m"

@@ -34,10 +34,7 @@ class SensorHysteresis(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """One half-width per channel, in its unit."""
-        return tuple(
-            Parameter(name=channel, unit=unit, bounds=(0.0, inf))
-            for channel, unit in zip(space.channels, space.units, strict=True)
-        )
+        return tuple(Parameter(name=c, unit=u, bounds=(0.0, inf)) for c, u in space.channel_units.items())
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Set the half-widths of the play operator."""

@@ -89,8 +89,8 @@ class JointElasticity(JointEffect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """compliance_j in rad/(N m), m/N of a prismatic joint."""
-        units = ["m/N" if unit == "m" else "rad/(N m)" for unit in self.units]
-        return self.numbered("compliance", units, (0.0, 0.1))
+        per_load = {"rad": "rad/(N m)", "m": "m/N"}
+        return self.numbered("compliance", [per_load[unit] for unit in self.units], (0.0, 0.1))
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Set the compliances."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from modeling import symbolic as sp
 from modeling.expressions.compilation import casadi_expressions
 from modeling.expressions.intermediate_variables import IntermediateVariables
+from modeling.kinematics.joint import JointKind
 from modeling.space import Space
 
 Array = NDArray[np.float64]
@@ -53,9 +54,14 @@ class Arm(ABC):
         """The number of joints n."""
 
     @property
+    def kinds(self) -> tuple[JointKind, ...]:
+        """The kind of each joint."""
+        return (JointKind.REVOLUTE,) * self.joints
+
+    @property
     def units(self) -> tuple[str, ...]:
         """The unit of each joint's coordinate: rad, or m of a prismatic joint."""
-        return ("rad",) * self.joints
+        return tuple("m" if kind is JointKind.PRISMATIC else "rad" for kind in self.kinds)
 
     @abstractmethod
     def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: MathBackend) -> ArmFrames:

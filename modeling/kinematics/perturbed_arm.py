@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from modeling import symbolic as sp
 from modeling.expressions.intermediate_variables import Definitions, IntermediateVariables
 from modeling.kinematics.arm import Arm, ArmFrames, MathBackend
+from modeling.kinematics.joint import JointKind
 from modeling.kinematics.planar_arm import joint_rates, joint_symbols
 from modeling.space import SensorMotion, Space, vector
 from modeling.tool.rigid_body import RigidBody
@@ -80,9 +81,9 @@ class PerturbedArm:
         weight = (body.mass * gravity).applyfunc(steps.let)
         about_sensor = (rotation * body.first_moment).applyfunc(steps.let).cross(gravity)
         loads = []
-        for origin, axis, unit in zip(frames.origins, frames.axes, self.arm.units, strict=True):
+        for origin, axis, kind in zip(frames.origins, frames.axes, self.arm.kinds, strict=True):
             torque = (position - vector(*origin)).cross(weight) + about_sensor
-            loads.append(steps.let(vector(*axis).dot(weight if unit == "m" else torque)))
+            loads.append(steps.let(vector(*axis).dot(weight if kind is JointKind.PRISMATIC else torque)))
         return loads
 
 

@@ -41,9 +41,9 @@ class SpatialArm(Arm):
         return len(self.chain)
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """rad of revolute joints, m of prismatic joints."""
-        return tuple("m" if joint.kind is JointKind.PRISMATIC else "rad" for joint in self.chain)
+    def kinds(self) -> tuple[JointKind, ...]:
+        """The kind of each joint of the chain."""
+        return tuple(joint.kind for joint in self.chain)
 
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
         """The signals as CasADi expressions of symbols q and of any dq, ddq (n,).

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage, point_on_tip, velocity_on_tip
-from modeling.space import FORCE_UNIT, TORQUE_UNIT, Space
+from modeling.effects.calibration import gain_unit
+from modeling.space import FORCE_UNIT, Space
 from modeling.tool.rigid_body import inertial_parameters
 from modeling.tool.wrench_components import contact_components
 
@@ -67,19 +68,13 @@ def target_units(stage: Stage, space: Space) -> Mapping[str, str]:
     gain      `<row>_<column>`: the reading `row` += formula times the true channel `column`
     zero      the channels: bias, added to the readings last
     """
-    channels = dict(zip(space.channels, space.units, strict=True))
+    channels = space.channel_units
     if stage is Stage.TIP_BODY:
         forces = {f"force_{a}": FORCE_UNIT for a in space.axes}
         return forces | dict(zip(contact_components(space), space.units, strict=True))
     if stage is Stage.GAIN:
-        return {f"{row}_{column}": _gain(u, v) for row, u in channels.items() for column, v in channels.items()}
+        return {f"{row}_{column}": gain_unit(u, v) for row, u in channels.items() for column, v in channels.items()}
     return channels
-
-
-def _gain(row: str, column: str) -> str:
-    if row == column:
-        return "1"
-    return "m" if row == TORQUE_UNIT else "1/m"
 
 
 RESERVED_NAMES = frozenset(
