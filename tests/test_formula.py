@@ -130,6 +130,13 @@ def test_two_ways_to_write_the_same(text: str, meant: str) -> None:
     assert value(built(text)) == pytest.approx(value(built(meant)), rel=1e-14)
 
 
+def test_names_may_be_words_that_python_keeps_for_itself() -> None:
+    words = {word: sp.Symbol(word, real=True) for word in ("lambda", "if", "None", "x_", "match")}
+    source = FormulaSource("lambda^2 + if*None - x_/match")
+    lam, condition, none, x, match = words.values()
+    assert to_sympy(parse_formula(source, words), words, source) == lam**2 + condition * none - x / match
+
+
 def test_the_smooth_step_and_sign_are_what_is_documented() -> None:
     assert value(built("sign(x, k)")) == pytest.approx(math.tanh(POINT["x"] / POINT["k"]))
     assert value(built("step(x, k)")) == pytest.approx((1 + math.tanh(POINT["x"] / POINT["k"])) / 2)
@@ -191,6 +198,13 @@ REFUSED = {
     "x*1e200*(y*1e200)": (1, "no finite real number"),
     "y + sign(x, 2 - 2)": (5, "no finite real number"),
     "x*y(z)": (4, "put an operator before the bracket"),
+    "sign(2, tanh(0/z))": (1, "no finite real number"),
+    "sin(x y)": (5, "forgot a comma"),
+    "3(x)": (1, "a call is not allowed"),
+    "sin(*x)": (5, "a starred is not allowed"),
+    "x² + y": (2, "write ^2"),
+    "y^2 + z^2 + xx": (13, "did you mean x?"),
+    "-" * 200 + "x": (122, "nested more than"),
 }
 
 
