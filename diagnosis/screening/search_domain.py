@@ -14,7 +14,7 @@ from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect, SearchDomain
 from modeling.parameter import Role
-from modeling.tool.rigid_body import rigid_body
+from modeling.tool.rigid_body import inertia_parameters
 
 MAX_TONES = 3
 """Tones taken up: noise may make a neighbour of the right line the strongest."""
@@ -60,8 +60,7 @@ def _position_box(recording: Recording) -> tuple[tuple[float, ...], tuple[float,
 def _inertia(null_model: NullModel) -> float:
     """The largest fitted moment of inertia of the tool about the sensor, kg m²."""
     values = null_model.fit.values
-    moments = rigid_body(null_model.fit.model.space).inertia.free_symbols
-    return max(abs(values[symbol.name]) for symbol in moments)
+    return max(abs(values[p.name]) for p in inertia_parameters(null_model.fit.model.space))
 
 
 def strongest_tones(null_model: NullModel, number: int) -> tuple[float, ...]:

@@ -22,13 +22,15 @@ class RigidBody:
 
 def inertial_parameters(space: Space) -> tuple[Parameter, ...]:
     """The inertial parameters: m, mlg, I of 22.6 (Bassi et al.) in the plane, ten in six axes."""
-    kg, kgm, kgm2 = "kg", "kg m", "kg m²"
-    mass = Parameter(name="m", unit=kg)
-    if space is Space.PLANE:
-        return (mass, Parameter(name="mlg", unit=kgm), Parameter(name="I", unit=kgm2))
-    moments = tuple(Parameter(name=f"m{a}", unit=kgm) for a in "xyz")
-    inertias = tuple(Parameter(name=f"I{ab}", unit=kgm2) for ab in ("xx", "xy", "xz", "yy", "yz", "zz"))
-    return (mass, *moments, *inertias)
+    first_moments = ("mlg",) if space is Space.PLANE else ("mx", "my", "mz")
+    moments = (Parameter(name=name, unit="kg m") for name in first_moments)
+    return (Parameter(name="m", unit="kg"), *moments, *inertia_parameters(space))
+
+
+def inertia_parameters(space: Space) -> tuple[Parameter, ...]:
+    """The moments of inertia about the sensor origin among them: I in the plane, Ixx .. Izz in six axes."""
+    names = ("I",) if space is Space.PLANE else ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+    return tuple(Parameter(name=name, unit="kg m²") for name in names)
 
 
 def rigid_body(space: Space) -> RigidBody:
