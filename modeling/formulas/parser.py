@@ -134,7 +134,7 @@ class _Folding:
         remedy = f"use a constant such as 2, -3 or 1/2 of numbers up to {LARGEST_EXPONENT}, and exp(x) for other powers"
         match node.right:
             case ast.Constant(value=float(value)):
-                power = exponent(node) if abs(value) <= LARGEST_EXPONENT else Fraction(0)
+                power = exponent(node)
                 if abs(power.numerator) > LARGEST_EXPONENT or abs(float(power) - value) >= FRACTION_TOLERANCE:
                     what = f"the exponent {value:.6g} is out of range"
                     raise self.source.error(node.right.col_offset, what, remedy)

@@ -15,9 +15,10 @@ LONGEST_NAME = 40
 DEEPEST_NESTING = 30
 """Depth of nested brackets at most; within Python's recursion limit."""
 
+NUMBER, NAME = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", r"[A-Za-z][A-Za-z0-9_]*"
+"""Patterns of a number without a sign, and of a name."""
 _TOKEN = re.compile(
-    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    r"|(?P<name>[A-Za-z][A-Za-z0-9_]*)"
+    rf"(?P<number>{NUMBER})|(?P<name>{NAME})"
     r"|(?P<operator>\*\*|[-+*/^(),])|(?P<space>[ \t\r\n]+)"
 )
 

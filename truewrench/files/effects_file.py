@@ -22,7 +22,7 @@ REMEDY = "write each effect as a table [[effect]]"
 def read_effects(path: str | Path) -> tuple[CustomEffect, ...]:
     """Custom effects of a TOML file, each an [[effect]] table (see `CustomEffect`), in order.
 
-    The file is data: formulas are parsed by a grammar of their own and never executed.
+    The file is data: formulas are parsed to a syntax tree of a white list and never executed.
     Raises InputError, in one line that names effect, key and column, for an invalid file.
     """
     where = str(path)

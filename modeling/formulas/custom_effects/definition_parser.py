@@ -21,7 +21,7 @@ from modeling.formulas.custom_effects.vocabulary import (
     tip_units,
 )
 from modeling.formulas.functions import FORMULA_FUNCTIONS
-from modeling.formulas.tokens import LONGEST_NAME
+from modeling.formulas.tokens import LONGEST_NAME, NAME, NUMBER
 from modeling.formulas.units import dimension
 from modeling.parameter import Parameter, Role
 from modeling.space import Space
@@ -33,8 +33,7 @@ _SEARCHED_ROLES = {"s": Role.ONSET, "Hz": Role.FREQUENCY}
 """Roles of the parameters with `search` by their unit: a table does not state them."""
 
 _ID = re.compile(r"[a-z][a-z0-9_]*")
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_QUANTITY = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(.*)", re.DOTALL)
+_QUANTITY = re.compile(rf"\s*([-+]?{NUMBER})\s*(.*)", re.DOTALL)
 
 
 def parse_definition(table: EffectTable, where: str) -> EffectDefinition:
@@ -129,7 +128,7 @@ def _require_names(table: EffectTable, where: str) -> None:
         names: Mapping[str, object] = getattr(table, key)
         for name in names:
             place = f"{where}: {key}"
-            if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+            if not re.fullmatch(NAME, name) or len(name) > LONGEST_NAME:
                 remedy = "use letters, digits and _, a letter first"
                 raise InputError(what=f"{quoted(name)} is not a valid name", where=place, remedy=remedy)
             if name in taken or name == POINT_KEY or (key == "inputs" and is_reserved(name)) or name == "pi":

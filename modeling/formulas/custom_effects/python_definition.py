@@ -11,10 +11,9 @@ from sympy.printing.str import StrPrinter
 from modeling import symbolic as sp
 from modeling.errors import InputError, quoted
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
-from modeling.formulas.tokens import LONGEST_FORMULA, FormulaSource
+from modeling.formulas.tokens import LONGEST_FORMULA, NAME, FormulaSource
 
 FormulaTable: TypeAlias = "Mapping[str, str | sp.Expr]"
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def own_effect(
@@ -69,7 +68,7 @@ def formula_text(expression: sp.Expr | float, *, where: str = "formula") -> str:
     try:
         found = sp.sympify(expression, strict=True)
         for atom in found.atoms():
-            if isinstance(atom, sp.Symbol) and not _NAME.fullmatch(atom.name):
+            if isinstance(atom, sp.Symbol) and not re.fullmatch(NAME, atom.name):
                 raise InputError(what=f"the symbol name {quoted(atom.name)} is not valid", where=where, remedy=remedy)
             if not isinstance(atom, sp.Symbol) and not (atom.is_number and atom.is_finite and atom.is_real):
                 raise InputError(what=f"{atom} is not a finite real number", where=where, remedy=remedy)
