@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from design.bound import PolynomialDegrees
-from design.bound.dual_function import BATCH_POINTS, VECTORISED_FROM, DualFunction
+from design.bound.dual_function import DualFunction
 from design.bound.multistart_ascent import (
     LocalMaxima,
     StoppingRule,
@@ -18,7 +17,7 @@ from design.bound.multistart_ascent import (
     projected_gradient_ascent,
     random_points,
 )
-from design.bound.vectorised_function import POINTS_PER_PASS, VectorisedFunction
+from modeling.evaluation.tape_evaluation import LONGEST_BLOCK
 from tests.bound_cases import CASES, plain_function, random_dual
 
 DEGREES = PolynomialDegrees(each=4, pair=2, more=0)
@@ -36,31 +35,16 @@ def peaks(function: DualFunction, count: int) -> LocalMaxima:
 
 
 def test_many_points_have_the_values_that_few_have(function: DualFunction) -> None:
-    dual, count = random_dual(function, 2), VECTORISED_FROM + BATCH_POINTS + 1
+    dual, count = random_dual(function, 2), LONGEST_BLOCK + 7
     points = random_points(function.joints, count, np.random.default_rng(3))
     ddq = function.viable.vertices[np.arange(count) % len(function.viable.vertices)]
     together, (value, slope) = function.values(points, dual), function.slopes(points, ddq, dual)
-    for part in (slice(0, BATCH_POINTS - 1), slice(BATCH_POINTS, 3 * BATCH_POINTS + 1)):
+    for part in (slice(0, 1), slice(LONGEST_BLOCK - 3, LONGEST_BLOCK + 3)):
         scale = np.abs(together).max()  # the same operations in the same order: equal but for fused multiplications
         np.testing.assert_allclose(function.values(points[part], dual), together[part], atol=1e-12 * scale)
         few = function.slopes(points[part], ddq[part], dual)
         np.testing.assert_allclose(few[0], value[part], atol=1e-12 * scale)
         np.testing.assert_allclose(few[1], slope[part], atol=1e-12 * np.abs(slope).max())
-
-
-def test_more_points_than_fit_at_once() -> None:
-    x, a = ca.SX.sym("x", 2), ca.SX.sym("a", 2)
-    of = ca.Function("f", [x, a], [ca.sin(x[0]) * a[0] + 2 / x[1], -ca.sqrt(x[1]) + a[1] * a[1]])
-    given, shared = np.random.default_rng(0).uniform(1, 2, (2, POINTS_PER_PASS + 7)), np.array([0.5, 3.0])
-    first, second = VectorisedFunction(of)([given, shared])
-    np.testing.assert_allclose(first[0], np.sin(given[0]) * 0.5 + 2 / given[1], rtol=1e-14)
-    np.testing.assert_allclose(second[0], 9 - np.sqrt(given[1]), rtol=1e-14)
-
-
-def test_unknown_operations_are_said() -> None:
-    x = ca.SX.sym("x")
-    assert VectorisedFunction(ca.Function("f", [x], [ca.sin(x)])).possible
-    assert not VectorisedFunction(ca.Function("f", [x], [ca.erf(x)])).possible
 
 
 @pytest.mark.parametrize("promise", [np.inf, 20.0])

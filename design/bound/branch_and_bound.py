@@ -71,7 +71,7 @@ class DualFunctionEnclosure:
 
         n = self.function.joints
         both = ca.SX.sym("ua", 3 * n)
-        value, slope = self.function.gradient(both[: 2 * n], self.dual.root, self.dual.c, both[2 * n :])
+        value, slope = self.function.gradient(both[: 2 * n], both[2 * n :], self.dual.root, self.dual.c)
         return ca.Function("enclosed", [both], [ca.cse(ca.vertcat(value, slope))])
 
     @cached_property

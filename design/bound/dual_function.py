@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.bound.periodicity_conditions import PeriodicityConditions
-from design.bound.vectorised_function import VectorisedFunction
 from design.bound.viable_states import ViableStates
 from design.information import Experiment
 from modeling.errors import InputError
+from modeling.evaluation.tape import Tape
+from modeling.evaluation.tape_evaluation import TapeEvaluation
 
 Array = NDArray[np.float64]
-SHARED_ARGUMENTS = [1, 2]
-"""The arguments of the compiled functions, R and c, that are the same for all points."""
-BATCH_POINTS, VECTORISED_FROM = 32, 600
-"""Points per CasADi call, and the number of points from which NumPy is faster."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +93,12 @@ class DualFunction:
 
     def values(self, points: Array, dual: DualVariables) -> Array:
         """F (N, 2^n) at points (N, 2n) of the cube and every vertex of ddq."""
-        return _evaluated(self.at_vertices, self._many[0], [points.T, dual.root, dual.c])[0].T
+        return _evaluated(self._vertex_evaluation, points, dual).T
 
     def slopes(self, points: Array, ddq: Array, dual: DualVariables) -> tuple[Array, Array]:
         """F (N,) and its derivative (N, 2n) by the points (N, 2n) of the cube, ddq (N, n) given."""
-        value, slope = _evaluated(self.gradient, self._many[1], [points.T, dual.root, dual.c, ddq.T])
-        return value[0], slope.T
+        value_and_gradient = _evaluated(self._gradient_evaluation, np.hstack([points, ddq]), dual)
+        return value_and_gradient[0], value_and_gradient[1:].T
 
     def states(self, points: Array, ddq: Array) -> Array:
         """The states (N, 3n) of points of the cube with ddq (N, n)."""
@@ -110,25 +107,33 @@ class DualFunction:
     # ---------------------------------------------------------------------------------- compiled functions
 
     @cached_property
-    def at_vertices(self) -> Any:
-        """CasADi function of (point, R, c): F at all vertices (2^n,)."""
+    def _vertex_evaluation(self) -> TapeEvaluation:
+        """F at all vertices (2^n,) of ddq, in a point and (R, c)."""
+        import casadi as ca
+
         point, _, root, c = self._symbols
         parts = self._parts(*self.viable.phase(point), c)
-        return _function([point, root, c], [_column([_value(parts, a, root) for a in self.viable.vertices])])
+        values = [_value(parts, vertex, root) for vertex in self.viable.vertices]
+        return TapeEvaluation(Tape.of(point, ca.veccat(root, c), ca.vertcat(*values)))
 
     @cached_property
     def gradient(self) -> Any:
-        """CasADi function of (point, R, c, ddq): F, and its gradient by the point (2n,)."""
+        """CasADi function of (point, ddq, R, c): F, and its gradient by the point (2n,)."""
         import casadi as ca
 
         point, ddq, root, c = self._symbols
         value = _value(self._parts(*self.viable.phase(point), c), ddq, root)
-        return _function([point, root, c, ddq], [value, ca.gradient(value, point)])
+        return _function([point, ddq, root, c], [value, ca.gradient(value, point)])
 
     @cached_property
-    def _many(self) -> tuple[VectorisedFunction, VectorisedFunction]:
-        """`at_vertices` and `gradient` for many points."""
-        return VectorisedFunction(self.at_vertices), VectorisedFunction(self.gradient)
+    def _gradient_evaluation(self) -> TapeEvaluation:
+        """F and its gradient, in (point, ddq) and (R, c)."""
+        import casadi as ca
+
+        point, ddq, root, c = self._symbols
+        return TapeEvaluation(
+            Tape.of(ca.vertcat(point, ddq), ca.veccat(root, c), ca.vertcat(*self.gradient(point, ddq, root, c)))
+        )
 
     @cached_property
     def _symbols(self) -> tuple[Any, Any, Any, Any]:
@@ -171,24 +176,12 @@ class DualFunction:
         return _function([ca.vertcat(q, dq, ddq)], [ca.vec(columns.T @ columns), rates])
 
 
-def _evaluated(function: Any, many: VectorisedFunction, arguments: list[Array]) -> list[Array]:
-    """The results (elements, N) at points (elements, N); the `SHARED_ARGUMENTS` are common to all points."""
-    count, mapped = arguments[0].shape[1], _mapped(function)
-    if count >= VECTORISED_FROM and many.possible:
-        return many([a.ravel(order="F") if i in SHARED_ARGUMENTS else a for i, a in enumerate(arguments)])
-    batches = np.minimum(np.arange(-(-count // BATCH_POINTS) * BATCH_POINTS), count - 1).reshape(
-        -1, BATCH_POINTS
-    )  # the last one is filled up
-    results = [
-        mapped.call([a if p in SHARED_ARGUMENTS else a[:, batch] for p, a in enumerate(arguments)]) for batch in batches
-    ]
-    return [np.hstack([np.array(r[i]) for r in results])[:, :count] for i in range(function.n_out())]
-
-
-@lru_cache(maxsize=16)
-def _mapped(function: Any) -> Any:
-    """The function mapped over `BATCH_POINTS` points: a map for each number takes longer to compile than to call."""
-    return function.map("mapped", "serial", BATCH_POINTS, SHARED_ARGUMENTS, [])
+def _evaluated(evaluation: TapeEvaluation, points: Array, dual: DualVariables) -> Array:
+    """The results (elements, N) at the inputs `points` (N, m), the same dual variables for all."""
+    results = np.zeros((len(evaluation.tape.results), len(points)))
+    theta = np.concatenate([dual.root.ravel(order="F"), dual.c])
+    evaluation.run(list(points.T), theta[None], list(results[:, :, None]))
+    return results
 
 
 def _value(parts: Any, ddq: Any, root: Any) -> Any:
@@ -198,12 +191,6 @@ def _value(parts: Any, ddq: Any, root: Any) -> Any:
     constant, slope, velocity_term, acceleration_slope = parts
     columns = constant + ca.reshape(slope @ ddq, *constant.shape)
     return ca.sumsqr(columns @ root) + velocity_term + ca.dot(acceleration_slope, ddq)
-
-
-def _column(values: list[Any]) -> Any:
-    import casadi as ca
-
-    return ca.vertcat(*values)
 
 
 def _function(arguments: list[Any], results: list[Any]) -> Any:
