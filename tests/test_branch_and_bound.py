@@ -8,8 +8,9 @@ import pytest
 
 from design.bound import BoundKind, Effort, PolynomialDegrees
 from design.bound.branch_and_bound import DualFunctionEnclosure
-from design.bound.interval_arithmetic import IntervalFunction
+from design.bound.interval_arithmetic import IntervalEvaluation
 from modeling.errors import InputError
+from modeling.evaluation.tape import Tape
 from tests.bound_cases import (
     CASES,
     bound_of,
@@ -42,7 +43,7 @@ def test_intervals_hold_every_value_of_every_operation() -> None:
     function = ca.Function("f", [x], [ca.vertcat(*expressions)])
     rng = np.random.default_rng(9)
     middle, half = rng.uniform(-4, 4, (300, 2)), rng.uniform(0, 2, (300, 2))
-    low, high = IntervalFunction(function)(middle - half, middle + half)
+    low, high = IntervalEvaluation(Tape.of(x, ca.SX(0, 1), ca.vertcat(*expressions)))(middle - half, middle + half)
     for share in rng.uniform(-1, 1, (50, 300, 2)):
         values = np.array(function.map(300)((middle + share * half).T)).T
         assert (values >= low - 1e-12).all()
@@ -52,7 +53,7 @@ def test_intervals_hold_every_value_of_every_operation() -> None:
 def test_intervals_refuse_what_they_do_not_know() -> None:
     x = ca.SX.sym("x")
     with pytest.raises(InputError, match="no enclosure"):
-        IntervalFunction(ca.Function("f", [x], [ca.tanh(x)]))(np.zeros((1, 1)), np.ones((1, 1)))
+        IntervalEvaluation(Tape.of(x, ca.SX(0, 1), ca.tanh(x)))(np.zeros((1, 1)), np.ones((1, 1)))
 
 
 @pytest.mark.parametrize("name", ["single", "skew single"])

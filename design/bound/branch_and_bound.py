@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from time import monotonic
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.bound.dual_function import DualFunction, DualVariables
-from design.bound.interval_arithmetic import IntervalFunction
+from design.bound.interval_arithmetic import IntervalEvaluation
+from modeling.evaluation.tape import Tape
 
 Array = NDArray[np.float64]
 
@@ -65,18 +65,14 @@ class DualFunctionEnclosure:
     dual: DualVariables
 
     @cached_property
-    def _graph(self) -> Any:
-        """CasADi function of (point, ddq) stacked: F, then its gradient by the point."""
+    def _intervals(self) -> IntervalEvaluation:
+        """F, then its gradient by the point, of (point, ddq)."""
         import casadi as ca
 
         n = self.function.joints
         both = ca.SX.sym("ua", 3 * n)
         value, slope = self.function.gradient(both[: 2 * n], both[2 * n :], self.dual.root, self.dual.c)
-        return ca.Function("enclosed", [both], [ca.cse(ca.vertcat(value, slope))])
-
-    @cached_property
-    def _intervals(self) -> IntervalFunction:
-        return IntervalFunction(self._graph)
+        return IntervalEvaluation(Tape.of(both, ca.SX(0, 1), ca.vertcat(value, slope)))
 
     def boxes(self, low: Array, high: Array) -> tuple[StateBoxes, Array]:
         """The boxes from low to high (N, 3n), reduced by the monotonicity test, and the largest |G_i| (N, 2n)."""
@@ -89,7 +85,7 @@ class DualFunctionEnclosure:
         high[:, points] = np.where(falling & ~rising, low[:, points], high[:, points])
         steepest = np.maximum(-below[:, 1:], above[:, 1:])
         middle, half = (low + high) / 2, (high - low)[:, points] / 2
-        centre = np.array(self._graph.map(len(low))(middle.T))[0]
+        centre, _ = self.function.slopes(middle[:, points], middle[:, 2 * n :], self.dual)
         upper = np.minimum(above[:, 0], centre + (steepest * half).sum(axis=1))
         return StateBoxes(low, high, upper + ENCLOSURE_ROUNDING * self.function.size), steepest
 

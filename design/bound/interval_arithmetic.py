@@ -1,24 +1,23 @@
-"""Interval arithmetic of CasADi functions over many boxes."""
+"""Interval arithmetic of tapes over many boxes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modeling.errors import InputError
+from modeling.evaluation.tape import NO_OPERAND, Tape
 
 Array = NDArray[np.float64]
 IntervalArrays = tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class IntervalFunction:
-    """A CasADi SX function of one column, evaluated with intervals, operation by operation (R. E. Moore, 1966).
+class IntervalEvaluation:
+    """A tape without parameters, evaluated with intervals, operation by operation (R. E. Moore, 1966).
 
     Every operation gives an interval that contains all its values over the arguments' intervals, so that the result
     encloses the range of the function over a box. Ends are rounded to nearest: valid up to rounding.
@@ -26,60 +25,25 @@ class IntervalFunction:
     Raises InputError for an operation that has no enclosure here.
     """
 
-    function: Any
-
-    @cached_property
-    def _program(self) -> list[tuple[int, list[int], list[int], float]]:
-        f = self.function
-        return [
-            (f.instruction_id(i), f.instruction_input(i), f.instruction_output(i), _constant(f, i))
-            for i in range(f.n_instructions())
-        ]
+    tape: Tape
 
     def __call__(self, low: Array, high: Array) -> IntervalArrays:
-        """Enclosures low and high (N, outputs) over boxes from low to high, (N, inputs)."""
-        import casadi as ca
-
-        work: dict[int, IntervalArrays] = {}
-        results: dict[int, IntervalArrays] = {}
-        operations = _operations()
-        for code, inputs, outputs, constant in self._program:
-            if code == ca.OP_INPUT:
-                work[outputs[0]] = (low[:, inputs[1]], high[:, inputs[1]])
-            elif code == ca.OP_CONST:
-                work[outputs[0]] = (np.full(len(low), constant),) * 2
-            elif code == ca.OP_OUTPUT:
-                results[outputs[1]] = work[inputs[0]]
-            elif code in operations:
-                work[outputs[0]] = operations[code](*(work[i] for i in inputs))
-            else:
-                what = f"CasADi's operation {code} has no enclosure, so that no bound can be proven for this model"
+        """Enclosures low and high (N, results) over boxes from low to high, (N, inputs)."""
+        tape = self.tape
+        last = {operand: at for at, (_, *operands) in enumerate(tape.operations) for operand in operands}
+        values: dict[int, IntervalArrays] = dict(enumerate(zip(low.T, high.T, strict=True)))
+        values |= {tape.inputs + i: (np.full(len(low), c),) * 2 for i, c in enumerate(tape.constants)}
+        for at, (name, *numbers) in enumerate(tape.operations):
+            if name not in INTERVAL_OPERATIONS:
+                what = f"the operation '{name}' has no enclosure, so that no bound can be proven for this model"
                 raise InputError(what=what, where="proof", remedy="take the bound without a proof")
-        ordered = [results[i] for i in sorted(results)]
-        return np.stack([r[0] for r in ordered], axis=1), np.stack([r[1] for r in ordered], axis=1)
-
-
-def _constant(function: Any, place: int) -> float:
-    import casadi as ca
-
-    return float(function.instruction_constant(place)) if function.instruction_id(place) == ca.OP_CONST else 0.0
-
-
-def _operations() -> dict[int, Callable[..., IntervalArrays]]:
-    import casadi as ca
-
-    return {
-        ca.OP_ADD: lambda a, b: (a[0] + b[0], a[1] + b[1]),
-        ca.OP_SUB: lambda a, b: (a[0] - b[1], a[1] - b[0]),
-        ca.OP_NEG: lambda a: (-a[1], -a[0]),
-        ca.OP_TWICE: lambda a: (2 * a[0], 2 * a[1]),
-        ca.OP_MUL: _product,
-        ca.OP_DIV: _quotient,
-        ca.OP_INV: lambda a: _quotient((np.ones_like(a[0]), np.ones_like(a[1])), a),
-        ca.OP_SQ: _square,
-        ca.OP_SIN: _sine,
-        ca.OP_COS: lambda a: _sine((a[0] + np.pi / 2, a[1] + np.pi / 2)),
-    }
+            operands = [number for number in numbers if number != NO_OPERAND]
+            values[tape.first + at] = INTERVAL_OPERATIONS[name](*(values[number] for number in operands))
+            for number in {*operands} - {*tape.results}:
+                if last[number] == at:
+                    del values[number]  # not read again
+        ends = [values[number] for number in tape.results]
+        return np.stack([below for below, _ in ends], axis=1), np.stack([above for _, above in ends], axis=1)
 
 
 def _product(a: IntervalArrays, b: IntervalArrays) -> IntervalArrays:
@@ -110,3 +74,18 @@ def _sine(a: IntervalArrays) -> IntervalArrays:
     bottom = np.ceil((a[0] + np.pi / 2) / (2 * np.pi)) * 2 * np.pi - np.pi / 2 <= a[1]
     low, high = np.minimum(first, second), np.maximum(first, second)
     return np.where(bottom, -1.0, low), np.where(top, 1.0, high)
+
+
+INTERVAL_OPERATIONS: Mapping[str, Callable[..., IntervalArrays]] = {
+    "add": lambda a, b: (a[0] + b[0], a[1] + b[1]),
+    "sub": lambda a, b: (a[0] - b[1], a[1] - b[0]),
+    "neg": lambda a: (-a[1], -a[0]),
+    "twice": lambda a: (2 * a[0], 2 * a[1]),
+    "mul": _product,
+    "div": _quotient,
+    "inv": lambda a: _quotient((np.ones_like(a[0]), np.ones_like(a[1])), a),
+    "sq": _square,
+    "sin": _sine,
+    "cos": lambda a: _sine((a[0] + np.pi / 2, a[1] + np.pi / 2)),
+}
+"""The enclosure of each operation, by its name on a tape."""
