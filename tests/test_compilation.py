@@ -254,7 +254,7 @@ def test_a_node_without_a_counterpart_in_casadi_is_an_error() -> None:
     import casadi as ca
 
     x = sp.Symbol("x", real=True)
-    with pytest.raises(KeyError, match="gamma"):
+    with pytest.raises(InputError, match="gamma"):
         casadi_expressions({x: ca.SX.sym("x")}, [sp.gamma(x)])
 
 

@@ -32,6 +32,11 @@ class DualVariables:
         return np.asarray(np.linalg.cholesky(self.D))
 
     @property
+    def stacked(self) -> Array:
+        """The elements of R, column by column, then c."""
+        return np.concatenate([self.root.ravel(order="F"), self.c])
+
+    @property
     def value(self) -> float:
         """-ln det D."""
         return -float(np.linalg.slogdet(self.D)[1])
@@ -93,12 +98,12 @@ class DualFunction:
 
     def values(self, points: Array, dual: DualVariables) -> Array:
         """F (N, 2^n) at points (N, 2n) of the cube and every vertex of ddq."""
-        return _evaluated(self._vertex_evaluation, points, dual).T
+        return self._vertex_evaluation.values(list(points.T), dual.stacked).T
 
     def slopes(self, points: Array, ddq: Array, dual: DualVariables) -> tuple[Array, Array]:
         """F (N,) and its derivative (N, 2n) by the points (N, 2n) of the cube, ddq (N, n) given."""
-        value_and_gradient = _evaluated(self._gradient_evaluation, np.hstack([points, ddq]), dual)
-        return value_and_gradient[0], value_and_gradient[1:].T
+        value, *gradient = self._gradient_evaluation.values([*points.T, *ddq.T], dual.stacked)
+        return value, np.stack(gradient, axis=1)
 
     def states(self, points: Array, ddq: Array) -> Array:
         """The states (N, 3n) of points of the cube with ddq (N, n)."""
@@ -174,14 +179,6 @@ class DualFunction:
         columns = self._columns(q, dq, ddq)
         rates = ca.jtimes(self.conditions.graph(q, dq), ca.vertcat(q, dq), ca.vertcat(dq, ddq))
         return _function([ca.vertcat(q, dq, ddq)], [ca.vec(columns.T @ columns), rates])
-
-
-def _evaluated(evaluation: TapeEvaluation, points: Array, dual: DualVariables) -> Array:
-    """The results (elements, N) at the inputs `points` (N, m), the same dual variables for all."""
-    results = np.zeros((len(evaluation.tape.results), len(points)))
-    theta = np.concatenate([dual.root.ravel(order="F"), dual.c])
-    evaluation.run(list(points.T), theta[None], list(results[:, :, None]))
-    return results
 
 
 def _value(parts: Any, ddq: Any, root: Any) -> Any:

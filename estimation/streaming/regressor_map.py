@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.square_root_information import SquareRootInformation
-from estimation.least_squares.tall_matrix_qr import SAMPLES_PER_BLOCK, TallMatrix, tall_matrix_r_factor
+from estimation.least_squares.tall_matrix_qr import TallMatrix, tall_matrix_r_factor
 from modeling.chain.model import WrenchModel
 from modeling.chain.regressor_basis import RegressorBasis
 from modeling.chain.regressor_basis_derivation import regressor_basis
@@ -28,21 +28,19 @@ class FunctionsAndReadings(TallMatrix):
         self.form, self.signals, self.wrench = form, signals, wrench
         self.functions = form.weights.shape[2]
         self.samples, self.width = len(wrench), self.functions + wrench.shape[1]
-        self.scratch = form.functions.scratch(min(self.samples, SAMPLES_PER_BLOCK))
 
     def rows(self, start: int, end: int, out: Array) -> None:
         """Functions and readings from start to end."""
-        self._write([signal[start:end] for signal in self.signals], self.wrench[start:end], self.scratch, out)
+        self._write([signal[start:end] for signal in self.signals], self.wrench[start:end], out)
 
     def at(self, index: NDArray[np.intp]) -> Array:
         """Functions and readings of these samples."""
         out = np.empty((self.width, len(index)))
-        scratch = self.form.functions.scratch(len(index))
-        self._write([signal[index] for signal in self.signals], self.wrench[index], scratch, out)
+        self._write([signal[index] for signal in self.signals], self.wrench[index], out)
         return out
 
-    def _write(self, signals: list[Array], wrench: Array, scratch: Array, out: Array) -> None:
-        self.form.functions.into(out[: self.functions], signals, scratch)
+    def _write(self, signals: list[Array], wrench: Array, out: Array) -> None:
+        self.form.evaluate(signals, out[: self.functions])
         out[self.functions :] = wrench.T
 
 
@@ -64,9 +62,8 @@ class RegressorMap:
     def __call__(self, signals: Mapping[str, Array], samples: int) -> Array:
         """Phi' of every sample, and the offset in the last place: (k + 1, p, n)."""
         functions = np.empty((self.form.weights.shape[2], samples))
-        program = self.form.functions
         columns = [np.asarray(signals[name], dtype=np.float64) for name in self.inputs]
-        program.into(functions, columns, program.scratch(samples))
+        self.form.evaluate(columns, functions)
         unknowns, channels, _ = self.form.weights.shape
         rows = np.zeros((unknowns, channels, samples))
         for i, c in np.argwhere(self.form.weights.any(axis=2)):

@@ -13,8 +13,8 @@ from modeling.chain.model import WrenchModel
 from modeling.chain.regressor import regressor
 from modeling.chain.regressor_basis import RegressorBasis
 from modeling.errors import InputError
-from modeling.evaluation.array_arithmetic import array_program
 from modeling.evaluation.cache import cached, canonical_data
+from modeling.evaluation.tape import Tape
 
 Polynomial: TypeAlias = "dict[sp.Expr, Fraction]"
 """Coefficients by term of an expanded expression."""
@@ -61,10 +61,11 @@ def derive_regressor_basis(model: WrenchModel) -> RegressorBasis | None:
     selected, combinations = independent_functions(forms)
     weights = np.array([[float(combinations[e].get(j, 0)) for j in range(len(selected))] for e in elements])
     try:
-        functions = array_program([sp.Symbol(name, real=True) for name in model.inputs], selected)
+        functions = Tape.of_expressions([sp.Symbol(name, real=True) for name in model.inputs], selected)
     except InputError:
         return None
-    return RegressorBasis(functions, weights.reshape(len(model.parameters) + 1, len(model.channels), len(selected)))
+    shape = (len(model.parameters) + 1, len(model.channels), len(selected))
+    return RegressorBasis(model.inputs, functions, weights.reshape(shape))
 
 
 def _satisfies_superposition(model: WrenchModel) -> bool:

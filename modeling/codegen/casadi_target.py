@@ -14,7 +14,7 @@ from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.dynamics.discrete_deflection import NEWTON_STEPS, DiscreteDeflection
 from modeling.dynamics.discrete_transfer_function import DiscreteTransferFunction
-from modeling.expressions.casadi_arithmetic import casadi_results
+from modeling.expressions.compilation import casadi_results
 from modeling.expressions.straight_line_program import StraightLineProgram
 from modeling.space import signals
 

@@ -1,79 +1,84 @@
-"""Expressions in the syntax shared by C and Python, with minimal parentheses."""
+"""Expressions in the syntax shared by C and Python, by SymPy's code printer."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from functools import cache, reduce
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from modeling import symbolic as sp
 from modeling.errors import InputError
-from modeling.expressions.arithmetic import Arithmetic
 from modeling.expressions.straight_line_program import StraightLineProgram
 
-SUM, PRODUCT, ATOM = range(3)
-"""Precedence of a text's outermost operator, lowest first."""
+FUNCTION_NAMES = {"Abs": "fabs", "Max": "fmax", "Min": "fmin", "Heaviside": "step"}
+"""SymPy's functions whose name in generated code is another one: C's, where C has it."""
+FUNCTIONS = (
+    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "sign"),
+    *FUNCTION_NAMES,
+)
+"""SymPy's functions that generated code has."""
 
 
-class TextFragment(NamedTuple):
-    """A text and the precedence of its outermost operator."""
+@cache
+def _printer_class() -> type[Any]:
+    """SymPy's code printer, adapted where its text would cost more operations or lose digits; loaded when needed."""
+    from sympy.printing.codeprinter import CodePrinter
+    from sympy.printing.precedence import PRECEDENCE
 
-    text: str
-    precedence: int
+    class ExpressionPrinter(CodePrinter):  # type: ignore[misc]
+        """Numbers as the shortest text that reads back the same, integer powers as products, pairwise fmax and fmin.
 
-    def within(self, precedence: int) -> str:
-        """The text, in parentheses where its precedence is lower than that."""
-        return self.text if self.precedence >= precedence else f"({self.text})"
+        names      of the symbols
+        functions  formats by name, for functions that are not called as in C
+        """
+
+        def __init__(self, names: Mapping[sp.Symbol, str], functions: Mapping[str, str]) -> None:
+            super().__init__({"order": "none"})
+            self.names, self.functions = names, functions
+
+        def _print(self, expr: sp.Basic, **options: Any) -> str:
+            return _number_text(float(expr)) if expr.is_number else super()._print(expr, **options)
+
+        def _print_Symbol(self, expr: sp.Symbol) -> str:
+            return self.names[expr]
+
+        def _print_Pow(self, expr: sp.Pow) -> str:
+            base, exponent = expr.args
+            if exponent.is_Rational and exponent.is_negative:
+                return f"1.0/{self.parenthesize(1 / expr, PRECEDENCE['Pow'])}"
+            if exponent.is_Integer:
+                return "(" + "*".join([self.parenthesize(base, PRECEDENCE["Pow"])] * int(exponent)) + ")"
+            return self._call("sqrt", base) if exponent == sp.S.Half else self._call("pow", base, exponent)
+
+        def _print_Function(self, expr: sp.Expr) -> str:
+            name = type(expr).__name__
+            if name == "DiracDelta":
+                return "0.0"  # the derivative of a step: zero everywhere but at the step
+            if name not in FUNCTIONS:
+                what = f"the function {name} has no counterpart in generated code"
+                raise InputError(what=what, where="emit", remedy="leave the effect out")
+            return self._call(FUNCTION_NAMES.get(name, name), *expr.args[: 1 if name == "Heaviside" else None])
+
+        _print_Max = _print_Min = _print_sign = _print_Function
+
+        def _call(self, name: str, *arguments: sp.Expr) -> str:
+            texts = [self._print(argument) for argument in arguments]
+            pattern = self.functions.get(name, name + "(" + ", ".join(["{}"] * len(texts)) + ")")
+            if name in ("fmax", "fmin"):
+                pattern = self.functions.get(name, name + "({}, {})")
+                return reduce(pattern.format, texts)
+            return pattern.format(*texts)
+
+    return ExpressionPrinter
 
 
-@dataclass(frozen=True)
-class TextArithmetic(Arithmetic[TextFragment]):
-    """Expressions as text; `names` of the symbols, `functions` formats by name where C's call syntax is not used."""
-
-    names: Mapping[sp.Symbol, str]
-    functions: Mapping[str, str]
-
-    def number(self, value: float) -> TextFragment:
-        """The shortest decimal text that reads back as the same number; InputError when it is not finite."""
-        if not isfinite(value):
-            raise InputError(what="a constant that is not finite", where="emit", remedy="leave the effect out")
-        return TextFragment(repr(value), ATOM)
-
-    def symbol(self, symbol: sp.Symbol) -> TextFragment:
-        """Its name."""
-        return TextFragment(self.names[symbol], ATOM)
-
-    def add(self, left: TextFragment, right: TextFragment) -> TextFragment:
-        """left + right."""
-        return TextFragment(f"{left.text} + {right.within(PRODUCT)}", SUM)
-
-    def subtract(self, left: TextFragment, right: TextFragment) -> TextFragment:
-        """left - right."""
-        return TextFragment(f"{left.text} - {right.within(PRODUCT)}", SUM)
-
-    def multiply(self, left: TextFragment, right: TextFragment) -> TextFragment:
-        """left * right."""
-        return TextFragment(f"{left.within(PRODUCT)} * {right.within(ATOM)}", PRODUCT)
-
-    def divide(self, left: TextFragment, right: TextFragment) -> TextFragment:
-        """left / right."""
-        return TextFragment(f"{left.within(PRODUCT)} / {right.within(ATOM)}", PRODUCT)
-
-    def negate(self, value: TextFragment) -> TextFragment:
-        """-value, with the precedence of a sum."""
-        return TextFragment(f"-{value.within(PRODUCT)}", SUM)
-
-    def power(self, base: TextFragment, exponent: int) -> TextFragment:
-        """base * base * ..; in a shared program the base is a name."""
-        return TextFragment(" * ".join([base.within(ATOM)] * exponent), PRODUCT)
-
-    def call(self, name: str, *arguments: TextFragment) -> TextFragment:
-        """name(arguments)."""
-        texts = [argument.text for argument in arguments]
-        pattern = self.functions.get(name)
-        return TextFragment(f"{name}({', '.join(texts)})" if pattern is None else pattern.format(*texts), ATOM)
+def _number_text(value: float) -> str:
+    """The shortest decimal text that reads back as the same number; InputError when it is not finite."""
+    if not isfinite(value):
+        raise InputError(what="a constant that is not finite", where="emit", remedy="leave the effect out")
+    return repr(value)
 
 
 class Assignment(NamedTuple):
@@ -88,9 +93,9 @@ def assignments_of(
 ) -> tuple[list[Assignment], list[str]]:
     """The assignments of a program, to t0, t1, .. in order, and the texts of its results."""
     steps = {symbol: f"t{number}" for number, (symbol, _) in enumerate(program.steps)}
-    arithmetic = TextArithmetic({**names, **steps}, functions)
-    lines = [Assignment(steps[symbol], arithmetic.of(expression).text) for symbol, expression in program.steps]
-    return lines, [arithmetic.of(result).text for result in program.results]
+    printed = _printer_class()({**names, **steps}, functions)._print
+    lines = [Assignment(steps[symbol], printed(expression)) for symbol, expression in program.steps]
+    return lines, [printed(result) for result in program.results]
 
 
 def identifiers(names: Iterable[str], prefix: str) -> list[str]:

@@ -12,6 +12,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from modeling import symbolic as sp
+from modeling.expressions.compilation import casadi_expressions
+
 Operation = tuple[str, int, int]
 
 NO_OPERAND = -1
@@ -54,6 +57,18 @@ class Tape:
 
         function = ca.Function("tape", [u, theta], [ca.densify(ca.cse(ca.vec(results)))])
         return cls(u.numel(), theta.numel(), *_recorded(function))
+
+    @classmethod
+    def of_expressions(cls, inputs: Sequence[sp.Symbol], expressions: Sequence[sp.Expr]) -> Self:
+        """The tape of SymPy expressions of these inputs, without parameters.
+
+        Raises InputError for a function without counterpart in CasADi.
+        """
+        import casadi as ca
+
+        u = ca.SX.sym("u", len(inputs))
+        results = casadi_expressions(dict(zip(inputs, ca.vertsplit(u), strict=True)), expressions)
+        return cls.of(u, ca.SX(0, 1), ca.vertcat(ca.SX(0, 1), *results))
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Self:

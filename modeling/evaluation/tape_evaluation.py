@@ -111,6 +111,12 @@ class TapeEvaluation:
                 )
                 _blocks(schedule, fixed, changing, [outputs[output] for output in schedule.outputs], order, self.dtype)
 
+    def values(self, inputs: Sequence[Array], theta: Array | None = None) -> Array:
+        """The results (results, samples) at inputs (samples,) each and one set of parameters theta (k,), if any."""
+        found = np.zeros((len(self.tape.results), len(inputs[0])))
+        self.run(inputs, np.zeros((1, 0)) if theta is None else theta[None], list(found[:, :, None]))
+        return found
+
     def _fixed(self, schedule: Schedule, parameters: list[Array], sets: int) -> list[Any]:
         """Parameters (g,), constants (), then values (g,) of operations on these alone."""
         steps = schedule.of_parameters

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, reduce
+from operator import add, mul
 from typing import Any
 
 from modeling import symbolic as sp
+from modeling.errors import InputError
+from modeling.expressions.intermediate_variables import Definitions
+from modeling.expressions.straight_line_program import StraightLineProgram
+
+FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "sign")
+"""Elementary functions whose name is the same in SymPy and CasADi, and in C but for `sign`."""
 
 
-def common_subexpressions(expressions: Sequence[sp.Expr]) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+def common_subexpressions(expressions: Sequence[sp.Expr]) -> tuple[Definitions, list[sp.Expr]]:
     """Common subexpressions `(symbol, expression)` in order, and the expressions written with them."""
     replacements, reduced = sp.cse(list(expressions), symbols=sp.numbered_symbols("shared_", real=True), order="none")
-    return replacements, list(reduced)
+    return tuple(replacements), list(reduced)
 
 
 def numpy_function(inputs: Sequence[sp.Symbol], expressions: Sequence[sp.Expr]) -> Callable[..., list[Any]]:
@@ -29,46 +36,50 @@ def _numpy_function(inputs: tuple[sp.Symbol, ...], expressions: tuple[sp.Expr, .
     return function
 
 
-def casadi_expressions(values: dict[sp.Symbol, Any], expressions: Sequence[sp.Expr]) -> list[Any]:
-    """The expressions as CasADi graphs over the given CasADi values of their symbols, common subexpressions shared."""
-    replacements, reduced = common_subexpressions(expressions)
+def casadi_expressions(values: Mapping[sp.Symbol, Any], expressions: Sequence[sp.Expr]) -> list[Any]:
+    """The expressions as CasADi graphs, given the graphs of their symbols, common subexpressions shared."""
+    steps, reduced = common_subexpressions(expressions)
+    return casadi_results(StraightLineProgram(steps, tuple(reduced)), values)
+
+
+def casadi_results(program: StraightLineProgram, values: Mapping[sp.Symbol, Any]) -> list[Any]:
+    """The results of a program as CasADi graphs, given the graphs of its inputs.
+
+    Raises InputError for a function without counterpart in CasADi.
+    """
     known = dict(values)
-    for symbol, expression in replacements:
-        known[symbol] = casadi_expression(known, expression)
-    return [casadi_expression(known, expression) for expression in reduced]
+    for symbol, expression in program.steps:
+        known[symbol] = _casadi_expression(known, expression)
+    return [_casadi_expression(known, result) for result in program.results]
 
 
-def casadi_expression(known: dict[sp.Symbol, Any], expression: sp.Expr) -> Any:
-    """One expression as a CasADi graph, node by node; a node without counterpart in CasADi is a KeyError."""
+def _casadi_expression(known: Mapping[sp.Symbol, Any], expression: sp.Expr) -> Any:
+    """One expression as a CasADi graph, node by node."""
     import casadi as ca
 
     if isinstance(expression, sp.Symbol):
         return known[expression]
     if expression.is_number:
         return ca.DM(float(expression))
-    arguments = [casadi_expression(known, a) for a in expression.args]
-    return _casadi_operations(ca)[expression.func](*arguments)
+    operation = _casadi_operations().get(expression.func)
+    if operation is None:
+        what = f"the function {expression.func} has no counterpart in generated code"
+        raise InputError(what=what, where="model", remedy="leave the effect out")
+    return operation(*(_casadi_expression(known, argument) for argument in expression.args))
 
 
-def _casadi_operations(ca: Any) -> dict[Any, Callable[..., Any]]:
-    from functools import reduce
-    from operator import add, mul
-
-    def power(base: Any, exponent: Any) -> Any:
-        return base**exponent
+@lru_cache(maxsize=1)
+def _casadi_operations() -> dict[Any, Callable[..., Any]]:
+    import casadi as ca
 
     return {
-        sp.Add: lambda *a: reduce(add, a),
-        sp.Mul: lambda *a: reduce(mul, a),
-        sp.Pow: power,
-        sp.sin: ca.sin,
-        sp.cos: ca.cos,
-        sp.tan: ca.tan,
-        sp.exp: ca.exp,
-        sp.tanh: ca.tanh,
+        sp.Add: lambda *terms: reduce(add, terms),
+        sp.Mul: lambda *factors: reduce(mul, factors),
+        sp.Pow: lambda base, exponent: base**exponent,
         sp.Abs: ca.fabs,
-        sp.Max: lambda *a: reduce(ca.fmax, a),
-        sp.Min: lambda *a: reduce(ca.fmin, a),
-        sp.atan: ca.atan,
-        sp.atan2: ca.atan2,
+        sp.Max: lambda *arguments: reduce(ca.fmax, arguments),
+        sp.Min: lambda *arguments: reduce(ca.fmin, arguments),
+        sp.Heaviside: lambda x, _: 0.5 * (1 + ca.sign(x)),
+        sp.DiracDelta: lambda x: ca.DM(0.0),  # the derivative of a step: zero everywhere but at the step
+        **{getattr(sp, name): getattr(ca, name) for name in FUNCTIONS},
     }

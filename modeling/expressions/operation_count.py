@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import reduce
 from operator import add
 from typing import Self
 
 from modeling import symbolic as sp
-from modeling.expressions.arithmetic import Arithmetic
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,45 +38,45 @@ class OperationCount:
         return f"{self.total} ({parts})"
 
 
-@dataclass(frozen=True)
-class OperationCounter(Arithmetic[OperationCount]):
-    """Operations to evaluate an expression; a symbol counts as in `known`, else zero. A sign counts zero."""
+def count_operations(expression: sp.Expr, known: Mapping[sp.Symbol, OperationCount] | None = None) -> OperationCount:
+    """Operations to evaluate an expression as generated code does; a symbol counts as in `known`, else zero.
 
-    known: Mapping[sp.Symbol, OperationCount] = field(default_factory=dict)
-
-    def number(self, value: float) -> OperationCount:
-        """Zero."""
+    A sign counts zero, a quotient one whatever its factors; a power takes the products of exponentiation by squaring.
+    """
+    known = {} if known is None else known
+    if expression.is_Symbol:
+        return known.get(expression, OperationCount())
+    if expression.is_number or isinstance(expression, sp.DiracDelta):
         return OperationCount()
+    if expression.is_Mul and expression.as_coeff_Mul()[0].is_negative:
+        return count_operations(-expression, known)
+    own, parts = _own_operations(expression)
+    return OperationCount.sum([own, *(count_operations(part, known) for part in parts)])
 
-    def symbol(self, symbol: sp.Symbol) -> OperationCount:
-        """Its operations in `known`."""
-        return self.known.get(symbol, OperationCount())
 
-    def add(self, left: OperationCount, right: OperationCount) -> OperationCount:
-        """One sum more."""
-        return left + right + OperationCount(sums=1)
+def _own_operations(expression: sp.Expr) -> tuple[OperationCount, Sequence[sp.Expr]]:
+    """The operations on the parts of an expression, and these parts."""
+    parts = expression.args
+    if expression.is_Add:
+        return OperationCount(sums=len(parts) - 1), parts
+    if expression.is_Mul:
+        below = [1 / factor for factor in parts if _is_inverse(factor)]
+        above = [factor for factor in parts if not _is_inverse(factor)]
+        products = max(len(above) - 1, 0) + max(len(below) - 1, 0)
+        return OperationCount(products=products, quotients=bool(below)), [*above, *below]
+    if _is_inverse(expression):
+        return OperationCount(quotients=1), [1 / expression]
+    if expression.is_Pow and expression.exp.is_Integer:
+        digits = bin(int(expression.exp))[2:]
+        return OperationCount(products=len(digits) - 1 + digits.count("1") - 1), [expression.base]
+    if expression.is_Pow and expression.exp == sp.S.Half:
+        return OperationCount(calls=1), [expression.base]
+    if isinstance(expression, sp.Heaviside):
+        return OperationCount(calls=1), parts[:1]
+    pairwise = isinstance(expression, (sp.Max, sp.Min))
+    return OperationCount(calls=len(parts) - 1 if pairwise else 1), parts
 
-    def subtract(self, left: OperationCount, right: OperationCount) -> OperationCount:
-        """One sum more."""
-        return self.add(left, right)
 
-    def multiply(self, left: OperationCount, right: OperationCount) -> OperationCount:
-        """One product more."""
-        return left + right + OperationCount(products=1)
-
-    def divide(self, left: OperationCount, right: OperationCount) -> OperationCount:
-        """One quotient more."""
-        return left + right + OperationCount(quotients=1)
-
-    def negate(self, value: OperationCount) -> OperationCount:
-        """No further operation."""
-        return value
-
-    def power(self, base: OperationCount, exponent: int) -> OperationCount:
-        """Products of exponentiation by squaring."""
-        digits = bin(exponent)[2:]
-        return base + OperationCount(products=len(digits) - 1 + digits.count("1") - 1)
-
-    def call(self, name: str, *arguments: OperationCount) -> OperationCount:
-        """One call more."""
-        return OperationCount.sum([*arguments, OperationCount(calls=1)])
+def _is_inverse(factor: sp.Expr) -> bool:
+    """Whether it is a power with a negative exponent."""
+    return bool(factor.is_Pow and factor.exp.is_Rational and factor.exp.is_negative)

@@ -9,7 +9,7 @@ from typing import Self
 
 from modeling import symbolic as sp
 from modeling.expressions.intermediate_variables import Definitions
-from modeling.expressions.operation_count import OperationCount, OperationCounter
+from modeling.expressions.operation_count import OperationCount, count_operations
 
 LONGEST_PRODUCT = 3
 """Exponent above which a power is computed by squaring; up to it both take as many multiplications."""
@@ -53,17 +53,15 @@ class StraightLineProgram:
     @cached_property
     def operations(self) -> OperationCount:
         """Operations of one evaluation, each step once."""
-        counting = OperationCounter()
-        return OperationCount.sum([counting.of(e) for e in (*(e for _, e in self.steps), *self.results)])
+        return OperationCount.sum([count_operations(e) for e in (*(e for _, e in self.steps), *self.results)])
 
     @cached_property
     def operations_unshared(self) -> OperationCount:
         """Operations when each result is evaluated by itself, steps repeated wherever they occur."""
         known: dict[sp.Symbol, OperationCount] = {}
         for symbol, expression in self.steps:
-            known[symbol] = OperationCounter(known).of(expression)
-        counting = OperationCounter(known)
-        return OperationCount.sum([counting.of(result) for result in self.results])
+            known[symbol] = count_operations(expression, known)
+        return OperationCount.sum([count_operations(result, known) for result in self.results])
 
 
 def _trivial(steps: dict[sp.Symbol, sp.Expr]) -> dict[sp.Symbol, sp.Expr]:

@@ -7,8 +7,9 @@ from functools import cached_property
 from typing import Any
 
 from modeling import symbolic as sp
-from modeling.expressions.compilation import casadi_expression, casadi_expressions
+from modeling.expressions.compilation import casadi_results, common_subexpressions
 from modeling.expressions.intermediate_variables import Definitions, required_definitions
+from modeling.expressions.straight_line_program import StraightLineProgram
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +27,10 @@ class SymbolicVector:
 
         known: dict[sp.Symbol, Any] = {sp.Symbol(n, real=True): u[i] for i, n in enumerate(self.inputs)}
         known |= {symbol: theta[i] for i, symbol in enumerate(self.parameters)}
-        for symbol, step in required_definitions(self.definitions, self.expression):
-            known[symbol] = casadi_expression(known, step)
-        return ca.densify(ca.vertcat(ca.SX(0, 1), *casadi_expressions(known, list(self.expression))))
+        replacements, reduced = common_subexpressions(list(self.expression))
+        steps = (*required_definitions(self.definitions, self.expression), *replacements)
+        results = casadi_results(StraightLineProgram(steps, tuple(reduced)), known)
+        return ca.densify(ca.vertcat(ca.SX(0, 1), *results))
 
     @property
     def names(self) -> tuple[str, ...]:

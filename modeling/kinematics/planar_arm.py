@@ -18,7 +18,6 @@ from modeling import symbolic as sp
 from modeling.evaluation.cache import cached, canonical_data
 from modeling.evaluation.tape import Tape
 from modeling.evaluation.tape_evaluation import TapeEvaluation
-from modeling.expressions.compilation import casadi_expressions
 from modeling.expressions.intermediate_variables import IntermediateVariables
 from modeling.kinematics.arm import Arm, ArmFrames, MathBackend
 from modeling.space import Space
@@ -69,13 +68,8 @@ class PlanarArm(Arm):
         return cached(what, lambda: self._derived_tape().to_data(), Tape.from_data)
 
     def _derived_tape(self) -> Tape:
-        import casadi as ca
-
-        u = ca.SX.sym("u", 3 * self.joints)
-        symbols = (symbol for prefix in ("q", "dq", "ddq") for symbol in joint_symbols(self.joints, prefix))
-        known = {symbol: u[i] for i, symbol in enumerate(symbols)}
-        expressions = casadi_expressions(known, [self.kinematics[name] for name in self.names])
-        return Tape.of(u, ca.SX.sym("theta", 0), ca.vertcat(*expressions))
+        symbols = [symbol for prefix in ("q", "dq", "ddq") for symbol in joint_symbols(self.joints, prefix)]
+        return Tape.of_expressions(symbols, [self.kinematics[name] for name in self.names])
 
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
         """The pose signals as CasADi expressions of q, dq, ddq (n,)."""
@@ -88,9 +82,8 @@ class PlanarArm(Arm):
         self, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]
     ) -> dict[str, NDArray[np.float64]]:
         """Pose signals of joint motions (N, n): phi, dphi, ddphi (rad), px .. ay (m, world), each (N,)."""
-        found = np.zeros((len(self.names), len(q), 1))
-        TapeEvaluation(self.tape).run([*q.T, *dq.T, *ddq.T], np.zeros((1, 0)), list(found))
-        return dict(zip(self.names, found[:, :, 0], strict=True))
+        values = TapeEvaluation(self.tape).values([*q.T, *dq.T, *ddq.T])
+        return dict(zip(self.names, values, strict=True))
 
 
 def link_frames(lengths: Sequence[Any], q: Sequence[Any], calculus: MathBackend) -> ArmFrames:

@@ -34,7 +34,7 @@ def require_identifiable(definition: EffectDefinition, where: str) -> None:
     space = parsed_formulas(definition).spaces[0]
     try:
         value, derivative = _at_random_points(definition, space)
-    except (KeyError, TypeError, ValueError):  # SymPy simplified it to a function that CasADi lacks
+    except (InputError, TypeError, ValueError):  # SymPy simplified it to a function that CasADi lacks
         remedy = "give atan2, abs, min and max arguments that are real and not constant"
         place = f"{where}: {definition.key}"
         raise InputError(
