@@ -34,7 +34,7 @@ def test_sensitivities_are_the_derivatives_at_nominal_amplitudes(case: Case) -> 
         signals = random_signals(case, emitted.inputs, samples, rng)
         given = {name: theta[:, i] for i, name in enumerate(emitted.names) if name in found.parameters}
         values = found.values(signals, given, samples)
-        expected = emitted.slopes(signals, theta if given else theta[:1], which, samples)
+        expected = emitted.jacobians(signals, theta if given else theta[:1], which, samples)
         np.testing.assert_allclose(values, expected, rtol=0, atol=ROUNDING * np.abs(expected).max(initial=0.0))
 
 

@@ -13,10 +13,9 @@ import pytest
 from numpy.typing import NDArray
 
 from modeling.chain.prediction import Prediction
-from modeling.evaluation.compiled_vector import CompiledVector
 from modeling.evaluation.tape import BINARY, UNARY, Tape
 from modeling.evaluation.tape_evaluation import LONGEST_BLOCK, NUMPY_OPERATIONS, TapeEvaluation
-from modeling.evaluation.vector_function import VectorFunction
+from modeling.evaluation.vector_function import CompiledVector, VectorFunction
 from modeling.expressions.symbolic_vector import SymbolicVector
 from tests.effects.cases import CASES, Case
 from tests.effects.parts import random_signals
@@ -64,7 +63,7 @@ def test_columns_and_their_derivatives_are_casadis(case: Case) -> None:
                 scale = np.maximum(np.abs(wanted).max(axis=0), FAINT * np.abs(wanted).max(initial=0.0))
                 assert (np.abs(found - wanted) <= ROUNDING * scale).all()
             np.testing.assert_array_equal(emitted.value(signals, sets, samples), value)
-        slopes = emitted.slopes(signals, varied[:3], tuple(range(emitted.count)), samples)
+        slopes = emitted.jacobians(signals, varied[:3], tuple(range(emitted.count)), samples)
         for number, own in enumerate(varied[:3]):
             np.testing.assert_array_equal(slopes[:, :, number], emitted.tangent(signals, own, samples)[1])
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
 from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
-from modeling.evaluation.compiled_vector import CompiledVector
 from modeling.evaluation.tape_evaluation import TapeEvaluation
-from modeling.evaluation.vector_function import Array, Signals, VectorFunction
+from modeling.evaluation.vector_function import Array, CompiledVector, Signals, VectorFunction
 from modeling.expressions.laplace_variable import laplace
 from modeling.expressions.symbolic_vector import SymbolicVector
 

@@ -41,10 +41,10 @@ def _printer_class() -> type[Any]:
         def _print(self, expr: sp.Basic, **options: Any) -> str:
             return _number_text(float(expr)) if expr.is_number else super()._print(expr, **options)
 
-        def _print_Symbol(self, expr: sp.Symbol) -> str:
+        def _print_Symbol(self, expr: sp.Symbol) -> str:  # noqa: N802
             return self.names[expr]
 
-        def _print_Pow(self, expr: sp.Pow) -> str:
+        def _print_Pow(self, expr: sp.Pow) -> str:  # noqa: N802
             base, exponent = expr.args
             if exponent.is_Rational and exponent.is_negative:
                 return f"1.0/{self.parenthesize(1 / expr, PRECEDENCE['Pow'])}"
@@ -52,7 +52,7 @@ def _printer_class() -> type[Any]:
                 return "(" + "*".join([self.parenthesize(base, PRECEDENCE["Pow"])] * int(exponent)) + ")"
             return self._call("sqrt", base) if exponent == sp.S.Half else self._call("pow", base, exponent)
 
-        def _print_Function(self, expr: sp.Expr) -> str:
+        def _print_Function(self, expr: sp.Expr) -> str:  # noqa: N802
             name = type(expr).__name__
             if name == "DiracDelta":
                 return "0.0"  # the derivative of a step: zero everywhere but at the step
@@ -61,15 +61,14 @@ def _printer_class() -> type[Any]:
                 raise InputError(what=what, where="emit", remedy="leave the effect out")
             return self._call(FUNCTION_NAMES.get(name, name), *expr.args[: 1 if name == "Heaviside" else None])
 
-        _print_Max = _print_Min = _print_sign = _print_Function
+        _print_Max = _print_Min = _print_sign = _print_Function  # noqa: N815
 
         def _call(self, name: str, *arguments: sp.Expr) -> str:
             texts = [self._print(argument) for argument in arguments]
-            pattern = self.functions.get(name, name + "(" + ", ".join(["{}"] * len(texts)) + ")")
             if name in ("fmax", "fmin"):
-                pattern = self.functions.get(name, name + "({}, {})")
-                return reduce(pattern.format, texts)
-            return pattern.format(*texts)
+                return reduce(self.functions.get(name, name + "({}, {})").format, texts)
+            pattern = self.functions.get(name)
+            return f"{name}({', '.join(texts)})" if pattern is None else pattern.format(*texts)
 
     return ExpressionPrinter
 

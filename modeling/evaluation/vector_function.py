@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.errors import InputError
-from modeling.evaluation.compiled_vector import CompiledVector
 from modeling.evaluation.tape import Tape
 from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.expressions.intermediate_variables import Definitions
@@ -20,6 +19,43 @@ from modeling.expressions.symbolic_vector import SymbolicVector
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledVector:
+    """A vector (p,) over `inputs` and parameters (k,), then its Jacobian in the `active` ones, column by column."""
+
+    inputs: tuple[str, ...]
+    active: tuple[int, ...]
+    tape: Tape
+
+    @property
+    def rows(self) -> int:
+        """The number p."""
+        return len(self.tape.results) // (1 + len(self.active))
+
+    @classmethod
+    def of(cls, vector: SymbolicVector) -> Self:
+        """Compile a symbolic vector."""
+        import casadi as ca
+
+        u, theta = ca.SX.sym("u", len(vector.inputs)), ca.SX.sym("theta", len(vector.parameters))
+        graph = vector.graph(u, theta)
+        jacobian = ca.densify(ca.jacobian(graph, theta)[:, list(vector.active)])
+        return cls(vector.inputs, vector.active, Tape.of(u, theta, ca.vertcat(graph, ca.vec(jacobian))))
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Self:
+        """From the result of `to_data`; ValueError, KeyError or TypeError for invalid data."""
+        tape, active, inputs = Tape.from_data(data["tape"]), tuple(data["active"]), tuple(data["inputs"])
+        consistent = len(inputs) == tape.inputs and all(type(i) is int and 0 <= i < tape.parameters for i in active)
+        if not consistent or len(tape.results) % (1 + len(active)):
+            raise ValueError("the tape does not match its inputs and parameters")
+        return cls(inputs, active, tape)
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"inputs": list(self.inputs), "active": list(self.active), "tape": self.tape.to_data()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,74 +146,61 @@ class VectorFunction:
 
     def value(self, signals: Signals, theta: Array, samples: int) -> Array:
         """Value (samples, p), at parameters (k,) or at different ones for each sample (samples, k)."""
-        value = np.zeros((samples, self.rows), order="F")
-        self._evaluate((), signals, theta, samples, [value[:, row, None] for row in range(self.rows)])
-        return value
+        return self.tangent_in(signals, theta, (), samples)[0]
 
     def tangent(self, signals: Signals, theta: Array, samples: int) -> tuple[Array, Array]:
         """Value (samples, p) and derivative (samples, p, k) in all k parameters; theta as for `value`."""
-        value, derivative = (
-            np.zeros((samples, self.rows), order="F"),
-            np.zeros((samples, self.rows, self.count), order="F"),
-        )
-        outputs = [value[:, row, None] for row in range(self.rows)]
-        outputs += [derivative[:, row, i, None] for i in self.active for row in range(self.rows)]
-        self._evaluate(self.active, signals, theta, samples, outputs)
-        return value, derivative
+        return self.tangent_in(signals, theta, tuple(range(self.count)), samples)
 
     def tangent_in(
         self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int, *, valued: bool = True
     ) -> tuple[Array, Array]:
         """Value (samples, p), zero unless `valued`, and derivative (samples, p, len(which)) in those parameters."""
-        value, derivative = (
-            np.zeros((samples, self.rows), order="F"),
-            np.zeros((samples, self.rows, len(which)), order="F"),
-        )
-        active = tuple(i for i in which if i in self.active)
+        theta = np.asarray(theta, dtype=float)
+        if theta.shape not in ((self.count,), (samples, self.count)):
+            raise ValueError(f"{self.count} parameters were expected, not an array {theta.shape}")
+        varying = theta.ndim == 2
+        sets = np.ascontiguousarray(theta.T) if varying else theta[None]
+        value = np.zeros((samples, self.rows), order="F")
+        derivative = np.zeros((samples, self.rows, 1, len(which)), order="F")
         outputs = [value[:, row, None] for row in range(self.rows)] if valued else []
-        outputs += [derivative[:, row, which.index(i), None] for i in active for row in range(self.rows)]
-        self._evaluate(active, signals, theta, samples, outputs, valued=valued)
-        return value, derivative
+        self._run(signals, sets, which, samples, outputs, derivative, varying=varying)
+        return value, derivative[:, :, 0]
 
-    def depending_on(self, signals: frozenset[str]) -> tuple[int, ...]:
-        """The active parameters in which the derivative depends on one of these signals."""
-        return _depending(self, signals)
-
-    def slopes(self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int) -> Array:
+    def jacobians(self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int) -> Array:
         """Derivative (samples, p, g, len(which)) in the parameters `which`, at each of g sets theta (g, k)."""
         theta = np.asarray(theta, dtype=float)
         if theta.ndim != 2 or theta.shape[1] != self.count:
             raise ValueError(f"sets of {self.count} parameters were expected, not an array {theta.shape}")
         derivative = np.zeros((samples, self.rows, len(theta), len(which)), order="F")
-        active = [(j, i) for j, i in enumerate(which) if i in self.active]
-        outputs = [derivative[:, row, :, j] for j, _ in active for row in range(self.rows)]
-        evaluation = _evaluation(self, tuple(i for _, i in active), False, False)
-        evaluation.run(self.columns(signals, samples), theta, outputs)
+        self._run(signals, theta, which, samples, [], derivative, varying=False)
         return derivative
+
+    def _run(
+        self,
+        signals: Signals,
+        theta: Array,
+        which: tuple[int, ...],
+        samples: int,
+        value: list[Array],
+        derivative: Array,
+        *,
+        varying: bool,
+    ) -> None:
+        """Write the value to the arrays (samples, g) of `value`, if any, and the derivative (samples, p, g, which)."""
+        active = [(column, i) for column, i in enumerate(which) if i in self.active]
+        outputs = [*value, *(derivative[:, row, :, column] for column, _ in active for row in range(self.rows))]
+        evaluation = _evaluation(self, tuple(i for _, i in active), bool(value), varying)
+        evaluation.run(self.columns(signals, samples), theta, outputs)
+
+    def depending_on(self, signals: frozenset[str]) -> tuple[int, ...]:
+        """The active parameters in which the derivative depends on one of these signals."""
+        return _depending(self, signals)
 
     def derivative(self, which: tuple[int, ...]) -> Tape:
         """The tape of the derivative in some of the active parameters, column by column."""
         starts = [(self.active.index(i) + 1) * self.rows for i in which]
         return self.compiled.tape.only([start + row for start in starts for row in range(self.rows)])
-
-    def _evaluate(
-        self,
-        which: tuple[int, ...],
-        signals: Signals,
-        theta: Array,
-        samples: int,
-        outputs: list[Array],
-        *,
-        valued: bool = True,
-    ) -> None:
-        """Write the value, if `valued`, then its derivative in the parameters `which`, to the outputs (samples, 1)."""
-        theta = np.asarray(theta, dtype=float)
-        if theta.shape not in ((self.count,), (samples, self.count)):
-            raise ValueError(f"{self.count} parameters were expected, not an array {theta.shape}")
-        varying = theta.ndim == 2
-        evaluation = _evaluation(self, which, valued, varying)
-        sets = np.ascontiguousarray(theta.T) if varying else theta[None]
-        evaluation.run(self.columns(signals, samples), sets, outputs)
 
 
 @lru_cache(maxsize=512)

@@ -175,7 +175,7 @@ def test_slopes_of_the_amplitudes_are_columns_of_the_tangent(case: Case) -> None
         signals = random_signals(case, emitted.inputs, samples, rng)
         if case.model.chain.deflection is not None:
             continue
-        slopes = emitted.slopes(signals, sets, amplitudes, samples)
+        slopes = emitted.jacobians(signals, sets, amplitudes, samples)
         assert slopes.shape == (samples, len(case.space.channels), len(sets), len(amplitudes))
         for g, theta in enumerate(sets):
             columns = emitted.tangent(signals, theta, samples)[1][:, :, list(amplitudes)]

@@ -70,7 +70,7 @@ def require_finite(definition: EffectDefinition, space: Space, signals: Signals,
     amplitudes = tuple(i for i, p in enumerate(parameters) if not p.nuisance)
     grid = [[values.get(p.name, p.nominal) for p in parameters] for values in definition.nuisance_grid]
     for first in range(0, len(grid), GRID_CHUNK):
-        derivative = function.slopes(signals, np.array(grid[first : first + GRID_CHUNK]), amplitudes, samples)
+        derivative = function.jacobians(signals, np.array(grid[first : first + GRID_CHUNK]), amplitudes, samples)
         wrong = np.argwhere(~np.isfinite(derivative))
         if len(wrong):
             sample, formula, point, _ = wrong[0]
