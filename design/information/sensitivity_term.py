@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -76,10 +76,10 @@ class SensitivityTerm:
 
     def values(self, signals: Mapping[str, Array], samples: int) -> Array:
         """The matrix at every sample, (N, p, c), before H."""
-        channels, count = self.function.size_out(0)
-        inputs = np.array([signals[name] for name in self.inputs]).reshape(len(self.inputs), samples)
-        flat = np.array(_mapped(self, samples)(inputs))
-        return flat.reshape(channels, samples, count).transpose(1, 0, 2)
+        value, derivative = self._vector_function.tangent_in(
+            signals, self.theta, self.by or (), samples, valued=self.by is None
+        )
+        return self.factor * (value[:, :, None] if self.by is None else derivative)
 
     @property
     def _vector_function(self) -> VectorFunction:
@@ -89,11 +89,6 @@ class SensitivityTerm:
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions are not pickled: workers of a pool compile their own.
         return {field.name: getattr(self, field.name) for field in fields(self)}
-
-
-@lru_cache(maxsize=64)
-def _mapped(term: SensitivityTerm, samples: int) -> Any:
-    return term.function.map(samples)
 
 
 def sensitivity_terms(model: WrenchModel, theta: Array, first: int = 0) -> tuple[SensitivityTerm, ...]:

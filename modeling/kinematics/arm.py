@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling import symbolic as sp
+from modeling.evaluation.cache import cached, canonical_data
+from modeling.evaluation.tape import Tape
+from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.expressions.compilation import casadi_expressions
 from modeling.expressions.intermediate_variables import IntermediateVariables
 from modeling.kinematics.joint import JointKind
@@ -68,16 +71,43 @@ class Arm(ABC):
         """Joint axes and sensor pose at the coordinates q (n), with link length errors `errors` (n), m."""
 
     @abstractmethod
+    def signals(self, pose: Sequence[Any], first: Sequence[Any], second: Sequence[Any]) -> dict[str, Any]:
+        """The signals by name, in the order of `names`, from a pose and its first and second time derivatives."""
+
     def derived(self, pose: Sequence[sp.Expr], steps: IntermediateVariables) -> dict[str, sp.Expr]:
-        """The signals by name, in the order of `names`, from a pose and its time derivatives."""
+        """The signals of a symbolic pose, in the order of `names`."""
+        first = [steps.rate(part) for part in pose]
+        return self.signals(pose, first, [steps.rate(part) for part in first])
 
-    @abstractmethod
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
-        """The signals by name as CasADi expressions of symbols q (n,) and of any dq, ddq (n,)."""
+        """The signals by name as CasADi expressions of symbols q (n,) and of any dq, ddq (n,).
 
-    @abstractmethod
+        With x(q) the pose, J = dx/dq and v = J dq: dx/dt = v and d²x/dt² = J ddq + (dv/dq) dq, both by CasADi's
+        automatic differentiation.
+        """
+        import casadi as ca
+
+        given = [q[j] for j in range(self.joints)]
+        x = ca.vertcat(*self.frames(given, [0.0] * self.joints, MathBackend(sin=ca.sin, cos=ca.cos)).pose)
+        v = ca.jtimes(x, q, dq)
+        a = ca.jtimes(x, q, ddq) + ca.jtimes(v, q, dq)
+        return self.signals(*map(ca.vertsplit, (x, v, a)))
+
     def pose(self, q: Array, dq: Array, ddq: Array) -> dict[str, Array]:
         """The signals by name, each (N,), of joint motions (N, n): rad, rad/s, rad/s² (m of prismatic joints)."""
+        values = TapeEvaluation(self.tape).values([*q.T, *dq.T, *ddq.T])
+        return dict(zip(self.names, values, strict=True))
+
+    @cached_property
+    def tape(self) -> Tape:
+        """The signals in the order of `names`, over q, dq, ddq (3 n), cached on disk."""
+        return cached({"part": "pose", "arm": canonical_data(self)}, lambda: self._derived().to_data(), Tape.from_data)
+
+    def _derived(self) -> Tape:
+        import casadi as ca
+
+        q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
+        return Tape.of(ca.vertcat(q, dq, ddq), ca.SX(0, 1), ca.vertcat(*self.graph(q, dq, ddq).values()))
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions are not pickled: they are rebuilt quickly in another process.

@@ -11,13 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from modeling import symbolic as sp
-from modeling.evaluation.cache import cached, canonical_data
-from modeling.evaluation.tape import Tape
-from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.expressions.intermediate_variables import IntermediateVariables
 from modeling.kinematics.arm import Arm, ArmFrames, MathBackend
 from modeling.space import Space
@@ -54,55 +48,19 @@ class PlanarArm(Arm):
 
     def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: MathBackend) -> ArmFrames:
         """The sensor origin Ps = sum_k l_k (sin, cos)(q1 + .. + qk) (22.2), the tip's angle phi = q1 + .. + qn."""
-        lengths = [length + error for length, error in zip(self.link_lengths, errors, strict=True)]
-        return link_frames(lengths, q, calculus)
+        angle, x, y = 0, 0, 0
+        origins = []
+        for length, error, turn in zip(self.link_lengths, errors, q, strict=True):
+            origins.append((x, y, 0))
+            angle = calculus.let(angle + turn)
+            along = ((x, calculus.sin), (y, calculus.cos))
+            x, y = (calculus.let(at + (length + error) * part(angle)) for at, part in along)
+        return ArmFrames(tuple(origins), ((0, 0, -1),) * len(origins), (angle, x, y))
 
-    def derived(self, pose: Sequence[sp.Expr], steps: IntermediateVariables) -> dict[str, sp.Expr]:
-        """phi, px, py with their velocities and accelerations (the Ps'' of 22.4)."""
-        return pose_signals(pose, steps)
-
-    @cached_property
-    def tape(self) -> Tape:
-        """Tape of the pose signals in their order, over q, dq, ddq (3 n), cached on disk."""
-        what = {"part": "pose", "arm": canonical_data(self)}
-        return cached(what, lambda: self._derived_tape().to_data(), Tape.from_data)
-
-    def _derived_tape(self) -> Tape:
-        symbols = [symbol for prefix in ("q", "dq", "ddq") for symbol in joint_symbols(self.joints, prefix)]
-        return Tape.of_expressions(symbols, [self.kinematics[name] for name in self.names])
-
-    def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
-        """The pose signals as CasADi expressions of q, dq, ddq (n,)."""
-        import casadi as ca
-
-        signals = self.tape.graph(ca.vertcat(q, dq, ddq), ca.SX(0, 1))
-        return {name: signals[i] for i, name in enumerate(self.names)}
-
-    def pose(
-        self, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]
-    ) -> dict[str, NDArray[np.float64]]:
-        """Pose signals of joint motions (N, n): phi, dphi, ddphi (rad), px .. ay (m, world), each (N,)."""
-        values = TapeEvaluation(self.tape).values([*q.T, *dq.T, *ddq.T])
-        return dict(zip(self.names, values, strict=True))
-
-
-def link_frames(lengths: Sequence[Any], q: Sequence[Any], calculus: MathBackend) -> ArmFrames:
-    """Serial chain of links from the origin, each rotated clockwise relative to the preceding one."""
-    angle, x, y = 0, 0, 0
-    origins = []
-    for length, turn in zip(lengths, q, strict=True):
-        origins.append((x, y, 0))
-        angle = calculus.let(angle + turn)
-        x, y = (calculus.let(at + length * part(angle)) for at, part in ((x, calculus.sin), (y, calculus.cos)))
-    return ArmFrames(tuple(origins), ((0, 0, -1),) * len(origins), (angle, x, y))
-
-
-def pose_signals(pose: Sequence[sp.Expr], steps: IntermediateVariables) -> dict[str, sp.Expr]:
-    """phi, px, py and their first and second time derivatives, by the names of POSE_SIGNALS."""
-    first = [steps.rate(part) for part in pose]
-    second = [steps.rate(part) for part in first]
-    (phi, x, y), (dphi, vx, vy), (ddphi, ax, ay) = pose, first, second
-    return dict(zip(POSE_SIGNALS, (phi, dphi, ddphi, x, y, vx, vy, ax, ay), strict=True))
+    def signals(self, pose: Sequence[Any], first: Sequence[Any], second: Sequence[Any]) -> dict[str, Any]:
+        """phi (rad), px, py (m, world) with their velocities and accelerations (the Ps'' of 22.4)."""
+        (phi, x, y), (dphi, vx, vy), (ddphi, ax, ay) = pose, first, second
+        return dict(zip(self.names, (phi, dphi, ddphi, x, y, vx, vy, ax, ay), strict=True))
 
 
 def joint_rates(joints: int) -> dict[sp.Symbol, sp.Symbol]:
@@ -113,6 +71,6 @@ def joint_rates(joints: int) -> dict[sp.Symbol, sp.Symbol]:
 
 def forward_kinematics(lengths: tuple[sp.Expr, ...]) -> dict[str, sp.Expr]:
     """Pose signals of an arm with symbolic or numeric link lengths (22.2 and its time derivatives)."""
-    steps = IntermediateVariables(joint_rates(len(lengths)), named=False)
-    frames = link_frames(lengths, joint_symbols(len(lengths), "q"), MathBackend(sin=sp.sin, cos=sp.cos))
-    return pose_signals(frames.pose, steps)
+    arm, joints = PlanarArm(lengths), len(lengths)
+    frames = arm.frames(joint_symbols(joints, "q"), [sp.S.Zero] * joints, MathBackend(sin=sp.sin, cos=sp.cos))
+    return arm.derived(frames.pose, IntermediateVariables(joint_rates(joints), named=False))

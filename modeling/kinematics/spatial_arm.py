@@ -10,8 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling import symbolic as sp
-from modeling.expressions.intermediate_variables import IntermediateVariables
 from modeling.kinematics.arm import Arm, ArmFrames, MathBackend
 from modeling.kinematics.joint import IDENTITY_PLACEMENT, Joint, JointKind, Placement, translated
 from modeling.kinematics.quaternion import COMPONENTS, quaternion_conjugate, quaternion_product, rotated_vector
@@ -45,27 +43,6 @@ class SpatialArm(Arm):
         """The kind of each joint of the chain."""
         return tuple(joint.kind for joint in self.chain)
 
-    def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
-        """The signals as CasADi expressions of symbols q and of any dq, ddq (n,).
-
-        With x(q) = (s, p) the unit quaternion and the origin of the sensor, J = dx/dq and v = J dq:
-        dx/dt = v and d²x/dt² = J ddq + (dv/dq) dq, both by CasADi's automatic differentiation. From s, in the sensor
-        frame, omega = 2 vec(conj(s) ⊗ ds/dt); its derivative in time is alpha = 2 vec(conj(s) ⊗ d²s/dt²), since
-        conj(ds/dt) ⊗ ds/dt is a scalar. All signals are continuous in q: s is a polynomial in sines and cosines of half
-        angles.
-        """
-        import casadi as ca
-
-        frames = self.frames(
-            [q[j] for j in range(self.joints)], [0.0] * self.joints, MathBackend(sin=ca.sin, cos=ca.cos)
-        )
-        x = ca.vertcat(*frames.pose)
-        v = ca.jtimes(x, q, dq)
-        a = ca.jtimes(x, q, ddq) + ca.jtimes(v, q, dq)
-        (s, p), (ds, dp), (dds, ddp) = ((ca.vertsplit(y)[:4], ca.vertsplit(y)[4:]) for y in (x, v, a))
-        omega, alpha = ([2 * c for c in quaternion_product(quaternion_conjugate(s), rate)[:3]] for rate in (ds, dds))
-        return dict(zip(self.names, (*s, *omega, *alpha, *p, *dp, *ddp), strict=True))
-
     def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: MathBackend) -> ArmFrames:
         """Forward kinematics along the chain.
 
@@ -90,10 +67,14 @@ class SpatialArm(Arm):
         s = _named(calculus, quaternion_product(s, self.sensor.quaternion))
         return ArmFrames(tuple(origins), tuple(axes), (*s, *p))
 
-    def derived(self, pose: Sequence[sp.Expr], steps: IntermediateVariables) -> dict[str, sp.Expr]:
-        """The signals from s and p as in `graph`: omega = 2 vec(conj(s) ⊗ ds/dt), alpha = 2 vec(conj(s) ⊗ d²s/dt²)."""
-        first = [steps.rate(part) for part in pose]
-        second = [steps.rate(part) for part in first]
+    def signals(self, pose: Sequence[Any], first: Sequence[Any], second: Sequence[Any]) -> dict[str, Any]:
+        """qx .. qw (sensor in the world), wx .. and alx .. (rad/s, rad/s², sensor frame), px .., vpx .., apx ..
+
+        p is the sensor origin in the world (m; kinematic accelerations). From the unit quaternion s, in the sensor
+        frame, omega = 2 vec(conj(s) ⊗ ds/dt); its derivative in time is alpha = 2 vec(conj(s) ⊗ d²s/dt²), since
+        conj(ds/dt) ⊗ ds/dt is a scalar. All signals are continuous in q: s is a polynomial in sines and cosines of half
+        angles.
+        """
         s, ds, dds = pose[:4], first[:4], second[:4]
         omega, alpha = ([2 * c for c in quaternion_product(quaternion_conjugate(s), rate)[:3]] for rate in (ds, dds))
         return dict(zip(self.names, (*s, *omega, *alpha, *pose[4:], *first[4:], *second[4:]), strict=True))
@@ -102,15 +83,6 @@ class SpatialArm(Arm):
     def position_limits(self) -> Array:
         """Lowest and highest coordinate of each joint (n, 2), rad or m; infinite when unbounded."""
         return np.array([j.position or (-np.inf, np.inf) for j in self.chain])
-
-    def pose(self, q: Array, dq: Array, ddq: Array) -> dict[str, Array]:
-        """Signals of joint motions (N, n), each (N,).
-
-        qx .. qw (sensor in the world, continuous in q), wx .. and alx .. (rad/s, rad/s², sensor frame), px .., vpx ..,
-        apx .. of the sensor origin in the world (m, m/s, m/s², kinematic).
-        """
-        values = np.array(self.function(q.T, dq.T, ddq.T))
-        return dict(zip(self.names, values, strict=True))
 
 
 def _lengthened(offset: Sequence[float], error: Any) -> tuple[Any, ...]:
