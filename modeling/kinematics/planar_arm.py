@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from modeling import symbolic as sp
+from modeling.evaluation.tape import Tape
 from modeling.expressions.intermediate_variables import IntermediateVariables
 from modeling.kinematics.arm import Arm, ArmFrames, MathBackend
 from modeling.space import Space
@@ -56,6 +57,17 @@ class PlanarArm(Arm):
             along = ((x, calculus.sin), (y, calculus.cos))
             x, y = (calculus.let(at + (length + error) * part(angle)) for at, part in along)
         return ArmFrames(tuple(origins), ((0, 0, -1),) * len(origins), (angle, x, y))
+
+    def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
+        """The signals as CasADi expressions of any q, dq, ddq (n,)."""
+        import casadi as ca
+
+        values = self.tape.graph(ca.vertcat(q, dq, ddq), ca.SX(0, 1))
+        return {name: values[i] for i, name in enumerate(self.names)}
+
+    def _derived(self) -> Tape:
+        symbols = [symbol for prefix in ("q", "dq", "ddq") for symbol in joint_symbols(self.joints, prefix)]
+        return Tape.of_expressions(symbols, [self.kinematics[name] for name in self.names])
 
     def signals(self, pose: Sequence[Any], first: Sequence[Any], second: Sequence[Any]) -> dict[str, Any]:
         """phi (rad), px, py (m, world) with their velocities and accelerations (the Ps'' of 22.4)."""
