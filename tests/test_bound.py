@@ -65,10 +65,13 @@ def test_slopes_are_those_of_finite_differences(case: str) -> None:
     dual, rng = random_dual(function, 1), np.random.default_rng(2)
     points = rng.uniform(-0.9, 0.9, (5, 2 * function.joints))
     ddq = function.viable.vertices[rng.integers(len(function.viable.vertices), size=5)]
-    _, slope = function.slopes(points, ddq, dual)
+    _, slope = function.value_and_gradient(points, ddq, dual)
     step = 1e-5 * np.eye(points.shape[1])  # balances the third derivative against rounding
     for i, along in enumerate(step):
-        difference = function.slopes(points + along, ddq, dual)[0] - function.slopes(points - along, ddq, dual)[0]
+        difference = (
+            function.value_and_gradient(points + along, ddq, dual)[0]
+            - function.value_and_gradient(points - along, ddq, dual)[0]
+        )
         assert np.allclose(slope[:, i], difference / 2e-5, rtol=1e-5, atol=1e-5 * np.abs(slope).max())
 
 

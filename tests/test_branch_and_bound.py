@@ -33,7 +33,7 @@ def test_enclosures_hold_every_value_in_the_box(case: str, seed: int) -> None:
     ddq = function.viable.vertices[rng.integers(len(function.viable.vertices), size=40)]
     boxes, _ = DualFunctionEnclosure(function, dual).boxes(np.hstack([low, ddq]), np.hstack([high, ddq]))
     for share in rng.random((200, 40, 2 * n)).round(1):
-        assert (function.slopes(low + share * (high - low), ddq, dual)[0] <= boxes.upper).all()
+        assert (function.value_and_gradient(low + share * (high - low), ddq, dual)[0] <= boxes.upper).all()
 
 
 def test_intervals_hold_every_value_of_every_operation() -> None:

@@ -38,11 +38,11 @@ def test_many_points_have_the_values_that_few_have(function: DualFunction) -> No
     dual, count = random_dual(function, 2), LONGEST_BLOCK + 7
     points = random_points(function.joints, count, np.random.default_rng(3))
     ddq = function.viable.vertices[np.arange(count) % len(function.viable.vertices)]
-    together, (value, slope) = function.values(points, dual), function.slopes(points, ddq, dual)
+    together, (value, slope) = function.values(points, dual), function.value_and_gradient(points, ddq, dual)
     for part in (slice(0, 1), slice(LONGEST_BLOCK - 3, LONGEST_BLOCK + 3)):
         scale = np.abs(together).max()  # the same operations in the same order: equal but for fused multiplications
         np.testing.assert_allclose(function.values(points[part], dual), together[part], atol=1e-12 * scale)
-        few = function.slopes(points[part], ddq[part], dual)
+        few = function.value_and_gradient(points[part], ddq[part], dual)
         np.testing.assert_allclose(few[0], value[part], atol=1e-12 * scale)
         np.testing.assert_allclose(few[1], slope[part], atol=1e-12 * np.abs(slope).max())
 

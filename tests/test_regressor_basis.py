@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,14 +97,15 @@ def test_form_as_data_is_the_same_form() -> None:
     again = RegressorBasis.from_data(json.loads(json.dumps(form.to_data())))
     assert again.functions.to_data() == form.functions.to_data()
     np.testing.assert_array_equal(again.weights, form.weights)
-    for spoil in (
+    spoiled: list[dict[str, Any]] = [
         {"weights": [[[1.0]]]},
         {"inputs": []},
         {"functions": form.functions.to_data() | {"operations": [["system"], [0], [NO_OPERAND]]}},
         {"functions": form.functions.to_data() | {"operations": [["sin"], [99], [NO_OPERAND]]}},
         {"functions": form.functions.to_data() | {"operations": [["sin"], ["0"], [NO_OPERAND]]}},
         {"functions": form.functions.to_data() | {"results": [1, 999]}},
-    ):
+    ]
+    for spoil in spoiled:
         with pytest.raises(ValueError, match=r"weights|inputs|operation|result"):
             RegressorBasis.from_data(form.to_data() | spoil)
 

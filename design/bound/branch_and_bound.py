@@ -85,7 +85,7 @@ class DualFunctionEnclosure:
         high[:, points] = np.where(falling & ~rising, low[:, points], high[:, points])
         steepest = np.maximum(-below[:, 1:], above[:, 1:])
         middle, half = (low + high) / 2, (high - low)[:, points] / 2
-        centre, _ = self.function.slopes(middle[:, points], middle[:, 2 * n :], self.dual)
+        centre, _ = self.function.value_and_gradient(middle[:, points], middle[:, 2 * n :], self.dual)
         upper = np.minimum(above[:, 0], centre + (steepest * half).sum(axis=1))
         return StateBoxes(low, high, upper + ENCLOSURE_ROUNDING * self.function.size), steepest
 

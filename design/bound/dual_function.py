@@ -100,7 +100,7 @@ class DualFunction:
         """F (N, 2^n) at points (N, 2n) of the cube and every vertex of ddq."""
         return self._vertex_evaluation.values(list(points.T), dual.stacked).T
 
-    def slopes(self, points: Array, ddq: Array, dual: DualVariables) -> tuple[Array, Array]:
+    def value_and_gradient(self, points: Array, ddq: Array, dual: DualVariables) -> tuple[Array, Array]:
         """F (N,) and its derivative (N, 2n) by the points (N, 2n) of the cube, ddq (N, n) given."""
         value, *gradient = self._gradient_evaluation.values([*points.T, *ddq.T], dual.stacked)
         return value, np.stack(gradient, axis=1)

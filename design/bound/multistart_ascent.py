@@ -120,7 +120,7 @@ class GradientAscent:
     @classmethod
     def begun(cls, function: DualFunction, peaks: LocalMaxima, dual: DualVariables) -> GradientAscent:
         """At the points of the peaks, with constant ddq."""
-        value, slope = function.slopes(peaks.points, peaks.ddq, dual)
+        value, slope = function.value_and_gradient(peaks.points, peaks.ddq, dual)
         return cls(peaks.points, peaks.ddq, value, slope, FIRST_STEP / _largest(slope))
 
     def chosen(self, which: NDArray[np.bool_]) -> GradientAscent:
@@ -130,7 +130,7 @@ class GradientAscent:
     def moved(self, function: DualFunction, dual: DualVariables) -> GradientAscent:
         """After one step."""
         tried = np.clip(self.points + self.step[:, None] * self.slope, -1, 1)
-        value, slope = function.slopes(tried, self.ddq, dual)
+        value, slope = function.value_and_gradient(tried, self.ddq, dual)
         better = value > self.value
         longer = _curvature_step(tried - self.points, slope - self.slope)
         longer = np.clip(longer, self.step / 2, LONGEST_STEP / _largest(slope))

@@ -18,25 +18,15 @@ SensitivityShape = tuple[int, int]
 
 
 @lru_cache(maxsize=64)
-def term_function(arm: Arm, term: SensitivityTerm) -> Any:
-    """CasADi function (SX) from a state (3n,) and the clock's signals (2,) to the term's matrix (p, c)."""
-    import casadi as ca
-
-    state, clock = ca.SX.sym("x", 3 * arm.joints), ca.SX.sym("clock", len(CLOCK_SIGNALS))
-    given = ca.vertcat(signals_of_state(arm)(state), clock)
-    places = [(*signal_names(arm), *CLOCK_SIGNALS).index(name) for name in term.inputs]
-    return ca.Function("term", [state, clock], [term.function(given[places])])
-
-
-@lru_cache(maxsize=64)
 def sensitivity_function(arm: Arm, terms: tuple[SensitivityTerm, ...], shape: SensitivityShape) -> Any:
     """CasADi function (SX) from a state (3n,) and the clock's signals (2,) to the columns (p, k), before filters."""
     import casadi as ca
 
     state, clock = ca.SX.sym("x", 3 * arm.joints), ca.SX.sym("clock", len(CLOCK_SIGNALS))
+    given, names = ca.vertcat(signals_of_state(arm)(state), clock), (*signal_names(arm), *CLOCK_SIGNALS)
     total = ca.SX.zeros(*shape)
     for term in terms:
-        total[:, list(term.columns)] += term_function(arm, term)(state, clock)
+        total[:, list(term.columns)] += term.function(given[[names.index(name) for name in term.inputs]])
     return ca.Function("columns", [state, clock], [ca.cse(total)])
 
 
