@@ -114,10 +114,10 @@ class _Powers:
         """The expression with every base a symbol, and no power above LONGEST_PRODUCT."""
         if expression.is_Atom:
             return expression
-        parts = [self.rewritten(argument) for argument in expression.args]
+        parts = tuple(self.rewritten(argument) for argument in expression.args)
         if isinstance(expression, sp.Pow) and parts[1].is_Rational:
             return self._power(parts[0], parts[1])
-        return expression.func(*parts)
+        return expression if parts == expression.args else expression.func(*parts)
 
     def _power(self, base: sp.Expr, exponent: sp.Rational) -> sp.Expr:
         if exponent.q == 2 and abs(exponent.p) > 1:
