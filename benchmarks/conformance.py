@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from estimation.fit import Fit, table
+from estimation.fit import Fit
+from modeling.table import Table
 from tests.effects.cases import CASES, Case
 from tests.effects.checks import CHECKS, c_agrees, emitted
 from tests.effects.same_physics import same_physics_as_mujoco, simulated_too
@@ -49,7 +50,7 @@ def main() -> None:
     """Print the table, and the reasons of what fails."""
     rows = {case: row(case) for case in CASES}
     words = [[c.effect.id, SPACES[c.space.name], *(o.word for o in r.values())] for c, r in rows.items()]
-    print(table(("effect", "space", *CHECKS, "MuJoCo"), [tuple(each) for each in words]))
+    print(Table.of(("effect", "space", *CHECKS, "MuJoCo"), words))
     for case, outcomes in rows.items():
         for name, found in outcomes.items():
             if found.reason:

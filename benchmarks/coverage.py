@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.confidence_intervals import Intervals, intervals
-from estimation.fit import Fit, fit, table
+from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, with_readings
 from estimation.repeatability.bootstrap import bootstrap
@@ -31,6 +31,7 @@ from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.rig.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
+from modeling.table import Table
 from truewrench import simulated_rig as simulated
 
 Array = NDArray[np.float64]
@@ -287,4 +288,4 @@ def run(draws: int = DRAWS) -> Iterator[Coverage]:
 
 
 if __name__ == "__main__":
-    print(table(HEADER, [found.row() for found in run(int(sys.argv[1]) if len(sys.argv) > 1 else DRAWS)]))
+    print(Table.of(HEADER, [found.row() for found in run(int(sys.argv[1]) if len(sys.argv) > 1 else DRAWS)]))

@@ -29,12 +29,12 @@ from benchmarks.orthogonal_regression import orthogonal
 from estimation.errors_in_variables.errors_in_variables_fit import errors_in_variables_fit
 from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import Fit, fit
-from estimation.least_squares.estimates import table
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.kinematics.planar_arm import PlanarArm
 from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.table import Table
 from truewrench.simulated_rig import (
     HiddenEffect,
     NoiseModel,
@@ -216,7 +216,7 @@ def report(case: Case, draws: int) -> str:
     names = ways[0].names
     rows = [(n, *(e.mean(i) for e in ways), *(e.coverage(i) for e in ways)) for i, n in enumerate(names)]
     heading = f"{case.title}; noise of the motion: {InputNoise.stated(case.std)}"
-    return f"{heading}\n{table(header, rows)}"
+    return f"{heading}\n{Table.of(header, rows)}"
 
 
 WRONG: Mapping[str, tuple[float, tuple[HiddenEffect, ...]]] = {
@@ -231,7 +231,7 @@ def against_orthogonal(draws: int) -> str:
     """Mean errors of m, mlg and I, in std, of the corrected fit and of orthogonal regression."""
     header = ("what else is wrong", *(f"{n}: {way}" for n in ("m", "mlg", "I") for way in ("corrected", "orthogonal")))
     rows = [(title, *_against(factor, hidden, draws)) for title, (factor, hidden) in WRONG.items()]
-    return f"corrected against orthogonal regression, {draws} draws of one run\n{table(header, rows)}"
+    return f"corrected against orthogonal regression, {draws} draws of one run\n{Table.of(header, rows)}"
 
 
 def _against(factor: float, hidden: tuple[HiddenEffect, ...], draws: int) -> list[str]:

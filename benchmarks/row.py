@@ -6,7 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-HEADER = ("task", "truewrench", "instead", "quantity", "ratio", "from", "to")
+from modeling.table import Column, Table
+
+COLUMNS = (
+    *map(Column, ("task", "truewrench", "instead", "quantity")),
+    *(Column(name, format=".3g") for name in ("ratio", "from", "to")),
+)
 LEGEND = "ratio: the other's time, memory or evaluations over truewrench's; median, smallest and largest of the rounds"
 
 
@@ -21,18 +26,19 @@ class Row:
     ratios: tuple[float, ...]
 
     @property
-    def cells(self) -> tuple[str, ...]:
-        """The row as text, under `HEADER`."""
-        numbers = (median(self.ratios), min(self.ratios), max(self.ratios))
-        return (self.task, self.ours, self.instead, self.quantity, *(f"{n:.3g}" for n in numbers))
+    def cells(self) -> tuple[str | float, ...]:
+        """The entries under `COLUMNS`."""
+        return (
+            self.task,
+            self.ours,
+            self.instead,
+            self.quantity,
+            median(self.ratios),
+            min(self.ratios),
+            max(self.ratios),
+        )
 
 
 def table(rows: Sequence[Row]) -> str:
-    """The rows under their header, numbers to the right, and what a ratio is."""
-    lines = [HEADER, *(row.cells for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(HEADER))]
-    text = [
-        "  ".join(c.rjust(w) if i > 3 else c.ljust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True)))
-        for line in lines
-    ]
-    return "\n".join([*text, "", LEGEND])
+    """The rows under their header, and what a ratio is."""
+    return f"{Table.of(COLUMNS, [row.cells for row in rows])}\n\n{LEGEND}"

@@ -17,12 +17,13 @@ from design.information.sample_information import SampleInformation
 from design.limits.limit_use import LimitUse
 from design.optimiser.multistart import DesignTask, LocalOptimum
 from design.trajectories.trajectory import Trajectory
+from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ExcitingTrajectory:
+class ExcitingTrajectory(Tabular):
     """The best trajectory found, with its optimisation problem, local optima and upper bound.
 
     task          objective and limits of the optimisation
@@ -115,11 +116,12 @@ class ExcitingTrajectory:
             return dict.fromkeys(names)
         return dict(zip(names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
-    def rows(self) -> list[tuple[str, str]]:
-        """The table: names and values."""
+    @property
+    def table(self) -> Table:
+        """Figures of merit, bound and use of the limits."""
         best, others = self.local_optima[0], self.local_optima[1:]
         values = ", ".join(f"{optimum.value:.2f}" for optimum in others)
-        return [
+        rows = [
             ("trajectory", f"{self.motion.series}, {self.samples} samples in {self.motion.period:g} s"),
             ("ln det(Phi' Phi)", f"{self.logdet:.3f}, unweighted SI"),
             *self._criterion(),
@@ -133,6 +135,7 @@ class ExcitingTrajectory:
             ),
             *([("other local optima", values)] if others else []),
         ]
+        return Table.of(("", ""), rows)
 
     def _criterion(self) -> list[tuple[str, str]]:
         weight = "unweighted SI" if self.experiment.noise is None else "weighted by the noise"
@@ -145,7 +148,7 @@ class ExcitingTrajectory:
         if bound is None or weak_duality is None or self.efficiency is None:
             reason = self.no_bound_reason or "not all parameters are identifiable along the trajectory"
             return [("upper bound", f"none: {reason}")]
-        rows, condition = dict(bound.rows()), " if the check holds" if bound.kind is BoundKind.CHECKED else ""
+        rows, condition = dict(bound.rows), " if the check holds" if bound.kind is BoundKind.CHECKED else ""
         error = weak_duality.quadrature
         return [
             ("upper bound", f"{bound.logdet:.3f} for any periodic trajectory within these limits ({bound.kind.value})"),
@@ -154,11 +157,6 @@ class ExcitingTrajectory:
             ("proven", rows["proven"]),
             ("samples", f"{error:+.4f} in ln det against the mean over time, to which the bound applies"),
         ]
-
-    def __str__(self) -> str:
-        rows = self.rows()
-        width = max(len(name) for name, _ in rows)
-        return "\n".join(f"{name.ljust(width)}  {value}" for name, value in rows)
 
 
 def _finite(value: float) -> float | None:

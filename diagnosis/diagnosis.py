@@ -31,7 +31,7 @@ from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import RecordVerdict
-from estimation.fit import Fit, check_channels, initial_noise, refit, require_positive_fitted_mass, table
+from estimation.fit import Fit, check_channels, initial_noise, refit, require_positive_fitted_mass
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
@@ -39,10 +39,12 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects import catalogue
 from modeling.errors import InputError
+from modeling.number_format import P_VALUE
+from modeling.table import Column, Table, Tabular
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Tabular):
     """Result of a diagnosis of the recordings of one rig and tool.
 
     steps      selection steps, from the rigid tool to the last effect added
@@ -76,18 +78,21 @@ class Diagnosis:
         """Bonferroni-corrected p-value of the final model's lack of fit over the training recordings."""
         return min(1.0, len(self.steps[-1].training) * min(c.lack_of_fit for c in self.steps[-1].training))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Effect, verdict, p-value, share of the systematic error removed and reason, as text."""
-        return [
-            (f.effect.id, f.verdict.value, _short(f.p_value), _short(f.error_removed), f.reason) for f in self.findings
-        ]
+    @property
+    def table(self) -> Table:
+        """Effect, verdict, p-value, share of the systematic error removed and reason."""
+        numbers = (Column("p", format=P_VALUE), Column("error removed", format=".1%"))
+        rows = [(f.effect.id, f.verdict.value, f.p_value, f.error_removed, f.reason) for f in self.findings]
+        return Table.of(("effect", "verdict", *numbers, "reason"), rows)
 
-    def __str__(self) -> str:
+    def remarks(self) -> list[str]:
+        """Recording-specific disturbances, and where the residual is significant."""
+        return [*map(str, self.own), *([f"residual: {self.remainder.where}"] if self.remainder else [])]
+
+    def printed(self) -> list[Table | str]:
+        """Verdict, comparison with the first recording, candidate effects."""
         head = f"verdict: {self.verdict.value}" + (f" ({', '.join(self.added)})" if self.added else "")
-        residual = f"\nresidual: {self.remainder.where}" if self.remainder else ""
-        body = table(("effect", "verdict", "p", "error removed", "reason"), self.rows())
-        own = "".join(f"\n{o}" for o in self.own)
-        return f"{head}\n{self.steps[-1].training[0]}\n{body}{own}{residual}"
+        return [head, *self.steps[-1].training[0].printed(), *super().printed()]
 
     def to_data(self) -> dict[str, Any]:
         """The `result.json` of this diagnosis: numbers are finite or None."""
@@ -256,7 +261,3 @@ def _unexplained(step: SelectionStep, tolerance: Mapping[str, float]) -> Unexpla
     if fitted.lack_of_fit >= SIGNIFICANCE and held_out.lack_of_fit < HELD_OUT_SIGNIFICANCE:
         return describe_residual(held_out, tolerance, fitted=False)
     return describe_residual(fitted, tolerance)
-
-
-def _short(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"

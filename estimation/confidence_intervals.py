@@ -14,13 +14,14 @@ from scipy.special import zeta
 
 from estimation.distributions import student_isf
 from estimation.least_squares.column_space import orthonormal_basis
-from estimation.least_squares.estimates import table
+from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth_power_spectrum
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
 from modeling.parameter import Parameter
+from modeling.table import Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class WhitenedFit(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Intervals:
+class Intervals(Tabular):
     """Two-sided confidence intervals of a fit's parameters, in the order of its `theta`.
 
     std      (k,) standard deviation; for a single run corrected for the colour that the autoregression left
@@ -82,19 +83,15 @@ class Intervals:
         """Upper ends (k,)."""
         return np.asarray(self.fit.theta + self.half_width)
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Name, value, std, degrees of freedom, both ends and unit of every parameter, as text."""
-        columns = zip(self.fit.unknowns, self.fit.theta, self.std, self.freedom, self.low, self.high, strict=True)
-        return [
-            (p.name, f"{value:.6g}", f"{std:.2g}", f"{nu:.3g}", f"{low:.6g}", f"{high:.6g}", p.unit)
-            if np.isfinite(low)
-            else (p.name, "-", "not identifiable", "-", "-", "-", p.unit)
-            for p, value, std, nu, low, high in columns
-        ]
-
-    def __str__(self) -> str:
-        ends = (f"{100 * self.level:g} % from", "to")
-        return table(("parameter", "value", "std", "freedom", *ends, "unit"), self.rows())
+    @property
+    def table(self) -> Table:
+        """Name, value, std, degrees of freedom, both ends and unit of every parameter."""
+        name, value, std, unit = PARAMETER_COLUMNS
+        ends = (Column(end, format=".6g") for end in (f"{100 * self.level:g} % from", "to"))
+        numbers = np.column_stack([self.fit.theta, self.std, self.freedom, self.low, self.high])
+        numbers[~self.fit.identifiable] = np.nan
+        rows = [(p.name, *row, p.unit) for p, row in zip(self.fit.unknowns, numbers.tolist(), strict=True)]
+        return Table.of((name, value, std, Column("freedom", format=".3g"), *ends, unit), rows)
 
 
 def intervals(fit: WhitenedFit, *, level: float = 0.95, pull: Array | None = None) -> Intervals:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
 from estimation.least_squares.constrained import minimise_constrained as constrained
-from estimation.least_squares.estimates import Estimate, Estimates, table
+from estimation.least_squares.estimates import Estimate, Estimates
 from estimation.least_squares.linear_least_squares import LinearSolution
 from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
@@ -48,7 +48,6 @@ __all__ = [
     "refit",
     "require_positive_fitted_mass",
     "shared_objects",
-    "table",
 ]
 
 Array = NDArray[np.float64]

@@ -24,6 +24,7 @@ from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
 from modeling.effects import catalogue, com_offset, sensor_crosstalk, thermal_drift, time_delay, viscous_drag
+from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
 from modeling.rig.rig import Rig
 from modeling.space import Space
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
@@ -43,7 +44,6 @@ from truewrench.simulated_rig import (
     simulate,
 )
 from truewrench.simulated_rig import static_poses as simulated_poses
-from truewrench.text.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
 
 pytest.importorskip("mujoco")
 

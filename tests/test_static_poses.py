@@ -148,10 +148,10 @@ def test_sentences_say_what_to_do() -> None:
     assert advice.missing == ("bias_fx", "bias_fy", "bias_tau", "m", "mlg")
     assert "One more pose is needed for bias_fx, bias_fy, bias_tau, m, mlg, for example:" in str(advice)
     assert "not identifiable" in str(advice)
-    assert advice.pose_rows()[0][0].startswith("phi = ")
+    assert str(advice.pose_table.rows[0][0]).startswith("phi = ")
     _, advice = advised(Space.SPACE, general(Space.SPACE, 1, seed=7))
     assert "2 more poses are needed" in str(advice)
-    assert all(len(row[1].split()) == 4 for row in advice.pose_rows())
+    assert all(len(str(row[1]).split()) == 4 for row in advice.pose_table.rows)
 
 
 # ------------------------------------------------------------------------------------------ the poses

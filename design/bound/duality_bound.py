@@ -13,8 +13,9 @@ from design.bound.branch_and_bound import BranchAndBoundResult
 from design.bound.column_generation import GenerationRound
 from design.bound.dual_function import DualFunction, DualVariables
 from design.bound.dual_maximum import DualMaximum
-from design.bound.weak_duality import WeakDuality, aligned
+from design.bound.weak_duality import WeakDuality
 from design.trajectories.trajectory import Trajectory
+from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
 STATE_NAMES = ("q", "dq", "ddq")
@@ -28,7 +29,7 @@ class BoundKind(Enum):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DualityBound:
+class DualityBound(Tabular):
     """An upper bound on ln det of N times the time mean of Phi'Phi, of any periodic trajectory within the limits.
 
     For D positive definite, ln det M <= -ln det D + tr(D M) - k. Along a periodic trajectory the mean of L h vanishes,
@@ -80,8 +81,14 @@ class DualityBound:
         """Weak duality checked along one trajectory, and the quadrature error of its samples."""
         return WeakDuality.of(self.function, self.dual, motion, self.samples)
 
+    @property
+    def table(self) -> Table:
+        """The bound, its conditions, and what is checked and proven."""
+        return Table.of(("", ""), self.rows)
+
+    @property
     def rows(self) -> list[tuple[str, str]]:
-        """The table: names and values."""
+        """Names and values of the table."""
         return [
             ("upper bound of ln det", f"{self.logdet:.3f} ({self.kind.value}), {self.samples} samples"),
             ("primal value under these conditions", f"{self.primal_value:.3f}"),
@@ -109,6 +116,3 @@ class DualityBound:
         if self.proof is None or self.proven is None:
             return f"{theory}; the largest F is not"
         return f"{self.proven:.3f}, {self.proof}; {theory}"
-
-    def __str__(self) -> str:
-        return aligned(self.rows())

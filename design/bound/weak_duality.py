@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from design.bound.dual_function import DualFunction, DualVariables
 from design.trajectories.trajectory import Trajectory
+from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ FEWEST_PIECES = 400
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class WeakDuality:
+class WeakDuality(Tabular):
     """Weak duality along one trajectory; all ln det are of N samples.
 
     excess      largest violation of viability by its states, in shares of the limits; negative inside
@@ -46,9 +46,10 @@ class WeakDuality:
         """sampled - logdet: the quadrature error of the samples in ln det of the mean over time."""
         return self.sampled - self.logdet
 
-    def rows(self) -> list[tuple[str, str]]:
-        """The table: names and values."""
-        return [
+    @property
+    def table(self) -> Table:
+        """Each quantity that weak duality relates."""
+        rows = [
             ("violation of viability", f"{self.excess:.1e} of the limits"),
             ("mean of F over the period", f"{self.dual:.4f}"),
             ("largest mean of a periodicity condition", f"{self.conditions:.1e} of its rms"),
@@ -56,9 +57,7 @@ class WeakDuality:
             ("ln det, samples", f"{self.sampled:.4f}: quadrature error {self.quadrature:+.1e}"),
             ("weak duality: bound from its mean of F", f"{self.weak:.4f}"),
         ]
-
-    def __str__(self) -> str:
-        return aligned(self.rows())
+        return Table.of(("", ""), rows)
 
     @classmethod
     def of(cls, function: DualFunction, dual: DualVariables, motion: Trajectory, samples: int) -> WeakDuality:
@@ -90,9 +89,3 @@ def _quadrature(motion: Trajectory) -> tuple[Array, Array]:
     middle, half = (fine[1:] + fine[:-1]) / 2, np.diff(fine) / 2
     time = (middle[:, None] + half[:, None] * nodes).ravel()
     return time, (half[:, None] * weights).ravel() / (breaks[-1] - breaks[0])
-
-
-def aligned(rows: Sequence[tuple[str, str]]) -> str:
-    """Text of a table of two columns."""
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name.ljust(width)}  {value}" for name, value in rows)

@@ -10,10 +10,19 @@ from design.discrimination.exchange_algorithm import ExchangeRound
 from design.discrimination.model_pair import CLEAR_SEPARATION, CONFUSABLE_SEPARATION, ModelPair, Separability
 from design.limits.limit_use import LimitUse
 from design.trajectories.trajectory import Trajectory
+from modeling.table import Column, Table, Tabular, Value
+
+DISCRIMINATION_COLUMNS = (
+    Column("true"),
+    Column("rival"),
+    *(Column(name, format=".4g") for name in ("lambda before", "lambda after")),
+    *(Column(name, format=".2g") for name in ("error before", "error after")),
+    *(Column(name, format="d") for name in ("runs for 5 %", "runs for 1 %")),
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DiscriminationDesign:
+class DiscriminationDesign(Tabular):
     """A discriminating trajectory with the separation of each pair of models.
 
     motion     within the limits at every instant; None when no trajectory discriminates any of them
@@ -55,30 +64,25 @@ class DiscriminationDesign:
             "rounds": [found.smallest for found in self.rounds],
         }
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Truth, rival, lambda and error probability before and after, runs for 5 % and 1 % errors, as text."""
-        rows = []
+    @property
+    def table(self) -> Table:
+        """Truth, rival, lambda and error probability before and after, runs for 5 % and 1 % errors."""
+        rows: list[tuple[Value, ...]] = []
         for pair in self.pairs:
-            for direction in pair.directions:
-                errors = [_share(None if direction.imitated else pair.chance(x)) for x in (pair.before, pair.after)]
-                after = "indistinguishable" if direction.imitated else f"{direction.after:.4g}"
-                runs = [
-                    _count(None if direction.imitated else pair.runs_for(x))
-                    for x in (CONFUSABLE_SEPARATION, CLEAR_SEPARATION)
-                ]
-                rows.append((direction.truth, direction.rival, f"{direction.before:.4g}", after, *errors, *runs))
-        return rows
+            errors = [pair.chance(x) for x in (pair.before, pair.after)]
+            runs = [pair.runs_for(x) for x in (CONFUSABLE_SEPARATION, CLEAR_SEPARATION)]
+            for d in pair.directions:
+                known = [None] * 4 if d.imitated else [*errors, *runs]
+                rows.append((d.truth, d.rival, d.before, "indistinguishable" if d.imitated else d.after, *known))
+        return Table.of(DISCRIMINATION_COLUMNS, rows)
 
-    def __str__(self) -> str:
-        heads = ("true", "rival", "lambda before", "after", "error before", "after", "runs for 5 %", "1 %")
-        table = [heads, *self.rows()]
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in table]
-        lines += [f"{pair.names[0]} or {pair.names[1]}: {_verdict(pair)}" for pair in self.pairs]
+    def remarks(self) -> list[str]:
+        """Verdict of each pair, the runs and the reference, and the use of the limits."""
+        lines = [f"{pair.names[0]} or {pair.names[1]}: {_verdict(pair)}" for pair in self.pairs]
         lines.append(f"lambda in {self.runs} run{'s' * (self.runs > 1)} of the trajectory; before: {self.reference}")
         if self.limit_use is not None:
             lines.append(self.limit_use.sentence())
-        return "\n".join(lines)
+        return lines
 
 
 def _verdict(pair: ModelPair) -> str:
@@ -86,12 +90,6 @@ def _verdict(pair: ModelPair) -> str:
         return f"{pair.verdict.value}; the simpler one is preferred"
     text = pair.verdict.value + ("; nested models: the simpler one is preferred unless it is rejected" * pair.nested)
     runs = pair.runs_for(CLEAR_SEPARATION)
-    return text if pair.verdict is Separability.SEPARATED else f"{text} ({_count(runs)} for 1 % errors)"
-
-
-def _share(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2g}"
-
-
-def _count(value: int | None) -> str:
-    return "-" if value is None else f"{value}"
+    return (
+        text if pair.verdict is Separability.SEPARATED else f"{text} ({'-' if runs is None else runs} for 1 % errors)"
+    )

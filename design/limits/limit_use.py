@@ -13,6 +13,7 @@ from design.trajectories.trajectory import Array, Trajectory
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.rig.rig import Limits, Workspace
+from modeling.table import Column, Table, Tabular, Value
 
 LIMITED_DERIVATIVES = {"position": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
 """Limited quantities by the order of their derivative, and the suffix of their unit to the coordinate's."""
@@ -48,14 +49,13 @@ class LimitedQuantity:
         middle, half = sum(self.limit) / 2, (self.limit[1] - self.limit[0]) / 2
         return (middle - self.low) / half, (self.high - middle) / half
 
-    def row(self) -> tuple[str, ...]:
-        """The cells of the table."""
-        numbers = (f"{v:.4g}" for v in (self.low, self.high, *self.limit))
-        return (self.quantity, self.name, *numbers, self.unit, f"{self.use:.4f}", self.side)
+    def row(self) -> tuple[Value, ...]:
+        """The row of the table."""
+        return (self.quantity, self.name, self.low, self.high, *self.limit, self.unit, self.use, self.side)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LimitUse:
+class LimitUse(Tabular):
     """The range of every limited quantity during a trajectory: enclosures, valid between the samples too."""
 
     limited_quantities: tuple[LimitedQuantity, ...]
@@ -94,12 +94,16 @@ class LimitUse:
         """`worst_limit_use` of FORMATS: the largest use of each limited quantity."""
         return {name: limited.use for name, limited in self.by_quantity.items()}
 
-    def __str__(self) -> str:
-        heads = ("", "", "from", "to", "low", "high", "unit", "use", "nearest")
-        rows = [heads, *(limited.row() for limited in self.limited_quantities)]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = ("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows)
-        return "\n".join([*lines, self.sentence()])
+    @property
+    def table(self) -> Table:
+        """Range, limit and use of each quantity."""
+        numbers = (Column(name, format=".4g") for name in ("from", "to", "low", "high"))
+        columns: tuple[Column | str, ...] = ("quantity", "of", *numbers, "unit", Column("use", format=".4f"), "nearest")
+        return Table.of(columns, [limited.row() for limited in self.limited_quantities])
+
+    def remarks(self) -> list[str]:
+        """The largest use."""
+        return [self.sentence()]
 
     def sentence(self) -> str:
         """The largest use as a sentence."""

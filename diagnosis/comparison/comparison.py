@@ -13,18 +13,20 @@ from diagnosis.comparison.generic_terms import cross_validated_gain, event_mean_
 from diagnosis.comparison.validation import validation_fit
 from estimation.confidence_intervals import inverse_trigamma
 from estimation.distributions import chi2_sf, f_sf
-from estimation.fit import Fit, table
+from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
+from modeling.number_format import P_VALUE, plain_number
 from modeling.space import Space
+from modeling.table import Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Tabular):
     """One recording against its prediction.
 
     noise_floor      noise std of one sample, per channel
@@ -58,21 +60,21 @@ class Comparison:
             return None
         return {c: float(np.sqrt(rms**2 + 2 * self.explainable_std[c])) for c, rms in self.explainable_rms.items()}
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Channel, unit, noise floor, RMS and systematic RMS, as text."""
+    @property
+    def table(self) -> Table:
+        """Channel, unit, noise floor, RMS and systematic RMS."""
         explainable = self.explainable_rms or {}
-        return [
-            (c, unit, f"{self.noise_floor[c]:.4g}", f"{self.rms[c]:.4g}", _number(explainable.get(c)))
+        rows = [
+            (c, unit, self.noise_floor[c], self.rms[c], explainable.get(c))
             for c, unit in zip(self.recording.channels, self.space.units, strict=True)
         ]
+        numbers = (Column(name, format=".4g") for name in ("noise floor", "rms", "systematic rms"))
+        return Table.of(("channel", "unit", *numbers), rows)
 
-    def __str__(self) -> str:
-        head = table(("channel", "unit", "noise floor", "rms", "systematic rms"), self.rows())
-        return f"{head}\nreduced chi-square {_number(self.misfit)}, lack of fit p = {self.lack_of_fit:.3g}"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    def remarks(self) -> list[str]:
+        """Reduced chi-square and lack of fit."""
+        misfit = "-" if self.misfit is None else f"{self.misfit:.4g}"
+        return [f"reduced chi-square {misfit}, lack of fit p = {plain_number(self.lack_of_fit, P_VALUE)}"]
 
 
 def compare(fit: Fit, recording: Recording | None = None) -> Comparison:

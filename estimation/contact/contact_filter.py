@@ -14,20 +14,20 @@ from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.local_polynomial import LocalPolynomial
 from estimation.contact.row_signals import ColumnDerivative, RowSignals
 from estimation.fit import Fit
-from estimation.least_squares.estimates import table
 from modeling import symbolic as sp
 from modeling.chain.contact_gain import contact_gain_at, group_delay
 from modeling.dynamics.discrete_transfer_function import TransferFunctionFilter
 from modeling.dynamics.transfer_function import SymbolicTransferFunction
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
+from modeling.table import Table, Tabular
 from modeling.tool.wrench_components import contact_components
 
 Array = NDArray[np.float64]
 FilterRow = Mapping[str, float] | ArrayLike
 
 
-class ContactFilter:
+class ContactFilter(Tabular):
     """Contact wrench row by row, the real-time counterpart of `compensate`.
 
     At each sample `update` takes the current motion and reading and gives the contact wrench (p,), of the environment
@@ -191,13 +191,14 @@ class ContactFilter:
         value = self.window.gain(frequency)
         return np.asarray(value - self.window.gain(frequency, max((d.order for d in self._derivatives), default=0)))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Delay, bandwidth, noise and leakage of inertial loads, as text."""
+    @property
+    def table(self) -> Table:
+        """Delay, bandwidth, noise and leakage of inertial loads."""
         names = contact_components(self.calibration.model.space)
         units = self.calibration.model.space.units
         noise = ", ".join(f"{n} {s:.3g} {u}" for n, s, u in zip(names, self.std, units, strict=True))
         share = 100 * abs(float(self.unfollowed(self.bandwidth / 4)[0]))
-        return [
+        rows = [
             ("delay", f"{self.delay:.6g} s"),
             ("sensor's group delay", f"{self.late:.6g} s"),
             ("first result at row", f"{self.warm_up}"),
@@ -209,9 +210,7 @@ class ContactFilter:
             ),
             ("inertial load leaking into contact", f"{share:.2g} % at {self.bandwidth / 4:.3g} Hz"),
         ]
-
-    def __str__(self) -> str:
-        return table(("contact filter", ""), self.rows())
+        return Table.of(("contact filter", "value"), rows)
 
 
 def _direct(function: Any, theta: Array) -> Callable[[Array], Array]:

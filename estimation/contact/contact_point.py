@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.contact.surface import Surface
-from estimation.least_squares.estimates import table
 from modeling.errors import InputError
+from modeling.table import Column, Table, Tabular
 
 Array = NDArray[np.float64]
 SampleMask = NDArray[np.bool_]
@@ -19,7 +19,7 @@ MIN_FORCE_TO_STD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class ContactPoint:
+class ContactPoint(Tabular):
     """Contact point of a pure force (no free torque) on the surface, sample by sample. Sensor frame, SI.
 
     point       (n, 3) m; nan where the force is not `clear`, its line misses the surface, or it points outwards
@@ -62,23 +62,21 @@ class ContactPoint:
         """Standard deviations (n, 3), m."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Number of samples of each kind, as text; for those with a point its median and median std."""
+    @property
+    def table(self) -> Table:
+        """Number of samples of each kind; for those with a point its median and median std."""
         kinds = {
             "point found": self.found,
             "line of action misses": self.missed,
             "force points outwards": self.pulled,
             "force too small": ~self.clear,
         }
-        rows: list[tuple[str, ...]] = [(name, str(int(which.sum()))) for name, which in kinds.items()]
-        if not self.found.any():
-            return rows
-        median, median_std = (np.median(values[self.found], axis=0) for values in (self.point, self.std))
-        medians = zip("xyz", median, median_std, strict=True)
-        return [*rows, *((f"{axis}, median", f"{value:.4g} ± {std:.2g} m") for axis, value, std in medians)]
-
-    def __str__(self) -> str:
-        return table(("contact point", "samples"), self.rows())
+        rows: list[tuple[str, int | str]] = [(name, int(which.sum())) for name, which in kinds.items()]
+        if self.found.any():
+            median, median_std = (np.median(values[self.found], axis=0) for values in (self.point, self.std))
+            medians = zip("xyz", median, median_std, strict=True)
+            rows += [(f"{axis}, median", f"{value:.4g} ± {std:.2g} m") for axis, value, std in medians]
+        return Table.of(("contact point", Column("samples", format="d")), rows)
 
 
 def contact_point(wrench: Array, covariance: Array, surface: Surface) -> ContactPoint:

@@ -16,19 +16,21 @@ from numpy.typing import NDArray
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_detection import ContactDetection, ContactInterval, detect_contacts
 from estimation.contact.point_force import PointForce
-from estimation.fit import Fit, check_channels, table
+from estimation.fit import Fit, check_channels
 from estimation.model_response import model_response
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.contact_gain import contact_gain_at, group_delay
+from modeling.number_format import P_VALUE
 from modeling.space import Space
+from modeling.table import Column, Table, Tabular
 from modeling.tool.wrench_components import contact_components
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class ContactWrench:
+class ContactWrench(Tabular):
     """Contact wrench during a recording, with covariance and detected contact intervals.
 
     wrench      (n, p) of the environment on the tool, whatever the readings' signs: fcx, fcy, tauc in the plane (x',
@@ -129,23 +131,26 @@ class ContactWrench:
         time = self.recording.time
         return float(sample) if time is None else float(time[min(sample, len(time) - 1)])
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Each interval: from, to, mean of each component and the largest magnitude, as text."""
-        return [
+    @property
+    def table(self) -> Table:
+        """Each interval: from, to, mean of each component and the largest magnitude."""
+        ends = (Column(name, format=".3f") for name in ("from", "to"))
+        sizes = (Column(name, format=".3g") for name in (*self.names, "largest force"))
+        rows = [
             (
-                f"{self.time_of(i.first):.3f}",
-                f"{self.time_of(i.last):.3f}",
-                *(f"{v:.3g}" for v in self.wrench[i.first : i.last].mean(axis=0)),
-                f"{self.magnitude[i.first : i.last].max():.3g}",
-                f"{i.p_value:.1g}",
+                self.time_of(i.first),
+                self.time_of(i.last),
+                *self.wrench[i.first : i.last].mean(axis=0).tolist(),
+                float(self.magnitude[i.first : i.last].max()),
+                i.p_value,
             )
             for i in self.intervals
         ]
+        return Table.of((*ends, *sizes, Column("p", format=P_VALUE)), rows)
 
-    def __str__(self) -> str:
-        if not self.intervals:
-            return "no contact found"
-        return table(("from", "to", *self.names, "largest force", "p"), self.rows())
+    def printed(self) -> list[Table | str]:
+        """The intervals, or that there is none."""
+        return [self.table if self.intervals else "no contact found"]
 
 
 def compensate(

@@ -11,19 +11,20 @@ import numpy as np
 from estimation.errors_in_variables.corrected_score import CorrectedScoreProblem
 from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import Fit, fit, refit
-from estimation.least_squares.estimates import table
+from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
+from modeling.table import Column, Table, Tabular, Value
 
 REWEIGHTING_ROUNDS = 2
 """Of weights: at ordinary least squares, then at the corrected values; more change no value by 0.01 std."""
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorsInVariables:
+class ErrorsInVariables(Tabular):
     """Two fits of one model to the same recordings: `plain` least squares, and `corrected` for the input noise.
 
     Both have the same weights, so that they differ by the bias alone.
@@ -43,21 +44,22 @@ class ErrorsInVariables:
         found = self.corrected.parameters.items()
         return {name: self.plain.values[name] - e.value for name, e in found if np.isfinite(e.std)}
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Name, plain value, corrected value with std, bias of the plain one, and that in std, as text."""
-        return [self._row(name) for name in self.corrected.parameters]
+    @property
+    def table(self) -> Table:
+        """Name, plain value, corrected value with std, bias of the plain one, and that in std."""
+        name, value, std, unit = PARAMETER_COLUMNS
+        bias = (Column("bias of plain", format=".2g"), Column("in std", format=".1f"))
+        columns = (name, replace(value, name="plain"), replace(value, name="corrected"), std, *bias, unit)
+        return Table.of(columns, [self._row(name) for name in self.corrected.parameters])
 
-    def _row(self, name: str) -> tuple[str, ...]:
-        plain, found = self.plain.parameters[name], self.corrected.parameters[name]
-        if name not in self.bias:
-            return name, f"{plain.value:.6g}", "-", "not identifiable", "-", "-", found.unit
-        bias = self.bias[name]
-        ratio = f"{bias / found.std:.1f}" if found.std else "-"
-        return name, f"{plain.value:.6g}", f"{found.value:.6g}", f"{found.std:.2g}", f"{bias:.2g}", ratio, found.unit
+    def _row(self, name: str) -> tuple[Value, ...]:
+        found, bias = self.corrected.parameters[name], self.bias.get(name)
+        ratio = bias / found.std if bias is not None and found.std else None
+        return name, self.plain.values[name], found.known, found.std, bias, ratio, found.unit
 
-    def __str__(self) -> str:
-        header = ("parameter", "plain", "corrected", "std", "bias of plain", "in std", "unit")
-        return f"{table(header, self.rows())}\nnoise of one sample of the motion: {self.noise}"
+    def remarks(self) -> list[str]:
+        """The noise of the inputs."""
+        return [f"noise of one sample of the motion: {self.noise}"]
 
 
 def errors_in_variables_fit(

@@ -85,12 +85,8 @@ class InputNoise:
         """Standard deviation of one sample by signal."""
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Signal, std of one sample and unit, as text."""
-        return [(name, f"{value:.3g}", signal_unit(name)) for name, value in self.std.items()]
-
     def __str__(self) -> str:
-        return ", ".join(f"{name} {value} {unit}" for name, value, unit in self.rows())
+        return ", ".join(f"{name} {value:.3g} {signal_unit(name)}" for name, value in self.std.items())
 
 
 def signal_unit(signal: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,8 +19,8 @@ from estimation.least_squares.identifiability import (
 from estimation.least_squares.levenberg_marquardt import MAX_STEPS, NEGLIGIBLE_COLUMN_LENGTH, SINGULAR_VALUE_TOLERANCE
 from estimation.least_squares.linear_least_squares import ScaledSVD
 from estimation.least_squares.square_root_information import SquareRootInformation
-from estimation.text_table import table as table
 from modeling.parameter import Parameter
+from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
@@ -37,8 +37,21 @@ class Estimate:
     std: float
     unit: str
 
+    @property
+    def known(self) -> float | None:
+        """The value; None where the parameter is not identifiable."""
+        return self.value if np.isfinite(self.std) else None
 
-class Estimates(ABC):
+
+PARAMETER_COLUMNS = (
+    Column("parameter"),
+    Column("value", format=".6g"),
+    Column("std", format=".2g", unknown=NOT_IDENTIFIABLE),
+    Column("unit"),
+)
+
+
+class Estimates(Tabular):
     """Parameters estimated by least squares, from recordings or a stream.
 
     theta        (k,), its covariance (k, k), and `identifiable` (k,), whether a parameter is identifiable
@@ -94,14 +107,10 @@ class Estimates(ABC):
         """The least certain of the identifiable directions."""
         return least_certain_direction(self.scaled_svd, self.unknowns)
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Name, value, std and unit of every parameter, as text."""
-        return [
-            (e.name, f"{e.value:.6g}", f"{e.std:.2g}", e.unit)
-            if np.isfinite(e.std)
-            else (e.name, "-", "not identifiable", e.unit)
-            for e in self.parameters.values()
-        ]
+    @property
+    def table(self) -> Table:
+        """Name, value, std and unit of every parameter."""
+        return Table.of(PARAMETER_COLUMNS, [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()])
 
     def remarks(self) -> list[str]:
         """Remarks on the estimate: ill-conditioning, unidentifiable combinations, missing convergence."""
@@ -113,6 +122,3 @@ class Estimates(ABC):
         return (
             found if self.converged else [*found, f"not converged after {MAX_STEPS} steps: the estimates are not final"]
         )
-
-    def __str__(self) -> str:
-        return "\n".join([table(("parameter", "value", "std", "unit"), self.rows()), *self.remarks()])

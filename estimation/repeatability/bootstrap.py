@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property, partial
 
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from scipy.stats import f, norm, pearsonr, t
 
 from estimation.confidence_intervals import intervals
-from estimation.fit import Fit, WhitenedProblem, table
+from estimation.fit import Fit, WhitenedProblem
+from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.recordings.recording import Recording, with_readings
 from modeling.errors import InputError
+from modeling.table import Column, Table, Tabular, Value
 
 Array = NDArray[np.float64]
 
@@ -40,7 +42,7 @@ class Agreement(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Bootstrap:
+class Bootstrap(Tabular):
     """Uncertainty of a fit from its repeats.
 
     pushes      per recording (R, k): influence of each repeat on the estimate, in the unknowns' units
@@ -127,19 +129,31 @@ class Bootstrap:
         p_values = [float(pearsonr(np.arange(len(a)), a).pvalue) for a in testable]
         return min(p_values, default=1.0) * max(len(testable), 1)
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Name, value, analytic and bootstrap std with its own error, t and percentile interval, agreement, as text."""
-        return [self._row(number) for number in range(len(self.std))]
+    @property
+    def table(self) -> Table:
+        """Name, value, analytic and bootstrap std with its own error, t and percentile interval, agreement."""
+        name, value, std, unit = PARAMETER_COLUMNS
+        texts = (f"t {100 * self.level:g} %", "percentile", unit, "agreement")
+        columns = (name, value, replace(std, name="analytic std"), "bootstrap std", Column("freedom", format=".3g"))
+        return Table.of((*columns, *texts), [self._row(number) for number in range(len(self.std))])
 
-    def _row(self, i: int) -> tuple[str, ...]:
+    def _row(self, i: int) -> tuple[Value, ...]:
         unknown, agreement = self.fit.unknowns[i], self.agreement[i]
         if agreement is Agreement.NOT_IDENTIFIABLE:
-            return (unknown.name, "-", "not identifiable", *["-"] * 4, unknown.unit, agreement.name.lower())
-        analytic = float(np.sqrt(self.fit.covariance[i, i]))
+            return (unknown.name, *[None] * 6, unknown.unit, agreement.name.lower())
         ends = [f"{low[i]:.6g} to {high[i]:.6g}" for low, high in (self.t_interval(), self.percentile_interval())]
         std = f"{self.std[i]:.2g} ± {self.std[i] * self.relative_error[i]:.1g}"
-        numbers = f"{self.fit.theta[i]:.6g}", f"{analytic:.2g}", std, f"{self.freedom[i]:.3g}"
-        return (unknown.name, *numbers, *ends, unknown.unit, agreement.name.lower())
+        analytic, freedom = float(np.sqrt(self.fit.covariance[i, i])), float(self.freedom[i])
+        return (
+            unknown.name,
+            float(self.fit.theta[i]),
+            analytic,
+            std,
+            freedom,
+            *ends,
+            unknown.unit,
+            agreement.name.lower(),
+        )
 
     def remarks(self) -> list[str]:
         """Why stds differ, and how uncertain a bootstrap from few repeats is."""
@@ -154,11 +168,6 @@ class Bootstrap:
                 " resamples carry no information; use the analytic std unless the bootstrap's is far larger"
             )
         return remarks
-
-    def __str__(self) -> str:
-        ends = (f"t {100 * self.level:g} %", "percentile")
-        head = ("parameter", "value", "analytic std", "bootstrap std", "degrees of freedom", *ends, "unit", "")
-        return "\n".join([table(head, self.rows()), *self.remarks()])
 
 
 def bootstrap(

@@ -12,6 +12,7 @@ from estimation.noise.power_spectrum import PowerSpectrum
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
 from estimation.repeatability.variance_components import VarianceComponents
+from modeling.table import Value
 
 Array = NDArray[np.float64]
 
@@ -45,15 +46,13 @@ class ErrorStatistics:
             name, unit, errors.mean(axis=1), errors.var(axis=1), float(errors.mean()), averaging, noise_gain
         )  # fmt: skip
 
-    def row(self) -> tuple[str, ...]:
-        """Name, unit, mean error, variance of a run and of the average, random and systematic part, gains, as text."""
+    def row(self) -> tuple[Value, ...]:
+        """Name, unit, mean error, variance of a run and of the average, random and systematic part, gains."""
         a = self.averaging
         low, high = a.interval()
-        return (
-            self.name, self.unit, f"{self.means.mean():.4g}", f"{a.single:.4g}", f"{a.average:.4g}", f"{a.noise:.4g}",
-            f"{a.remainder:.3g} ± {a.remainder_std:.2g}", f"{low:.3g} to {high:.3g}", f"{a.gain:.3g}", f"{a.runs}",
-            "-" if self.noise_gain is None else f"{self.noise_gain:.3g}",
-        )  # fmt: skip
+        systematic = (f"{a.remainder:.3g} ± {a.remainder_std:.2g}", f"{low:.3g} to {high:.3g}")
+        numbers = (float(self.means.mean()), a.single, a.average, a.noise)
+        return (self.name, self.unit, *numbers, *systematic, a.gain, a.runs, self.noise_gain)
 
     def to_data(self) -> dict[str, Any]:
         """All figures by name; infinite ones are null."""

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.fit import Fit, table
+from estimation.fit import Fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.recording import QUATERNION, Recording, motion_columns
 from estimation.repeatability.error_statistics import ErrorStatistics, averaging_noise_gains, split_into_repeats
 from modeling.errors import InputError
 from modeling.kinematics.joint import JointKind
 from modeling.space import Space
+from modeling.table import Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
@@ -38,23 +39,20 @@ class ValidationRow:
     variance: float
 
 
-REPEAT_TABLE_HEADER = (
-    "",
-    "unit",
-    "mean error",
-    "V run",
-    "V average",
-    "random std",
-    "systematic rms",
-    "95 %",
-    "gain",
-    "R",
-    "noise gain",
+REPEAT_COLUMNS = (
+    Column("series"),
+    Column("unit"),
+    *(Column(name, format=".4g") for name in ("mean error", "V run", "V average", "random std")),
+    Column("systematic rms"),
+    Column("95 %"),
+    Column("gain", format=".3g"),
+    Column("R", format="d"),
+    Column("noise gain", format=".3g"),
 )
 
 
 @dataclass(frozen=True, eq=False)
-class RepeatTable:
+class RepeatTable(Tabular):
     """Mean error and variance of each run, of their average and in validation; random and systematic part (erratum 6).
 
     readings    one row per channel: measured minus predicted
@@ -87,23 +85,31 @@ class RepeatTable:
         validated = tuple(row for other in validation for row in validation_rows(fit, number, other))
         return cls(recording.name, readings, motion_error_rows(recording), validated)
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """One row for each channel and each column of the motion, as text under `REPEAT_TABLE_HEADER`."""
-        return [row.row() for row in (*self.readings, *self.motion)]
+    @property
+    def table(self) -> Table:
+        """One row for each channel and each column of the motion."""
+        return Table.of(REPEAT_COLUMNS, [row.row() for row in (*self.readings, *self.motion)])
 
-    def run_rows(self) -> list[tuple[str, ...]]:
-        """Mean error and variance of every channel, run by run, of the average and in validation, as text."""
+    @property
+    def channel_table(self) -> Table:
+        """One row for each channel."""
+        return Table.of(REPEAT_COLUMNS, [row.row() for row in self.readings])
+
+    @property
+    def run_table(self) -> Table:
+        """Mean error and variance of every channel, run by run, of the average and in validation."""
+        names = [f"{kind} {row.name}" for row in self.readings for kind in ("mean", "var")]
         runs = len(self.readings[0].means)
-        lines = [
-            (f"run {r + 1}", *(f"{v:.4g}" for row in self.readings for v in (row.means[r], row.variances[r])))
+        lines: list[tuple[str | float, ...]] = [
+            (f"run {r + 1}", *(float(v) for row in self.readings for v in (row.means[r], row.variances[r])))
             for r in range(runs)
         ]
-        whole = (f"{v:.4g}" for row in self.readings for v in (row.average_mean, row.averaging.average))
+        whole = (v for row in self.readings for v in (row.average_mean, row.averaging.average))
         lines.append((f"average of {runs}", *whole))
         for name in dict.fromkeys(row.recording for row in self.validation):
             own = [row for row in self.validation if row.recording == name]
-            lines.append((name, *(f"{v:.4g}" for row in own for v in (row.mean, row.variance))))
-        return lines
+            lines.append((name, *(v for row in own for v in (row.mean, row.variance))))
+        return Table.of(("recording", *(Column(name, format=".4g") for name in names)), lines)
 
     def remarks(self) -> list[str]:
         """Channels whose coloured noise makes the average's variance differ from that of independent runs."""
@@ -118,9 +124,9 @@ class RepeatTable:
                 )
         return remarks
 
-    def __str__(self) -> str:
-        heads = ("", *(f"{kind} {row.name}" for row in self.readings for kind in ("mean", "var")))
-        return "\n".join([table(heads, self.run_rows()), "", table(REPEAT_TABLE_HEADER, self.rows()), *self.remarks()])
+    def printed(self) -> list[Table | str]:
+        """Runs, then series, then remarks."""
+        return [self.run_table, "", *super().printed()]
 
     def to_data(self) -> dict[str, Any]:
         """The whole table as JSON data."""

@@ -13,6 +13,7 @@ from estimation.noise.power_spectrum import MIN_ORDINATES, smooth_power_spectrum
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
 from estimation.robust.robust_loss import Loss
+from modeling.table import Column, Value
 
 Array = NDArray[np.float64]
 
@@ -65,6 +66,18 @@ def inverse_covariance_filter(recording: Recording, residual: Array) -> InverseC
         weights[1:, channel] = np.where(spectrum.tones, 0.0, 1 / spectrum(frequency))
         weights[0, channel] = 1 / spectrum(frequency[:1])[0]
     return InverseCovarianceFilter(weights)
+
+
+OUTLIER_COLUMNS = (
+    Column("recording"),
+    Column("channel"),
+    Column("scale", format=".4g"),
+    Column("downweighted", "%", format=".2g"),
+    Column("if normal", "%", format=".2g"),
+    Column("outliers", format="d"),
+    Column("largest", "std", format=".3g"),
+    Column("at", "s, row", format=".6g"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,16 +152,16 @@ class Outliers:
                 break
         return np.asarray((moved - outlying).reshape(derivative.shape))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Channel, scale, share downweighted and that for normal noise, outliers, the largest and when, as text."""
-        return [self._row(c, channel) for c, channel in enumerate(self.recording.channels)]
+    def rows(self) -> list[tuple[Value, ...]]:
+        """A row of `OUTLIER_COLUMNS` for each channel."""
+        return [(self.recording.name, *self._row(c, channel)) for c, channel in enumerate(self.recording.channels)]
 
-    def _row(self, number: int, channel: str) -> tuple[str, ...]:
+    def _row(self, number: int, channel: str) -> tuple[Value, ...]:
         size = np.abs(self.distance[:, number])
-        shares = f"{100 * self.share[number]:.2g} %", f"{100 * self.loss.downweighted:.2g} %"
-        count, worst = str(int(self.found[:, number].sum())), int(size.argmax())
-        where = f"{worst * sample_step(self.recording):.6g}"
-        return (channel, f"{self.scale[number]:.4g}", *shares, count, f"{size[worst]:.3g}", where)
+        shares = 100 * float(self.share[number]), 100 * self.loss.downweighted
+        count, worst = int(self.found[:, number].sum()), int(size.argmax())
+        where = worst * sample_step(self.recording)
+        return (channel, float(self.scale[number]), *shares, count, float(size[worst]), where)
 
 
 def separate_outliers(

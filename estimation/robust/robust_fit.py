@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.confidence_intervals import Intervals, intervals
-from estimation.fit import Estimate, Fit, WhitenedProblem, check_channels, refit, require_positive_fitted_mass, table
+from estimation.fit import Estimate, Fit, WhitenedProblem, check_channels, refit, require_positive_fitted_mass
+from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.recordings.recording import Recording, with_readings
 from estimation.recordings.sign_convention import with_decided_convention
-from estimation.robust.outliers import Outliers, separate_outliers
+from estimation.robust.outliers import OUTLIER_COLUMNS, Outliers, separate_outliers
 from estimation.robust.robust_loss import Huber, Loss
 from modeling.chain.model import WrenchModel
+from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
 
@@ -27,7 +29,7 @@ PARAMETER_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class RobustFit:
+class RobustFit(Tabular):
     """An M-estimate of a model's parameters, with the outliers of the recordings.
 
     fit        of the cleaned recordings (readings less `outliers.part`); its covariance is the M-estimate's
@@ -58,32 +60,23 @@ class RobustFit:
         """Confidence intervals of every parameter, with the effective degrees of freedom of the estimated noise."""
         return intervals(self.fit, level=level, pull=self.pull)
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Name, value, std, unit, and value and std of ordinary least squares, as text."""
-        plain = [row[1:3] for row in self.plain.rows()]
-        return [(*row, *other) for row, other in zip(self.fit.rows(), plain, strict=True)]
+    @property
+    def table(self) -> Table:
+        """Name, value, std, unit, and value and std of ordinary least squares."""
+        _, value, std, _ = PARAMETER_COLUMNS
+        plain = (replace(value, name="least squares"), replace(std, name="its std"))
+        rows = zip(self.fit.table.rows, self.plain.table.rows, strict=True)
+        return Table.of((*PARAMETER_COLUMNS, *plain), [(*row, *other[1:3]) for row, other in rows])
 
-    def outlier_rows(self) -> list[tuple[str, ...]]:
-        """The rows of every recording's outliers under its name."""
-        names = [r.name for r in self.plain.recordings]
-        return [(name, *row) for name, own in zip(names, self.outliers, strict=True) for row in own.rows()]
+    @property
+    def outlier_table(self) -> Table:
+        """Share downweighted, and the significant outliers, of each channel of each recording."""
+        return Table.of(OUTLIER_COLUMNS, [row for own in self.outliers for row in own.rows()])
 
-    def __str__(self) -> str:
-        found = table(("parameter", "value", "std", "unit", "least squares", "std"), self.rows())
-        head = (
-            "recording",
-            "channel",
-            "scale",
-            "downweighted",
-            "if normal",
-            "outliers",
-            "largest (std)",
-            "at (s, row)",
-        )
-        text = f"{found}\n{self.loss}\n{table(head, self.outlier_rows())}"
-        return (
-            text if self.converged else f"{text}\nnot converged after {MAX_ROUNDS} rounds: the estimates are not final"
-        )
+    def printed(self) -> list[Table | str]:
+        """Parameters, then outliers."""
+        unfinished = f"not converged after {MAX_ROUNDS} rounds: the estimates are not final"
+        return [self.table, str(self.loss), self.outlier_table, *([] if self.converged else [unfinished])]
 
 
 def robust_fit(

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.fit import Fit
-from estimation.least_squares.estimates import table
 from modeling import symbolic as sp
 from modeling.expressions.compilation import numpy_function
 from modeling.space import Space
+from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class CentreOfMass:
+class CentreOfMass(Tabular):
     """The tool's centre of mass in the sensor frame, from the sensor origin.
 
     axes        of the components: x, y, z; in the plane `tip` along the tip, and x' if the model has that component
@@ -57,17 +57,13 @@ class CentreOfMass:
         """Standard deviation (d,) m; infinite where it is not identifiable."""
         return np.asarray(np.where(self.shown, np.sqrt(np.diag(self.covariance)), np.inf))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Axis, value and std in mm, as text."""
-        return [
-            (f"centre of mass, {axis}", f"{1e3 * value:.2f}", f"{1e3 * std:.2g}", "mm")
-            if np.isfinite(std)
-            else (f"centre of mass, {axis}", "-", "not identifiable", "mm")
-            for axis, value, std in zip(self.axes, self.value, self.std, strict=True)
-        ]
-
-    def __str__(self) -> str:
-        return table(("quantity", "value", "std", "unit"), self.rows())
+    @property
+    def table(self) -> Table:
+        """Axis, value and std in mm."""
+        value, std = Column("value", format=".2f"), Column("std", format=".2g", unknown=NOT_IDENTIFIABLE)
+        numbers = zip(self.axes, (1e3 * self.value).tolist(), (1e3 * self.std).tolist(), strict=True)
+        rows = [(f"centre of mass, {axis}", v if np.isfinite(s) else None, s, "mm") for axis, v, s in numbers]
+        return Table.of(("quantity", value, std, "unit"), rows)
 
 
 def _unit_vectors() -> dict[str, sp.Matrix]:

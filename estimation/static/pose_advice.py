@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, WhitenedProblem
-from estimation.least_squares.estimates import table
 from estimation.least_squares.linear_least_squares import ScaledSVD
 from estimation.static.candidate_poses import CandidatePoses
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
+from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ which makes a direction identifiable always precedes one that only reduces varia
 
 
 @dataclass(frozen=True, eq=False)
-class PoseAdvice:
+class PoseAdvice(Tabular):
     """Identifiability from static poses, and the further poses that complete it.
 
     fit       the fit, with at least one recording of static poses
@@ -96,25 +96,28 @@ class PoseAdvice:
         needed = "One more pose is" if count == 1 else f"{count} more poses are"
         return [*found, f"{needed} needed for {_listed(self.missing)}, for example:"]
 
-    def pose_rows(self) -> list[tuple[str, ...]]:
+    @property
+    def pose_table(self) -> Table:
         """Descriptions of the chosen poses, with the quaternion x y z w where the motion is recorded as one."""
         columns = self.poses.columns
-        quaternions = "qw" in columns
-        rows: list[tuple[str, ...]] = []
-        for i in self.chosen:
-            numbers = " ".join(f"{values[i] + 0.0:.4f}" for values in columns.values())
-            rows.append((self.poses.words[i], numbers) if quaternions else (self.poses.words[i],))
-        return rows
+        if "qw" not in columns:
+            return Table.of(["pose"], [(self.poses.words[i],) for i in self.chosen])
+        numbers = (" ".join(f"{values[i] + 0.0:.4f}" for values in columns.values()) for i in self.chosen)
+        return Table.of(
+            ["sensor", "qx qy qz qw"], zip((self.poses.words[i] for i in self.chosen), numbers, strict=True)
+        )
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Name, std now, std with the chosen poses, and unit of what static poses can identify, as text."""
-        units = {p.name: p.unit for p in self.fit.layout.parameters if p.name not in self.never}
-        return [(name, _std(self.before[name]), _std(self.after[name]), unit) for name, unit in units.items()]
+    @property
+    def table(self) -> Table:
+        """Name, std now, std with the chosen poses, and unit of what static poses can identify."""
+        known = [p for p in self.fit.layout.parameters if p.name not in self.never]
+        stds = (Column(n, format=".2g", unknown=NOT_IDENTIFIABLE) for n in ("std now", "std with these poses"))
+        rows = [(p.name, self.before[p.name], self.after[p.name], p.unit) for p in known]
+        return Table.of(("parameter", *stds, "unit"), rows)
 
-    def __str__(self) -> str:
-        header = ("sensor", "qx qy qz qw") if "qw" in self.poses.columns else ("pose",)
-        stds = table(("parameter", "std now", "std with these poses", "unit"), self.rows())
-        return "\n".join([*self.sentences(), table(header, self.pose_rows()), stds])
+    def printed(self) -> list[Table | str]:
+        """Advice, poses, stds."""
+        return [*self.sentences(), self.pose_table, self.table]
 
 
 def whitened_pose_sensitivity(fitted: Fit, number: int, poses: CandidatePoses) -> Array:
@@ -162,7 +165,3 @@ def _first_static_recording(fitted: Fit) -> int:
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names)
-
-
-def _std(value: float) -> str:
-    return f"{value:.2g}" if np.isfinite(value) else "not identifiable"

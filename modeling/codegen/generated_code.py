@@ -15,8 +15,7 @@ from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.dynamics.discrete_deflection import NEWTON_STEPS
 from modeling.expressions.operation_count import OperationCount
 from modeling.expressions.straight_line_program import StraightLineProgram
-
-COST_COLUMNS = ("operations per sample", "all", "+ -", "*", "/", "functions")
+from modeling.table import Column, Table
 
 
 class Language(Enum):
@@ -68,12 +67,15 @@ class GeneratedCode:
             costs.append(operation_cost(fitted.derivative_name, fitted.sensitivity))
         return cls(text, tuple(costs))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Operations per sample under COST_COLUMNS, with common subexpressions shared and without, as text."""
+    @property
+    def table(self) -> Table:
+        """Operations per sample, with common subexpressions shared and without."""
         counts = []
         for name, shared, unshared in self.costs:
             counts += [(name, shared)] + [(f"{name}, without shared subexpressions", unshared)] * (unshared != shared)
-        return [(name, *(str(n) for n in (c.total, c.sums, c.products, c.quotients, c.calls))) for name, c in counts]
+        rows = [(name, c.total, c.sums, c.products, c.quotients, c.calls) for name, c in counts]
+        numbers = (Column(name, format="d") for name in ("all", "+ -", "*", "/", "functions"))
+        return Table.of(("operations per sample", *numbers), rows)
 
 
 def operation_cost(name: str, program: StraightLineProgram) -> tuple[str, OperationCount, OperationCount]:

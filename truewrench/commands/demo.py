@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison
     from diagnosis.diagnosis import Diagnosis
     from estimation.contact.contact_wrench import ContactWrench
+    from modeling.table import Table, Value
     from truewrench.simulated_rig import Array, ContactEvent, HiddenEffect, PlanarRig
 
 NOTHING = "nothing"
@@ -163,7 +164,7 @@ def outcome(found: Diagnosis, hidden: str) -> str:
     lines = [f"Hidden: {hidden}. Identified: {named}. {_judgement(found, hidden)}", ""]
     before, after = (step.validation[0] for step in (found.steps[0], found.steps[-1]))
     lines.append(f"Systematic error on {VALIDATION.name}, a validation motion that was not fitted:")
-    lines.append(error_table(before, after))
+    lines.append(str(error_table(before, after)))
     return "\n".join(lines)
 
 
@@ -185,12 +186,12 @@ def _judgement(found: Diagnosis, hidden: str) -> str:
     return "Not the hidden effect."
 
 
-def error_table(before: Comparison, after: Comparison) -> str:
+def error_table(before: Comparison, after: Comparison) -> Table:
     """Systematic RMS per channel with the rigid tool and with the final model, against the limit for success.
 
     The limit is a tenth of the noise floor and two standard errors: power (floor / 10)² + 2 std of the power.
     """
-    from estimation.fit import table
+    from modeling.table import Column, Table
 
     rows = []
     errors = zip(before.explainable_rms or {}, before.space.units, strict=True)
@@ -199,9 +200,9 @@ def error_table(before: Comparison, after: Comparison) -> str:
         first, last = (dict(c.explainable_rms or {})[channel] for c in (before, after))
         allowed = ((floor / 10) ** 2 + 2 * dict(after.explainable_std or {})[channel]) ** 0.5
         reached = "reached" if last <= allowed else "not reached"
-        rows.append((channel, unit, *(f"{size:.3g}" for size in (floor, first, last, allowed)), reached))
-    head = ("channel", "unit", "noise floor", "rigid tool", "final model", "limit (floor / 10, 2 s.e.)", "")
-    return table(head, rows)
+        rows.append((channel, unit, floor, first, last, allowed, reached))
+    sizes = ("noise floor", "rigid tool", "final model", "limit (floor / 10, 2 s.e.)")
+    return Table.of(("channel", "unit", *(Column(name, format=".3g") for name in sizes), "success"), rows)
 
 
 # --------------------------------------------------------------------------------------- contact wrench
@@ -214,7 +215,7 @@ def contact_summary(found: Diagnosis, out: Path) -> str:
     from truewrench.files.output import atomic_write
     from truewrench.plots.contact_plot import LabelledContact, contact_figure
     from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
-    from truewrench.text.diagnosis_text import RIGID_TOOL
+    from truewrench.text.error_table import RIGID_TOOL
 
     fits = {RIGID_TOOL: found.steps[0].fit}
     if found.added:
@@ -231,7 +232,7 @@ def contact_summary(found: Diagnosis, out: Path) -> str:
     with atomic_write(out / PICTURE) as path:
         figure.savefig(path, format="png", dpi=144)
     lines = [f"A known force acts on the tool in {CONTACT.name}. Systematic error of the estimated contact wrench:"]
-    return "\n".join([*lines, contact_errors(contacts, true)])
+    return "\n".join([*lines, str(contact_errors(contacts, true))])
 
 
 def true_contact(contact: ContactWrench) -> Array:
@@ -245,21 +246,22 @@ def true_contact(contact: ContactWrench) -> Array:
     return np.asarray(on_tool[:, [0, 1, 5]] * [1, -1, 1])  # the tool's axes are x', -y'
 
 
-def contact_errors(contacts: dict[str, ContactWrench], true: Array) -> str:
+def contact_errors(contacts: dict[str, ContactWrench], true: Array) -> Table:
     """Per component the noise and each model's systematic error (`<`: below its noise limit), and contacts detected."""
     import numpy as np
 
-    from estimation.fit import table
+    from modeling.table import Cell, Column, Table
 
     first = next(iter(contacts.values()))
     errors = [
         np.maximum(contact.systematic_contact_error(true), contact.systematic_contact_error_limit)
         for contact in contacts.values()
     ]
-    rows = []
+    rows: list[tuple[Value, ...]] = []
     for i, (name, unit) in enumerate(zip(first.names, first.space.units, strict=True)):
-        noise = first.floor[i]
-        shown = ("< " * bool(e[i] == first.systematic_contact_error_limit[i]) + f"{e[i]:.2g}" for e in errors)
-        rows.append((name, unit, f"{noise:.3g}", f"{noise / 10:.2g}", *shown))
+        noise, limit = float(first.floor[i]), first.systematic_contact_error_limit[i]
+        shown = (Cell(float(e[i]), mark="< " if e[i] == limit else "") for e in errors)
+        rows.append((name, unit, noise, noise / 10, *shown))
     found = ("contacts detected", "", f"of {CONTACT.repeats}", "", *(str(len(c.intervals)) for c in contacts.values()))
-    return table(("component", "unit", "noise", "noise / 10", *contacts), [*rows, found])
+    sizes = (Column(label, format=".2g") for label in ("noise / 10", *contacts))
+    return Table.of(("component", "unit", Column("noise", format=".3g"), *sizes), [*rows, found])

@@ -47,10 +47,10 @@ def _custom_effects(path: str) -> tuple[Effect, ...]:
 
 def listing(effects: Iterable[Effect]) -> str:
     """Id, title, stage of the chain and the sensors that each effect applies to."""
-    from estimation.text_table import table
+    from modeling.table import Table
 
     rows = [(e.id, e.title, e.stage.value, _sensors(e.spaces)) for e in effects]
-    return table(("id", "effect", "stage", "sensor"), rows)
+    return str(Table.of(("id", "effect", "stage", "sensor"), rows))
 
 
 def description(effect: Effect) -> str:

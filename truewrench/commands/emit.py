@@ -51,11 +51,11 @@ def run(arguments: argparse.Namespace) -> None:
     text = code.text if code.text.endswith("\n") else code.text + "\n"
     if arguments.out is None:
         sys.stdout.write(text)
-        print(operations(code), file=sys.stderr)
+        print(code.table, file=sys.stderr)
         return
     with atomic_write(arguments.out) as path:
         path.write_text(text, encoding="utf-8", newline="\n")
-    print(f"{operations(code)}\n\nWritten: {arguments.out}")
+    print(f"{code.table}\n\nWritten: {arguments.out}")
 
 
 def code_of(model: str, language: Language, rate: float | None) -> GeneratedCode:
@@ -79,11 +79,3 @@ def code_of(model: str, language: Language, rate: float | None) -> GeneratedCode
     known = ModelFile.read(model).calibration
     fitted = FittedModel.of(known.model, known.theta, None if rate is None else 1 / rate)
     return GeneratedCode.of_fitted(fitted, language, source)
-
-
-def operations(code: GeneratedCode) -> str:
-    """Operation counts of one evaluation of each part, as a table."""
-    from estimation.fit import table
-    from modeling.codegen.generated_code import COST_COLUMNS
-
-    return table(COST_COLUMNS, code.rows())

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from estimation.contact.contact_wrench import ContactWrench
+from modeling.number_format import axis_label
 from truewrench.plots.style import INK, LEGEND, MUTED, QUIET_NOISE, SMALL, PanelGrid, label_y_axis, panel_title
-from truewrench.text.number_format import axis_label
 
 Array = NDArray[np.float64]
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from diagnosis.comparison.comparison import Comparison
 from diagnosis.diagnosis import Diagnosis
+from modeling.number_format import format_number, format_unit
 from truewrench.plots.style import (
     ADEQUATE_COLOUR,
     HELD_OUT,
@@ -25,55 +24,17 @@ from truewrench.plots.style import (
     label_y_axis,
     panel_title,
 )
-from truewrench.text.number_format import format_number, format_unit
+from truewrench.plots.svg_image import SvgImage, svg_image
+from truewrench.text.error_table import (
+    RecordingErrors,
+    recording_errors,
+    step_names,
+    systematic_error,
+    systematic_error_text,
+)
 
 COLUMNS = 3
 MARKERS = "osD^vPX"
-
-
-@dataclass(frozen=True, eq=False)
-class RecordingErrors:
-    """Comparisons of one recording at every selection step, and whether it was fitted."""
-
-    name: str
-    comparisons: tuple[Comparison, ...]
-    fitted: bool
-
-    def floor(self, channel: str) -> float:
-        """Noise floor at the first step: one estimated from the residual decreases with it."""
-        return max(self.comparisons[0].noise_floor[channel], 1e-300)
-
-
-def recording_errors(diagnosis: Diagnosis) -> tuple[RecordingErrors, ...]:
-    """Training recordings, then validation recordings."""
-    first = diagnosis.steps[0]
-    trained = [
-        RecordingErrors(c.recording.name, tuple(s.training[i] for s in diagnosis.steps), True)
-        for i, c in enumerate(first.training)
-    ]
-    held_out = [
-        RecordingErrors(c.recording.name, tuple(s.validation[i] for s in diagnosis.steps), False)
-        for i, c in enumerate(first.validation)
-    ]
-    return (*trained, *held_out)
-
-
-def systematic_error(comparison: Comparison) -> Mapping[str, float]:
-    """Systematic RMS per channel; the total RMS without repeats."""
-    return comparison.explainable_rms if comparison.explainable_rms is not None else comparison.rms
-
-
-def systematic_error_text(comparison: Comparison, channel: str, digits: int = 3) -> str:
-    """Systematic error of a channel; its upper limit where it is not significant."""
-    size, limit = systematic_error(comparison)[channel], comparison.explainable_limit
-    if size > 0 or limit is None:
-        return format_number(size, digits)
-    return f"< {format_number(limit[channel], 2)}"
-
-
-def step_names(diagnosis: Diagnosis) -> list[str]:
-    """Label of each selection step."""
-    return ["rigid tool" if s.effect is None else f"+ {s.effect.replace('_', ' ')}" for s in diagnosis.steps]
 
 
 def error_reduction_figure(diagnosis: Diagnosis) -> Figure:
@@ -144,9 +105,13 @@ def _draw_steps(axes: Axes, errors: RecordingErrors, channel: str, number: int, 
         "ls": "none",
         "zorder": 3,
     }
-    label = f"{errors.name} ({'fitted' if errors.fitted else 'validation'})"
     axes.plot(
-        place, np.where(ratio >= bottom, drawn, np.nan), MARKERS[number % len(MARKERS)], ms=6, label=label, **style
+        place,
+        np.where(ratio >= bottom, drawn, np.nan),
+        MARKERS[number % len(MARKERS)],
+        ms=6,
+        label=errors.label,
+        **style,
     )
     axes.plot(place, np.where(ratio < bottom, drawn, np.nan), "v", ms=6, **style)
 
@@ -166,3 +131,15 @@ def _write_errors(axes: Axes, errors: RecordingErrors, channel: str, count: int,
             fontsize=SMALL,
             color=MISFIT_COLOUR if ratio > 1 else INK,
         )
+
+
+def error_reduction_image(diagnosis: Diagnosis) -> SvgImage:
+    """Figure of the errors of all recordings after each selection step, per channel."""
+    sizes = [f"{n} {format_number(_largest_error_ratio(diagnosis, i), 2)}" for i, n in enumerate(step_names(diagnosis))]
+    alt = f"Error / noise floor after each selection step, worst channel: {', '.join(sizes)}."
+    return svg_image(error_reduction_figure(diagnosis), alt)
+
+
+def _largest_error_ratio(diagnosis: Diagnosis, step: int) -> float:
+    comparison = diagnosis.steps[step].training[0]
+    return max(v / max(comparison.noise_floor[c], 1e-300) for c, v in systematic_error(comparison).items())

@@ -8,15 +8,12 @@ from math import isfinite
 
 from diagnosis.verdict.finding import Finding
 from estimation.fit import Estimate
-from modeling.space import Space
-from truewrench.text.number_format import (
+from modeling.number_format import (
     FormattedQuantity,
-    format_number,
     format_p_value,
     format_percentage,
-    format_unit,
-    format_with_std,
 )
+from modeling.space import Space
 
 MAX_SHOWN_PARAMETERS = 6
 """Parameters of an effect shown; the rest is collapsed."""
@@ -24,14 +21,9 @@ MAX_SHOWN_PARAMETERS = 6
 
 @dataclass(frozen=True)
 class EffectRow:
-    """One candidate effect as text; `share` is the width of the bar in per cent."""
+    """One candidate effect with its numbers as text; `share` is the width of the bar in per cent."""
 
-    id: str
-    title: str
-    equation: str
-    advice: str
-    verdict: str
-    words: str
+    finding: Finding
     p_value: str
     removed: str
     share: float
@@ -39,25 +31,15 @@ class EffectRow:
     more_sizes: tuple[FormattedQuantity, ...]
     detectable: tuple[FormattedQuantity, ...]
     more_detectable: tuple[FormattedQuantity, ...]
-    confusable_with: tuple[str, ...]
-    reason: str
 
 
 def effect_row(finding: Finding, space: Space) -> EffectRow:
     """Row of one effect."""
-    effect = finding.effect
-    units = {p.name: p.unit for p in effect.parameters(space)}
+    units = {p.name: p.unit for p in finding.effect.parameters(space)}
     sizes = _by_signal_to_noise(finding.parameters)
-    limits = [
-        FormattedQuantity(n, format_number(v, 2), format_unit(units.get(n, ""))) for n, v in finding.detectable.items()
-    ]
+    limits = [FormattedQuantity.of(n, v, units.get(n, ""), digits=2) for n, v in finding.detectable.items()]
     return EffectRow(
-        id=effect.id,
-        title=effect.title,
-        equation=effect.equation,
-        advice=effect.advice,
-        verdict=finding.verdict.value,
-        words=finding.verdict.value.replace("_", " "),
+        finding=finding,
         p_value=format_p_value(finding.p_value),
         removed=format_percentage(finding.error_removed),
         share=round(100 * min(1.0, max(0.0, finding.error_removed or 0.0)), 1),
@@ -65,8 +47,6 @@ def effect_row(finding: Finding, space: Space) -> EffectRow:
         more_sizes=tuple(sizes[MAX_SHOWN_PARAMETERS:]),
         detectable=tuple(limits[:MAX_SHOWN_PARAMETERS]),
         more_detectable=tuple(limits[MAX_SHOWN_PARAMETERS:]),
-        confusable_with=finding.confusable_with,
-        reason=finding.reason,
     )
 
 
@@ -75,7 +55,7 @@ def _by_signal_to_noise(parameters: Mapping[str, Estimate]) -> list[FormattedQua
     found = list(parameters.items())
     if len(found) > MAX_SHOWN_PARAMETERS:
         found.sort(key=lambda pair: -_signal_to_noise(pair[1]))
-    return [FormattedQuantity(name, format_with_std(e.value, e.std), format_unit(e.unit)) for name, e in found]
+    return [FormattedQuantity.of(name, e.value, e.unit, e.std) for name, e in found]
 
 
 def _signal_to_noise(estimate: Estimate) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis
 from estimation.recordings.recording import Recording
+from modeling.number_format import format_number
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.nonperiodic_residual_plot import (
     nonperiodic_residual,
@@ -21,7 +22,6 @@ from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum_
 from truewrench.plots.residuals.time_series_plot import time_series_figure
 from truewrench.plots.svg_image import SvgImage, svg_image
 from truewrench.report.compared_models import compared_models
-from truewrench.text.number_format import format_number
 
 MAX_MAP_VARIABLES = 6
 """Variables of the residual maps of a channel: those that explain most of its residual."""

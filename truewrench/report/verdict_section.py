@@ -7,23 +7,24 @@ from dataclasses import dataclass
 
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
+from modeling.number_format import format_number, format_p_value, format_unit
 from modeling.rig.rig import Convention
-from truewrench.plots.error_reduction_plot import systematic_error, systematic_error_text
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.worst_channel_plot import MIN_SIGNAL_TO_NOISE, worst_channel, worst_channel_figure
 from truewrench.plots.svg_image import SvgImage, svg_image
 from truewrench.report.compared_models import compared_models, worst_recording
 from truewrench.report.effect_row import EffectRow
-from truewrench.text.number_format import format_number, format_p_value, format_unit
+from truewrench.text.error_table import systematic_error, systematic_error_text
+from truewrench.text.verdict_words import (
+    RECORD_VERDICT_LABELS,
+    disturbance_sentences,
+    noise_notes,
+    verdict_headline,
+    weaker_verdict_warning,
+)
 
-RECORD_VERDICT_LABELS = {
-    RecordVerdict.NOTHING_MISSING: "Nothing missing",
-    RecordVerdict.EXPLAINED: "Explained",
-    RecordVerdict.PARTLY_EXPLAINED: "Partly explained",
-    RecordVerdict.UNEXPLAINED: "Unexplained",
-}
 VERDICT_SYMBOLS = {
     RecordVerdict.NOTHING_MISSING: "=",
     RecordVerdict.EXPLAINED: "✓",
@@ -54,7 +55,7 @@ class VerdictSection:
 
 def verdict_section(diagnosis: Diagnosis, rows: Sequence[EffectRow]) -> VerdictSection:
     """The head of the report, with the channel of the largest error-to-noise ratio of the rigid tool."""
-    added = tuple(r for r in rows if r.verdict == "supported")
+    added = tuple(r for r in rows if r.finding.verdict is EffectVerdict.SUPPORTED)
     sides = compared_models(diagnosis, worst_recording(diagnosis))
     alt = "Residual of the worst channel, with the rigid tool and with the final model."
     picture = svg_image(worst_channel_figure(sides), alt, _figure_caption(sides[0]))
@@ -62,11 +63,11 @@ def verdict_section(diagnosis: Diagnosis, rows: Sequence[EffectRow]) -> VerdictS
         kind=diagnosis.verdict.value,
         label=RECORD_VERDICT_LABELS[diagnosis.verdict],
         symbol=VERDICT_SYMBOLS[diagnosis.verdict],
-        headline=verdict_headline(diagnosis.verdict, [r.title for r in added]),
+        headline=verdict_headline(diagnosis),
         effects=added,
         sentences=tuple(_sentences(diagnosis)),
         notes=tuple(_notes(diagnosis)),
-        warning=_warning(diagnosis),
+        warning=weaker_verdict_warning(diagnosis),
         picture=picture,
     )
 
@@ -85,20 +86,6 @@ def _figure_caption(side: LabelledComparison) -> str:
     return f"Residual of {name}, {mean}. Grey: ± noise of one sample; darker: ± noise of the mean."
 
 
-def verdict_headline(verdict: RecordVerdict, titles: Sequence[str]) -> str:
-    """The verdict as one sentence."""
-    missing = "; ".join(titles)
-    if verdict is RecordVerdict.NOTHING_MISSING:
-        return "Nothing is missing: the residual of the rigid tool is consistent with the noise"
-    if verdict is RecordVerdict.EXPLAINED:
-        return f"Missing in the model: {missing}"
-    if verdict is RecordVerdict.PARTLY_EXPLAINED:
-        return f"Missing in the model: {missing}; an unexplained residual remains"
-    if titles:
-        return f"Significant residual; adding {missing} removes less than half of the systematic error"
-    return "Significant residual, and no candidate effect explains it"
-
-
 def _sentences(diagnosis: Diagnosis) -> list[str]:
     number = worst_recording(diagnosis)
     _, channel = worst_channel(compared_models(diagnosis, number)[0])
@@ -108,7 +95,7 @@ def _sentences(diagnosis: Diagnosis) -> list[str]:
         found.append(
             _error_reduction_sentence(held_out, channel, f"On {held_out[0].recording.name} (validation, not fitted): ")
         )
-    return found + [f"{disturbance} (recording-specific, excluded from the verdict)." for disturbance in diagnosis.own]
+    return found + disturbance_sentences(diagnosis)
 
 
 def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:
@@ -135,34 +122,9 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
     stated = rig is not None and rig.sensor.tolerance is not None
     p_value = format_p_value(diagnosis.lack_of_fit)
     return [
-        *dict.fromkeys(_noise_note(c) for c in diagnosis.steps[0].training),
+        *noise_notes(diagnosis),
         CONVENTION_SENTENCES[diagnosis.model.convention]
         + (" The sensor's y axis runs along the tip." if diagnosis.model.mirror_y else ""),
         f"Tolerance: {'as stated in the rig file' if stated else 'a tenth of the noise floor'}.",
         f"Lack-of-fit test of the final model: p = {p_value}".replace("p = <", "p <") + " (significant below 0.01).",
     ]
-
-
-def _noise_note(comparison: Comparison) -> str:
-    repeats, name = comparison.recording.repeats, comparison.recording.name
-    if comparison.noise.source is NoiseSource.REPEATS:
-        return f"Noise measured from {repeats} repeats of {name}."
-    if comparison.noise.source is NoiseSource.RIG:
-        return f"Noise of {name} as stated in the rig file; no repeats."
-    return f"Noise of {name} estimated from the residual; no repeats."
-
-
-def _warning(diagnosis: Diagnosis) -> str:
-    """Warning that the verdict is weaker without repeats; empty with repeats."""
-    sources = {c.noise.source for c in diagnosis.steps[0].training}
-    if NoiseSource.RESIDUAL in sources:
-        return (
-            "Without repeats this verdict is weaker: the noise was estimated from the residual itself, so part of a "
-            "systematic error may count as noise. Record four or more repeats of the same motion or poses."
-        )
-    if NoiseSource.RIG in sources:
-        return (
-            "Without repeats this verdict is weaker: it depends on the noise stated in the rig file. Record four or "
-            "more repeats of the same motion or poses."
-        )
-    return ""

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.stats import f
 
 from diagnosis.screening.multiplicity import SIGNIFICANCE
+from modeling.number_format import format_number, format_p_value, format_unit
 from truewrench.surveying.quantity_series import QuantitySeries, quantity_series
 from truewrench.surveying.survey_row import SurveyRow
-from truewrench.text.number_format import format_number, format_p_value, format_unit
 
 Array = NDArray[np.float64]
 

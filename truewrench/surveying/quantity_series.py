@@ -53,7 +53,7 @@ def rows_in_time_order(rows: Sequence[SurveyRow]) -> list[SurveyRow]:
     """
     sources = Counter(row.time.source for row in rows if row.time is not None)
     chosen = max(TimeSource, key=lambda source: sources[source])  # on a tie the file name
-    return sorted((r for r in rows if r.time is not None and r.time.source is chosen), key=_moment)
+    return sorted((r for r in rows if r.time is not None and r.time.source is chosen), key=lambda row: row.moment)
 
 
 def quantity_series(rows: Sequence[SurveyRow]) -> list[QuantitySeries]:
@@ -73,13 +73,8 @@ def _series(pairs: Sequence[tuple[SurveyRow, StoredEstimate]]) -> QuantitySeries
         name=first.name,
         unit=first.unit,
         effect=first.effect,
-        moments=tuple(_moment(row) for row, _ in pairs),
+        moments=tuple(row.moment for row, _ in pairs),
         value=np.array([size.value for _, size in pairs], dtype=np.float64),
         std=np.array([np.inf if size.std is None else size.std for _, size in pairs]),
         trusted=np.array([row.outcome.verdict in ADEQUATE_VERDICTS for row, _ in pairs]),
     )
-
-
-def _moment(row: SurveyRow) -> datetime:
-    assert row.time is not None
-    return row.time.moment

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
+from modeling.table import Column, Table, Tabular
 from truewrench.files.output import atomic_write, require_writable_folder
 from truewrench.surveying.dask_executor import local_executor, remote_executor
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
@@ -76,7 +77,7 @@ class DaskClient(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class Survey(Tabular):
     """Rows of a survey in the order of its recordings; `diagnosed` of them are new, the others from an earlier run."""
 
     rows: tuple[SurveyRow, ...]
@@ -112,10 +113,26 @@ class Survey:
 
         write_survey(self.rows, *(out / name for name in FILES))
 
-    def __str__(self) -> str:
-        from truewrench.surveying.survey_text import survey_text
+    @property
+    def table(self) -> Table:
+        """How many recordings have each verdict."""
+        return Table.of(("verdict", Column("recordings", format="d")), self.verdicts.items())
 
-        return survey_text(self.rows, self.diagnosed, self.verdicts)
+    def remarks(self) -> list[str]:
+        """Significant changes, and errors."""
+        from truewrench.surveying.change_detection import significant_changes
+
+        changes = [f"{change}." for change in significant_changes(self.rows)]
+        return [*changes, *(f"{row.file}: {row.outcome.error}" for row in self.rows if row.outcome.error)]
+
+    def printed(self) -> list[Table | str]:
+        """Counts of recordings, of verdicts and of effects added, then the remarks."""
+        count, known = len(self.rows), len(self.rows) - self.diagnosed
+        again = f", {known} of them by an earlier run" if known else ""
+        parts: list[Table | str] = [f"{count} recording{'' if count == 1 else 's'}{again}", self.table]
+        added = Counter(effect for row in self.rows for effect in row.outcome.added).most_common()
+        parts += [Table.of(("effect", Column("added to", format="d")), added)] if added else []
+        return [text for part in (*parts, *self.remarks()) for text in (part, "")][:-1]
 
 
 def no_progress(_message: str) -> None:

@@ -11,11 +11,10 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
+from modeling.number_format import NO_VALUE, FormattedQuantity, format_number, format_unit
 from truewrench.files.output import atomic_write
 from truewrench.report.effect_row import MAX_SHOWN_PARAMETERS
-from truewrench.report.verdict_section import RECORD_VERDICT_LABELS
+from truewrench.report.page_templates import page_templates
 from truewrench.surveying.change_detection import significant_changes
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome, StoredEstimate
 from truewrench.surveying.parquet_table import write_parquet
@@ -23,7 +22,7 @@ from truewrench.surveying.quantity_series import rows_in_time_order
 from truewrench.surveying.recording_time import TimeSource
 from truewrench.surveying.survey_row import SurveyRow
 from truewrench.surveying.time_images import survey_image
-from truewrench.text.number_format import NO_VALUE, FormattedQuantity, format_number, format_unit, format_with_std
+from truewrench.text.verdict_words import RECORD_VERDICT_LABELS
 
 ERROR = "error"
 VERDICT_LABELS: Mapping[str, str] = {verdict.value: label for verdict, label in RECORD_VERDICT_LABELS.items()} | {
@@ -69,15 +68,9 @@ def survey_page(rows: Sequence[SurveyRow]) -> str:
 
     Its content security policy allows only its own script, by hash.
     """
-    environment = Environment(
-        loader=PackageLoader("truewrench"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    template = environment.get_template("survey.html")
-    script = environment.loader.get_source(environment, "survey.js")[0] if environment.loader else ""
+    templates = page_templates()
+    template = templates.get_template("survey.html")
+    script = templates.loader.get_source(templates, "survey.js")[0] if templates.loader else ""
     counts = Counter(row.outcome.verdict or ERROR for row in rows)
     changes = significant_changes(rows)
     return template.render(
@@ -155,9 +148,7 @@ def most_significant(sizes: Sequence[StoredEstimate]) -> list[StoredEstimate]:
 
 def _quantity(size: StoredEstimate) -> FormattedQuantity:
     std = float("inf") if size.std is None else size.std
-    return FormattedQuantity(
-        size.name, NO_VALUE if size.value is None else format_with_std(size.value, std), format_unit(size.unit)
-    )
+    return FormattedQuantity.of(size.name, size.value, size.unit, std)
 
 
 def _error_text(outcome: DiagnosisOutcome) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from truewrench.surveying.diagnosis_outcome import ChannelError, DiagnosisOutcome
+from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 from truewrench.surveying.recording_time import RecordingTime
 
 
@@ -24,6 +25,12 @@ class SurveyRow:
         """The row of a recording; bytes of its name that are not UTF-8 are written as `\\xe9`."""
         file = os.fsencode(recording).decode("utf-8", "backslashreplace")
         return cls(file, RecordingTime.of(recording), outcome)
+
+    @property
+    def moment(self) -> datetime:
+        """Local time of a recording that has one."""
+        assert self.time is not None
+        return self.time.moment
 
     def to_data(self) -> dict[str, Any]:
         """The row as in survey.parquet, the time in ISO 8601: plain numbers, text, lists, None."""
@@ -48,9 +55,4 @@ class SurveyRow:
         }
 
     def _by_channel(self, quantity: str) -> dict[str, float | None]:
-        return {c.channel: _number(c, quantity) for c in self.outcome.channels}
-
-
-def _number(error: ChannelError, quantity: str) -> float | None:
-    value: float | None = getattr(error, quantity)
-    return value
+        return {c.channel: getattr(c, quantity) for c in self.outcome.channels}

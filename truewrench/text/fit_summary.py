@@ -10,15 +10,16 @@ from typing import Any
 
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from estimation.confidence_intervals import Intervals
-from estimation.fit import Fit, table
+from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
 from estimation.recordings.sign_convention import SignDecision
-from estimation.repeatability.repeat_table import REPEAT_TABLE_HEADER, RepeatTable
+from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import RobustFit
 from estimation.static.centre_of_mass import CentreOfMass
 from estimation.static.pose_advice import PoseAdvice
+from modeling.number_format import estimate_text
+from modeling.table import Table
 from truewrench.files.data_set import convention_data, convention_sentence
-from truewrench.text.diagnosis_text import estimate_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +53,11 @@ class FitSummary:
     def parameters(self) -> str:
         """Every estimate with std and 95 % interval, and remarks on identifiability."""
         rows = [
-            (e.name, estimate_text(e), f"{low:.6g} to {high:.6g}" if isfinite(low) else "")
+            (e.name, estimate_text(e.value, e.std, e.unit), f"{low:.6g} to {high:.6g}" if isfinite(low) else "")
             for e, low, high in zip(self.fit.parameters.values(), self.intervals.low, self.intervals.high, strict=True)
         ]
-        found = table(("parameter", "value", f"{self.intervals.level:.0%} interval"), rows)
-        return "\n".join([found, *self.fit.remarks()])
+        found = Table.of(("parameter", "value", f"{self.intervals.level:.0%} interval"), rows)
+        return "\n".join([str(found), *self.fit.remarks()])
 
     def _constraints(self) -> Iterator[str]:
         if self.fit.constrained is not None:
@@ -65,17 +66,7 @@ class FitSummary:
 
     def _outliers(self) -> Iterator[str]:
         if self.robust is not None:
-            head = (
-                "recording",
-                "channel",
-                "scale",
-                "downweighted",
-                "if Gaussian",
-                "outliers",
-                "largest (std)",
-                "at (s, row)",
-            )
-            yield f"Outliers, by {self.robust.loss}:\n{table(head, self.robust.outlier_rows())}"
+            yield f"Outliers, by {self.robust.loss}:\n{self.robust.outlier_table}"
 
     def _poses(self) -> Iterator[str]:
         if any(r.at_rest for r in self.fit.recordings):
@@ -103,7 +94,7 @@ def repeatability_text(found: RepeatTable, *, runs: bool) -> str:
     title = f"{found.recording}, over its repeats (Table 22.1):"
     if runs:
         return f"{title}\n{found}"
-    return "\n".join([title, table(REPEAT_TABLE_HEADER, [row.row() for row in found.readings]), *found.remarks()])
+    return "\n".join([title, str(found.channel_table), *found.remarks()])
 
 
 def constraints_data(found: ConstrainedMinimum) -> dict[str, Any]:

@@ -14,6 +14,8 @@ from estimation.least_squares.constrained.active_set import svec_size
 from estimation.least_squares.constrained.kkt_conditions import KKT_TOLERANCE, KKTConditions, sum_of_squares
 from estimation.least_squares.constrained.null_space_step import NullSpaceStep
 from modeling.chain.pseudo_inertia import PseudoInertia
+from modeling.number_format import P_VALUE
+from modeling.table import Column, Value
 
 Array = NDArray[np.float64]
 
@@ -72,25 +74,20 @@ class ActiveConstraint:
     def _wanted(self) -> str:
         return "-" if self.wanted is None else f"{self.wanted:.6g} ± {self.std:.2g} {self.unit}"
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Constraint, quantity, unconstrained estimate, distance in std, chi-square, p and interpretation, as text."""
-        numbers = (f"{self.distance:.3g}", f"{self.chi_square:.4g}", p_value_text(self.p_value))
-        return [(self.constraint, self.quantity, self._wanted, *numbers, self.pressure.value)]
+    def row(self) -> tuple[Value, ...]:
+        """A row of `ACTIVE_CONSTRAINT_COLUMNS`."""
+        numbers = (self.distance, self.chi_square, self.p_value)
+        return (self.constraint, self.quantity, self._wanted, *numbers, self.pressure.value)
 
 
-def p_value_text(p_value: float) -> str:
-    """As text; underflow is printed as 1e-300, not 0."""
-    return f"{max(p_value, 1e-300):.2g}"
-
-
-ACTIVE_CONSTRAINT_HEADER = (
-    "constraint",
-    "quantity",
-    "unconstrained estimate",
-    "std away",
-    "chi²",
-    "p",
-    "interpretation",
+ACTIVE_CONSTRAINT_COLUMNS = (
+    Column("constraint"),
+    Column("quantity"),
+    Column("unconstrained estimate"),
+    Column("std away", format=".3g"),
+    Column("chi²", format=".4g"),
+    Column("p", format=P_VALUE),
+    Column("interpretation"),
 )
 
 

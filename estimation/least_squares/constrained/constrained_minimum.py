@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.constrained.active_constraint import (
-    ACTIVE_CONSTRAINT_HEADER,
+    ACTIVE_CONSTRAINT_COLUMNS,
     ActiveConstraint,
     active_constraints,
     chi_bar_squared_sf,
     constraints_lifted,
-    p_value_text,
     strictly_active,
 )
 from estimation.least_squares.constrained.active_set import ActiveSet
@@ -23,14 +22,15 @@ from estimation.least_squares.constrained.quadratic_model import LeastSquaresPro
 from estimation.least_squares.constrained.sequential_cone_programs import sequential_cone_programs
 from estimation.least_squares.constraints.constraints import Constraints
 from estimation.least_squares.constraints.feasible_region import FeasibleRegion
-from estimation.least_squares.estimates import table
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
+from modeling.number_format import P_VALUE, plain_number
+from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class ConstrainedMinimum:
+class ConstrainedMinimum(Tabular):
     """Parameters at the minimum of chi-square and prior within a region; extends `LeastSquaresMinimum`.
 
     theta       (k,)
@@ -88,23 +88,25 @@ class ConstrainedMinimum:
         count = int(strictly_active(self.optimality).sum())
         return None if self.region.prior is not None else chi_bar_squared_sf(self.rise, count) if count else 1.0
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Each active constraint as text, under `ACTIVE_CONSTRAINT_HEADER`."""
-        return [row for active in self.active for row in active.rows()]
+    @property
+    def table(self) -> Table:
+        """Each active constraint with its test."""
+        return Table.of(ACTIVE_CONSTRAINT_COLUMNS, [active.row() for active in self.active])
 
-    def __str__(self) -> str:
+    def printed(self) -> list[Table | str]:
+        """Active constraints, and what they and the prior add to the chi-square."""
         inactive = "no constraint is active" + (
             ": this is the unconstrained minimum" if self.region.prior is None else ""
         )
-        lines = [table(ACTIVE_CONSTRAINT_HEADER, self.rows()) if self.active else inactive]
+        lines: list[Table | str] = [self.table if self.active else inactive]
         if self.rise:
-            chance = "" if self.p_value is None else f" (p <= {p_value_text(self.p_value)})"
+            chance = "" if self.p_value is None else f" (p <= {plain_number(self.p_value, P_VALUE)})"
             lines.append(f"chi-square {self.cost:.6g}, {self.rise:.4g} above the unconstrained minimum{chance}")
         if self.region.prior is not None:
             lines.append(f"the prior adds {self.pulled:.4g} to the chi-square")
         if not self.converged:
             lines.append("not converged: the KKT conditions are not met, the estimates are not final")
-        return "\n".join(lines)
+        return lines
 
 
 def minimise_constrained(problem: LeastSquaresProblem, start: Array, constraints: Constraints) -> ConstrainedMinimum:

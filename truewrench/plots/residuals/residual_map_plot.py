@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from diagnosis.comparison.residual_map import ResidualMap
+from modeling.number_format import axis_label
 from truewrench.plots.style import MEASURED, MISFIT_COLOUR, MUTED, NOISE, SMALL, PanelGrid, label_y_axis
-from truewrench.text.number_format import axis_label
 
 ROW_HEIGHT = 92
 

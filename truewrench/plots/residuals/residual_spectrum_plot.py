@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from estimation.noise.recording_noise import NoiseSource, sample_step
+from modeling.number_format import axis_label
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
 from truewrench.plots.style import FAINT, INK, LEGEND, MEASURED, PanelGrid, label_y_axis, panel_title
-from truewrench.text.number_format import axis_label
 
 Array = NDArray[np.float64]
 

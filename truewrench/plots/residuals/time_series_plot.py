@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from modeling.number_format import axis_label
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
 from truewrench.plots.style import (
     HELD_OUT,
@@ -23,7 +24,6 @@ from truewrench.plots.style import (
     label_y_axis,
     panel_title,
 )
-from truewrench.text.number_format import axis_label
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 
 from diagnosis.comparison.residual_map import residual_maps
 from estimation.noise.recording_noise import NoiseSource
+from modeling.number_format import axis_label
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
 from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual, std_of_interval_means
 from truewrench.plots.residuals.time_series_plot import draw_pose_residual, draw_residual, noise_band, residual_limits
 from truewrench.plots.style import MUTED, NOISE, PanelGrid, label_y_axis, panel_title
-from truewrench.text.number_format import axis_label
 
 HEIGHT = 135
 MIN_SIGNAL_TO_NOISE = 2.0

@@ -12,8 +12,8 @@ from scipy.signal import argrelmax
 
 from design.limits.limit_use import LimitedQuantity, LimitUse
 from design.trajectories.trajectory import Trajectory
+from modeling.number_format import format_number
 from truewrench.plots.style import INK, MUTED, NOISE, SMALL, label_y_axis
-from truewrench.text.number_format import format_number
 
 Array = NDArray[np.float64]
 

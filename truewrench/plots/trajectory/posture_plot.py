@@ -16,9 +16,9 @@ from design.limits.tip_workspace import tip_path
 from design.trajectories.trajectory import Trajectory
 from modeling.kinematics.arm import Arm
 from modeling.kinematics.planar_arm import PlanarArm
+from modeling.number_format import format_number
 from truewrench.plots.style import INK, MEASURED, MISFIT_COLOUR, NOISE, SMALL, panel_title
 from truewrench.plots.trajectory.joint_limit_plot import is_active, limit_use_text, limits_text
-from truewrench.text.number_format import format_number
 
 Array = NDArray[np.float64]
 

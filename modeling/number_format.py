@@ -1,12 +1,31 @@
-"""Formatting of numbers, units, p-values and estimates ± std."""
+"""Formatting of numbers, units, p-values and estimates ± std: plain in text, with powers of ten typeset in HTML."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 
+P_VALUE = "p"
+"""Format of a p-value, beside the format specifications of Python such as `.3g`, `.2f` and `.1%`."""
+SMALLEST_P_VALUE = 1e-300
+"""p-values below are printed as this: their tail is beyond double precision."""
+
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_VALUE = "–"
+
+
+def plain_number(value: float, spec: str) -> str:
+    """A finite number as plain text, in a format of Python or `P_VALUE`."""
+    return f"{max(value, SMALLEST_P_VALUE):.2g}" if spec == P_VALUE else f"{value:{spec}}"
+
+
+def typeset_number(value: float, spec: str) -> str:
+    """A finite number for HTML, in a format of Python or `P_VALUE`."""
+    if spec == P_VALUE:
+        return format_p_value(value)
+    if spec.endswith("%"):
+        return format_percentage(value)
+    return format_number(value, int(spec[1:-1])) if spec.endswith("g") else f"{value:{spec}}".replace("-", "−")
 
 
 def format_number(value: float | None, digits: int = 3) -> str:
@@ -56,7 +75,7 @@ def format_p_value(p: float | None) -> str:
     """A p-value; those below a millionth as a power of ten."""
     if p is None or not isfinite(p):
         return NO_VALUE
-    if p <= 1e-300:
+    if p <= SMALLEST_P_VALUE:
         return "< 10⁻³⁰⁰"
     if p < 1e-6:
         return f"10{_superscript(round(log10(p)))}"
@@ -82,6 +101,16 @@ def _superscript(exponent: int) -> str:
     return str(exponent).translate(SUPERSCRIPTS)
 
 
+def estimate_text(value: float, std: float, unit: str) -> str:
+    """An estimate as plain text `value ± std unit`, to two digits of its standard deviation."""
+    unit = "" if unit == "1" else f" {unit}"
+    if std == 0:
+        return f"{value:.6g}{unit}, fixed"
+    if not isfinite(std):
+        return f"{value:.6g}{unit}, not identifiable from these recordings"
+    return f"{format_with_std(value, std)}{unit}".replace("−", "-")
+
+
 @dataclass(frozen=True)
 class FormattedQuantity:
     """A named number as text, with its unit."""
@@ -89,3 +118,11 @@ class FormattedQuantity:
     name: str
     value: str
     unit: str
+
+    @classmethod
+    def of(
+        cls, name: str, value: float | None, unit: str, std: float | None = None, *, digits: int = 3
+    ) -> FormattedQuantity:
+        """A value to so many significant digits, or with its std."""
+        text = format_number(value, digits) if std is None or value is None else format_with_std(value, std)
+        return cls(name, text, format_unit(unit))

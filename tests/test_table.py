@@ -1,0 +1,120 @@
+"""The table: the same rows as text, HTML, Markdown and data frame, and the facade that names every result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import truewrench
+from modeling.number_format import P_VALUE, estimate_text
+from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular
+
+COLUMNS = (
+    "parameter",
+    Column("value", "N", format=".3g"),
+    Column("std", format=".2g", unknown=NOT_IDENTIFIABLE),
+    Column("p", format=P_VALUE),
+)
+ROWS = [
+    ("m <1>", -1234.5678, 1.25e-7, 0.0),
+    ("I|o", None, np.inf, 0.5),
+    ("limit", Cell(0.02, "< ", "within", "(3)"), 1, None),
+]
+TABLE = Table.of(COLUMNS, ROWS)
+
+
+@dataclass(frozen=True)
+class Result(Tabular):
+    """A table with a remark."""
+
+    @property
+    def table(self) -> Table:
+        return TABLE
+
+    def remarks(self) -> list[str]:
+        return ["a < b"]
+
+
+class Cells(HTMLParser):
+    """Texts of `<th>` and `<td>`, in order; checks that tags close."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.texts: list[str] = []
+        self.feed(html)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.open.append(tag)
+        if tag in ("th", "td"):
+            self.texts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and {"th", "td"} & set(self.open):
+            self.texts[-1] += data
+
+
+def test_text_has_aligned_columns_and_names_what_is_unknown() -> None:
+    lines = str(TABLE).splitlines()
+    assert len(lines) == 1 + len(ROWS)
+    starts = [line.index(entry) for line, entry in zip(lines, ("value [N]", "-1.23e+03", "-", "< 0.02"), strict=True)]
+    assert len(set(starts)) == 1
+    assert lines[2].split("  ")[-1] == "0.5"
+    assert NOT_IDENTIFIABLE in lines[2]
+    assert lines[1].endswith("1e-300")  # underflow is not zero
+    assert not any(line != line.rstrip() for line in lines)
+
+
+def test_html_says_the_same_typeset_and_escaped() -> None:
+    texts = Cells(TABLE.to_html()).texts
+    assert texts[:8] == ["parameter", "value (N)", "std", "p", "m <1>", "−1235", "1.2·10⁻⁷", "< 10⁻³⁰⁰"]
+    assert texts[8:] == ["I|o", "–", NOT_IDENTIFIABLE, "0.50", "limit", "< 0.0200(3)", "1.0", "–"]
+    assert 'class="number within"' in TABLE.to_html()
+    assert "a &lt; b" in Result()._repr_html_()
+    assert str(Result()).splitlines()[-1] == "a < b"
+
+
+def test_markdown_has_a_cell_for_each_entry() -> None:
+    lines = TABLE.to_markdown().splitlines()
+    assert [line.replace("\\|", "").count("|") for line in lines] == [5] * (2 + len(ROWS))
+
+
+def test_frame_has_numbers() -> None:
+    frame = Result().to_frame()
+    assert list(frame.columns) == ["parameter", "value [N]", "std", "p"]
+    np.testing.assert_array_equal(frame["value [N]"].to_numpy(dtype=float), [-1234.5678, np.nan, 0.02])
+    np.testing.assert_array_equal(frame["std"].to_numpy(dtype=float), [1.25e-7, np.inf, 1.0])
+
+
+def test_wide_text_is_wrapped_between_rules() -> None:
+    lines = str(Table.of((Column("claim", width=10), "by"), [("one two three four", "x")])).splitlines()
+    assert lines == ["claim       by", "----------  --", "one two     x", "  three", "  four", "----------  --"]
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "unit", "text"),
+    [
+        (-0.12345, 0.0012, "kg", "-0.1235 ± 0.0012 kg"),
+        (2.0, 0.0, "1", "2, fixed"),
+        (2.0, np.inf, "N", "2 N, not identifiable from these recordings"),
+    ],
+)
+def test_estimates_as_text(value: float, std: float, unit: str, text: str) -> None:
+    assert estimate_text(value, std, unit) == text
+
+
+def test_every_public_name_is_there() -> None:
+    """The stub names them for type checkers; the module imports each, and lists them for completion."""
+    names = [name for name in dir(truewrench) if not name.startswith("_")]
+    assert {"fit", "diagnose", "effects", "planar", "survey"} <= set(names)
+    assert set(truewrench.__all__) <= set(names)  # type: ignore[attr-defined]
+    assert all(getattr(truewrench, name) is not None for name in names)
+    with pytest.raises(AttributeError, match="nothing"):
+        truewrench.nothing  # type: ignore[attr-defined]  # noqa: B018

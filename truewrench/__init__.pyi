@@ -1,0 +1,57 @@
+"""Public names of truewrench: type checkers read them here, and `__init__.py` imports each at its first use."""
+
+from design.bound import upper_bound as upper_bound
+from design.criteria import AOptimal as AOptimal
+from design.criteria import DOptimal as DOptimal
+from design.criteria import EOptimal as EOptimal
+from design.criteria import Subset as Subset
+from design.discrimination import tell_apart as tell_apart
+from design.information import ColouredNoise as ColouredNoise
+from design.information import WhiteNoise as WhiteNoise
+from design.trajectories.fourier import FreeSeries as FreeSeries
+from design.trajectories.fourier import PaperSeries as PaperSeries
+from design.trajectories.rest_to_rest import RestToRest as RestToRest
+from design.trajectories.spline import SplineSeries as SplineSeries
+from design.trajectory_design import design as design
+from diagnosis.comparison.comparison import compare as compare
+from diagnosis.diagnosis import diagnose as diagnose
+from estimation.confidence_intervals import intervals as intervals
+from estimation.contact.contact_filter import ContactFilter as ContactFilter
+from estimation.contact.contact_point import contact_point as contact_point
+from estimation.contact.contact_wrench import compensate as compensate
+from estimation.contact.local_polynomial import LocalPolynomial as LocalPolynomial
+from estimation.contact.surface import Capsule as Capsule
+from estimation.contact.surface import Plane as Plane
+from estimation.contact.surface import Sphere as Sphere
+from estimation.errors_in_variables.errors_in_variables_fit import errors_in_variables_fit as errors_in_variables_fit
+from estimation.errors_in_variables.input_noise import InputNoise as InputNoise
+from estimation.fit import fit as fit
+from estimation.least_squares.constrained import Bounds as Bounds
+from estimation.least_squares.constrained import Constraints as Constraints
+from estimation.least_squares.constrained import Prior as Prior
+from estimation.noise.autoregression import NoiseModel as NoiseModel
+from estimation.recordings.reading import read as read
+from estimation.recordings.recording import Recording as Recording
+from estimation.repeatability.bootstrap import bootstrap as bootstrap
+from estimation.repeatability.repeat_table import RepeatTable as RepeatTable
+from estimation.robust.robust_fit import robust_fit as robust_fit
+from estimation.robust.robust_loss import Huber as Huber
+from estimation.robust.robust_loss import StudentT as StudentT
+from estimation.static.centre_of_mass import CentreOfMass as CentreOfMass
+from estimation.static.pose_advice import PoseAdvice as PoseAdvice
+from estimation.streaming.chunk import Chunk as Chunk
+from estimation.streaming.chunk import chunks as chunks
+from estimation.streaming.long_log import read_chunks as read_chunks
+from modeling import effects as effects
+from modeling.chain.model import WrenchModel as WrenchModel
+from modeling.chain.model import planar as planar
+from modeling.chain.model import spatial as spatial
+from modeling.errors import InputError as InputError
+from modeling.errors import TruewrenchError as TruewrenchError
+from modeling.formulas.custom_effects.python_definition import own_effect as own_effect
+from modeling.rig.rig import Rig as Rig
+from modeling.space import signals as signals
+from truewrench.files.effects_file import read_effects as read_effects
+from truewrench.surveying.survey import survey as survey
+
+__version__: str

@@ -1,0 +1,16 @@
+"""Templates of the HTML pages."""
+
+from __future__ import annotations
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+
+def page_templates() -> Environment:
+    """Templates of `truewrench/templates`; values are escaped, a missing one is an error."""
+    return Environment(
+        loader=PackageLoader("truewrench"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

@@ -1,0 +1,91 @@
+"""Table of the systematic error of each channel after each selection step, on each recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.diagnosis import Diagnosis
+from modeling.number_format import P_VALUE, format_number
+from modeling.table import Cell, Column, Table, Value
+
+RIGID_TOOL = "rigid tool"
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingErrors:
+    """Comparisons of one recording at every selection step, and whether it was fitted."""
+
+    name: str
+    comparisons: tuple[Comparison, ...]
+    fitted: bool
+
+    def floor(self, channel: str) -> float:
+        """Noise floor at the first step: one estimated from the residual decreases with it."""
+        return max(self.comparisons[0].noise_floor[channel], 1e-300)
+
+    @property
+    def label(self) -> str:
+        """Name, and whether it was fitted."""
+        return f"{self.name} ({'fitted' if self.fitted else 'validation'})"
+
+
+def recording_errors(diagnosis: Diagnosis) -> tuple[RecordingErrors, ...]:
+    """Training recordings, then validation recordings."""
+    trained = zip(*(s.training for s in diagnosis.steps), strict=True)
+    held_out = zip(*(s.validation for s in diagnosis.steps), strict=True)
+    found = [(c, True) for c in trained] + [(c, False) for c in held_out]
+    return tuple(RecordingErrors(c[0].recording.name, c, fitted) for c, fitted in found)
+
+
+def systematic_error(comparison: Comparison) -> Mapping[str, float]:
+    """Systematic RMS per channel; the total RMS without repeats."""
+    return comparison.explainable_rms if comparison.explainable_rms is not None else comparison.rms
+
+
+def systematic_error_text(comparison: Comparison, channel: str, digits: int = 3) -> str:
+    """Systematic error of a channel; its upper limit where it is not significant."""
+    cell = _systematic_error_cell(comparison, channel)
+    return cell.mark + format_number(float(cell.value or 0.0), 2 if cell.mark else digits)
+
+
+def step_names(diagnosis: Diagnosis) -> list[str]:
+    """Label of each selection step."""
+    return [RIGID_TOOL if s.effect is None else f"+ {s.effect.replace('_', ' ')}" for s in diagnosis.steps]
+
+
+def error_table(diagnosis: Diagnosis) -> Table:
+    """Systematic RMS of each channel of each recording after each selection step, with noise floor and tolerance.
+
+    The total RMS is the note of a cell; without repeats it stands in the cell itself, marked `~`.
+    """
+    first = diagnosis.steps[0].training[0]
+    sizes = (Column(c, u, format=".3g") for c, u in zip(first.recording.channels, first.space.units, strict=True))
+    measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
+    tolerance = [Cell(diagnosis.tolerance[c], kind="floor") for c in first.recording.channels]
+    rows = [row for errors in recording_errors(diagnosis) for row in _rows(diagnosis, errors)]
+    return Table.of(("recording", "model", *sizes, *measures), [("", "tolerance", *tolerance, "", ""), *rows])
+
+
+def _rows(diagnosis: Diagnosis, errors: RecordingErrors) -> Iterator[tuple[Value, ...]]:
+    floors = errors.comparisons[0].noise_floor
+    yield (errors.label, "noise floor", *(Cell(floor, kind="floor") for floor in floors.values()), "", "")
+    for name, c in zip(step_names(diagnosis), errors.comparisons, strict=True):
+        cells = (_error_cell(c, channel, diagnosis.tolerance[channel]) for channel in floors)
+        yield (errors.label, name, *cells, c.misfit, c.lack_of_fit)
+
+
+def _error_cell(comparison: Comparison, channel: str, tolerance: float) -> Cell:
+    whole = comparison.rms[channel]
+    if comparison.explainable_rms is None:
+        return Cell(whole, mark="~")
+    size = comparison.explainable_rms[channel]
+    kind = "within" if size <= tolerance else "above_noise" if size > comparison.noise_floor[channel] else ""
+    found = _systematic_error_cell(comparison, channel)
+    return Cell(found.value, found.mark, kind, f"({format_number(whole)})")
+
+
+def _systematic_error_cell(comparison: Comparison, channel: str) -> Cell:
+    size, limit = systematic_error(comparison)[channel], comparison.explainable_limit
+    return Cell(size) if size > 0 or limit is None else Cell(limit[channel], "< ")

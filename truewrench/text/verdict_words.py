@@ -1,0 +1,63 @@
+"""Words of a verdict and of its evidence, the same on the terminal and in the report."""
+
+from __future__ import annotations
+
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
+from estimation.noise.recording_noise import NoiseSource
+
+RECORD_VERDICT_LABELS = {
+    RecordVerdict.NOTHING_MISSING: "Nothing missing",
+    RecordVerdict.EXPLAINED: "Explained",
+    RecordVerdict.PARTLY_EXPLAINED: "Partly explained",
+    RecordVerdict.UNEXPLAINED: "Unexplained",
+}
+NOISE_SOURCES = {
+    NoiseSource.REPEATS: "measured from {repeats} repeats",
+    NoiseSource.RIG: "as stated in the rig file; no repeats",
+    NoiseSource.RESIDUAL: "estimated from the residual; no repeats",
+}
+WEAKER = {
+    NoiseSource.RESIDUAL: "the noise was estimated from the residual, where part of a systematic error may count as noise",
+    NoiseSource.RIG: "it depends on the noise stated in the rig file",
+}
+"""Why a verdict without repeats is weaker; the worst first."""
+
+
+def verdict_headline(diagnosis: Diagnosis) -> str:
+    """The verdict as one sentence, with the titles of the effects added."""
+    missing = "; ".join(f.effect.title for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
+    if diagnosis.verdict is RecordVerdict.NOTHING_MISSING:
+        return "Nothing is missing: the residual of the rigid tool is consistent with the noise"
+    if diagnosis.verdict is RecordVerdict.EXPLAINED:
+        return f"Missing in the model: {missing}"
+    if diagnosis.verdict is RecordVerdict.PARTLY_EXPLAINED:
+        return f"Missing in the model: {missing}; an unexplained residual remains"
+    if missing:
+        return f"Significant residual; adding {missing} removes less than half of the systematic error"
+    return "Significant residual, and no candidate effect explains it"
+
+
+def noise_notes(diagnosis: Diagnosis) -> list[str]:
+    """Where the noise of each fitted recording comes from."""
+    sources = ((c.recording, NOISE_SOURCES[c.noise.source]) for c in diagnosis.steps[0].training)
+    return list(dict.fromkeys(f"Noise of {r.name} {source.format(repeats=r.repeats)}." for r, source in sources))
+
+
+def weaker_verdict_warning(diagnosis: Diagnosis) -> str:
+    """Warning that the verdict is weaker without repeats, and what to record; empty with repeats."""
+    sources = {c.noise.source for c in diagnosis.steps[0].training}
+    return next(
+        (
+            f"Without repeats this verdict is weaker: {reason}. Record four or more repeats of the same motion, with a "
+            "column `repeat`, or of the same poses."
+            for source, reason in WEAKER.items()
+            if source in sources
+        ),
+        "",
+    )
+
+
+def disturbance_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Recording-specific disturbances of the validation recordings."""
+    return [f"{disturbance} (recording-specific, excluded from the verdict)." for disturbance in diagnosis.own]
