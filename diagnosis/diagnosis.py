@@ -39,7 +39,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects import catalogue
 from modeling.errors import InputError
-from modeling.number_format import P_VALUE
+from modeling.number_format import P_VALUE, SHARE
 from modeling.table import Column, Table, Tabular
 
 
@@ -81,7 +81,7 @@ class Diagnosis(Tabular):
     @property
     def table(self) -> Table:
         """Effect, verdict, p-value, share of the systematic error removed and reason."""
-        numbers = (Column("p", format=P_VALUE), Column("error removed", format=".1%"))
+        numbers = (Column("p", format=P_VALUE), Column("error removed", format=SHARE))
         rows = [(f.effect.id, f.verdict.value, f.p_value, f.error_removed, f.reason) for f in self.findings]
         return Table.of(("effect", "verdict", *numbers, "reason"), rows)
 

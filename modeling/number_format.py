@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from math import floor, isfinite, log10
 
 P_VALUE = "p"
-"""Format of a p-value, beside the format specifications of Python such as `.3g`, `.2f` and `.1%`."""
+SHARE = "%"
+"""Formats of a p-value and of a share, beside the format specifications of Python such as `.3g` and `.2f`."""
 SMALLEST_P_VALUE = 1e-300
 """p-values below are printed as this: their tail is beyond double precision."""
 
@@ -15,15 +16,17 @@ NO_VALUE = "–"
 
 
 def plain_number(value: float, spec: str) -> str:
-    """A finite number as plain text, in a format of Python or `P_VALUE`."""
-    return f"{max(value, SMALLEST_P_VALUE):.2g}" if spec == P_VALUE else f"{value:{spec}}"
+    """A finite number as plain text, in a format of Python, `P_VALUE` or `SHARE`."""
+    if spec == P_VALUE:
+        return f"{max(value, SMALLEST_P_VALUE):.2g}"
+    return format_percentage(value) if spec == SHARE else f"{value:{spec}}"
 
 
 def typeset_number(value: float, spec: str) -> str:
-    """A finite number for HTML, in a format of Python or `P_VALUE`."""
+    """A finite number for HTML, in a format of Python, `P_VALUE` or `SHARE`."""
     if spec == P_VALUE:
         return format_p_value(value)
-    if spec.endswith("%"):
+    if spec == SHARE:
         return format_percentage(value)
     return format_number(value, int(spec[1:-1])) if spec.endswith("g") else f"{value:{spec}}".replace("-", "−")
 

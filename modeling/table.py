@@ -39,7 +39,7 @@ class Column:
     """Column of a table.
 
     name, unit  of its heading
-    format      of its numbers: a format specification of Python, or `P_VALUE`
+    format      of its numbers: a format specification of Python, `P_VALUE` or `SHARE`
     unknown     text for None and for numbers that are not finite
     width       characters after which text is wrapped; 0 is never
     """

@@ -18,7 +18,7 @@ NOISE_SOURCES = {
     NoiseSource.RESIDUAL: "estimated from the residual; no repeats",
 }
 WEAKER = {
-    NoiseSource.RESIDUAL: "the noise was estimated from the residual, where part of a systematic error may count as noise",
+    NoiseSource.RESIDUAL: "the noise is estimated from the residual, so that systematic error may count as noise",
     NoiseSource.RIG: "it depends on the noise stated in the rig file",
 }
 """Why a verdict without repeats is weaker; the worst first."""
