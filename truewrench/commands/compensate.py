@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands
+from truewrench.commands.options import Subcommands, positive
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,14 +34,6 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")
     command.add_argument("--json", action="store_true", help="print the contacts and the zero as JSON alone")
     command.set_defaults(run=run)
-
-
-def positive(text: str) -> float:
-    """A number above zero; argparse reports a ValueError in one line."""
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise ValueError(text)
-    return value
 
 
 def chance(text: str) -> float:

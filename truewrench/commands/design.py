@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, worker_count
+from truewrench.commands.options import Subcommands, add_workers, positive
 
 if TYPE_CHECKING:
     from design.discrimination import DiscriminationDesign
@@ -39,8 +39,8 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--knots", type=count, default=100, metavar="K", help="of spline (default: 100)")
     text = "of spline: 2 has discontinuous acceleration and comes closest to the bound, 3 is continuous (default: 3)"
     command.add_argument("--degree", type=count, default=3, metavar="D", help=text)
-    command.add_argument("--ramp", type=seconds, metavar="S", help="of rest, s (default: a tenth of the period)")
-    command.add_argument("--period", type=seconds, default=5.0, metavar="T", help="s (default: 5)")
+    command.add_argument("--ramp", type=positive, metavar="S", help="of rest, s (default: a tenth of the period)")
+    command.add_argument("--period", type=positive, default=5.0, metavar="T", help="s (default: 5)")
     command.add_argument("--samples", type=count, default=200, metavar="N", help="of one period (default: 200)")
     command.add_argument("--tell", nargs=2, metavar=("A", "B"), help="discriminate between these two effects")
     command.add_argument(
@@ -53,8 +53,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "random starts (default: 24; 48 for few harmonics; 6 for --tell, a workspace, dynamics, six axes)"
     command.add_argument("--starts", type=count, metavar="S", help=text)
     command.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random starts (default: 0)")
-    text = "processes for starts and bound; the result does not depend on N (default: one for each core)"
-    command.add_argument("--workers", type=worker_count, metavar="N", help=text)
+    add_workers(command)
     command.add_argument("--no-bound", action="store_true", help="skip the upper bound")
     command.add_argument(
         "--out", type=Path, metavar="PLAN.csv", help="file for the trajectory; its plot is written beside it (.png)"
@@ -75,14 +74,6 @@ def seed(text: str) -> int:
     """A whole number from zero on."""
     value = int(text)
     if value < 0:
-        raise ValueError(text)
-    return value
-
-
-def seconds(text: str) -> float:
-    """A number above zero."""
-    value = float(text)
-    if not 0 < value < float("inf"):
         raise ValueError(text)
     return value
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands
+from truewrench.commands.options import Subcommands, positive
 
 if TYPE_CHECKING:
     from modeling.codegen.generated_code import GeneratedCode, Language
@@ -27,17 +27,9 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("model", metavar="MODEL.json|planar|spatial", help=what)
     command.add_argument("--to", required=True, choices=LANGUAGES, help="target language")
     text = "sampling rate of the code; needed for a model with lag, delay, hysteresis or a flexible tip"
-    command.add_argument("--rate", type=rate, metavar="HZ", help=text)
+    command.add_argument("--rate", type=positive, metavar="HZ", help=text)
     command.add_argument("--out", type=Path, metavar="FILE", help="file for the code (default: standard output)")
     command.set_defaults(run=run)
-
-
-def rate(text: str) -> float:
-    """A number above zero; argparse reports a ValueError in one line."""
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise ValueError(text)
-    return value
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -35,6 +35,14 @@ def worker_count(text: str) -> int:
     return int(text)
 
 
+def positive(text: str) -> float:
+    """A number above zero; argparse reports a ValueError in one line."""
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise ValueError(text)
+    return value
+
+
 def add_repeatable(command: argparse.ArgumentParser, option: str, *, metavar: str, text: str) -> None:
     """Add an option that may be given several times."""
     help_text = f"{text}; may be given several times"

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from math import isfinite
 
 from diagnosis.verdict.finding import Finding
-from estimation.fit import Estimate
 from modeling.number_format import (
     FormattedQuantity,
     format_p_value,
@@ -36,7 +34,7 @@ class EffectRow:
 def effect_row(finding: Finding, space: Space) -> EffectRow:
     """Row of one effect."""
     units = {p.name: p.unit for p in finding.effect.parameters(space)}
-    sizes = _by_signal_to_noise(finding.parameters)
+    sizes = quantities((name, e.value, e.std, e.unit) for name, e in finding.parameters.items())
     limits = [FormattedQuantity.of(n, v, units.get(n, ""), digits=2) for n, v in finding.detectable.items()]
     return EffectRow(
         finding=finding,
@@ -50,13 +48,9 @@ def effect_row(finding: Finding, space: Space) -> EffectRow:
     )
 
 
-def _by_signal_to_noise(parameters: Mapping[str, Estimate]) -> list[FormattedQuantity]:
-    """Parameters as text; more than are shown at once in order of |value| / std."""
-    found = list(parameters.items())
+def quantities(estimates: Iterable[tuple[str, float | None, float, str]]) -> list[FormattedQuantity]:
+    """Names, values, stds and units as text; more than are shown at once in order of |value| / std."""
+    found = list(estimates)
     if len(found) > MAX_SHOWN_PARAMETERS:
-        found.sort(key=lambda pair: -_signal_to_noise(pair[1]))
-    return [FormattedQuantity.of(name, e.value, e.unit, e.std) for name, e in found]
-
-
-def _signal_to_noise(estimate: Estimate) -> float:
-    return abs(estimate.value) / estimate.std if isfinite(estimate.std) and estimate.std > 0 else 0.0
+        found.sort(key=lambda e: -abs(e[1] or 0.0) / e[2] if e[2] else 0.0)
+    return [FormattedQuantity.of(name, value, unit, std) for name, value, std, unit in found]

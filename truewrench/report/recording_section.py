@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,22 +51,21 @@ def fitted_section(diagnosis: Diagnosis, number: int) -> RecordingSection:
     """Time series, residual maps and spectrum of one fitted recording."""
     sides = compared_models(diagnosis, number)
     recording = sides[0].recording
-    series, maps = _series_images(sides), _map_images(sides, diagnosis.tolerance)
-    if recording.at_rest:
-        return RecordingSection(
-            recording.name, recording_facts(recording), True, recording.repeats > 1, series, maps=maps
-        )
-    spectrum = svg_image(residual_spectrum_figure(sides), "Amplitude spectrum of the residual, per channel.")
-    return RecordingSection(
-        name=recording.name,
-        facts=recording_facts(recording),
-        fitted=True,
-        repeats=recording.repeats > 1,
-        series=series,
-        maps=maps,
-        spectrum=spectrum,
-        nonperiodic=_nonperiodic_residual_image(sides) if recording.repeats > 1 and recording.continuous else None,
+    periodic = recording.repeats > 1 and recording.continuous and not recording.at_rest
+    alt = "Amplitude spectrum of the residual, per channel."
+    return replace(
+        _section(sides, fitted=True),
+        maps=_map_images(sides, diagnosis.tolerance),
+        spectrum=None if recording.at_rest else svg_image(residual_spectrum_figure(sides), alt),
+        nonperiodic=_nonperiodic_residual_image(sides) if periodic else None,
     )
+
+
+def _section(sides: Sequence[LabelledComparison], *, fitted: bool) -> RecordingSection:
+    """Facts and time series of a recording."""
+    recording = sides[0].recording
+    repeats, series = recording.repeats > 1, _series_images(sides)
+    return RecordingSection(recording.name, recording_facts(recording), fitted, repeats, series)
 
 
 def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage:
@@ -80,20 +79,9 @@ def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage
 
 def held_out_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
     """A section for each validation recording, with its recording-specific disturbances."""
-    return [_held_out_section(diagnosis, i) for i in range(len(diagnosis.steps[0].validation))]
-
-
-def _held_out_section(diagnosis: Diagnosis, number: int) -> RecordingSection:
-    sides = compared_models(diagnosis, number, held_out=True)
-    recording = sides[0].recording
-    return RecordingSection(
-        name=recording.name,
-        facts=recording_facts(recording),
-        fitted=False,
-        repeats=recording.repeats > 1,
-        series=_series_images(sides),
-        disturbances=tuple(str(o) for o in diagnosis.own if o.recording is recording),
-    )
+    compared = [compared_models(diagnosis, i, held_out=True) for i in range(len(diagnosis.steps[0].validation))]
+    own = [tuple(str(o) for o in diagnosis.own if o.recording is sides[0].recording) for sides in compared]
+    return [replace(_section(s, fitted=False), disturbances=o) for s, o in zip(compared, own, strict=True)]
 
 
 def _series_images(sides: Sequence[LabelledComparison]) -> tuple[SvgImage, ...]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from modeling.number_format import (
     FormattedQuantity,
-    format_percentage,
 )
 from truewrench.files.output import atomic_write
 from truewrench.plots.error_reduction_plot import error_reduction_image
@@ -19,27 +18,6 @@ from truewrench.report.recording_section import fitted_sections, held_out_sectio
 from truewrench.report.verdict_section import verdict_section
 from truewrench.text.error_table import error_table
 from truewrench.text.verdict_words import RECORD_VERDICT_LABELS
-
-
-@dataclass(frozen=True)
-class UnexplainedSection:
-    """Unexplained residual: where significant, generic terms that resemble it, systematic error."""
-
-    where: str
-    looks_like: tuple[str, ...]
-    share: str
-    sizes: tuple[FormattedQuantity, ...]
-
-
-def unexplained_section(diagnosis: Diagnosis) -> UnexplainedSection | None:
-    """Section on the unexplained residual; None without one."""
-    residual = diagnosis.remainder
-    if residual is None:
-        return None
-    units = dict(zip(diagnosis.model.space.channels, diagnosis.model.space.units, strict=True))
-    known = {c: v for c, v in residual.explainable_rms.items() if v is not None}
-    sizes = [FormattedQuantity.of(c, v, units[c]) for c, v in known.items()]
-    return UnexplainedSection(residual.where, residual.looks_like, format_percentage(residual.share), tuple(sizes))
 
 
 def write_report(diagnosis: Diagnosis, path: str | Path) -> Path:
@@ -74,8 +52,11 @@ def report_page(diagnosis: Diagnosis) -> str:
             others=[r for r in rows if r not in leading],
             expanded=diagnosis.verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED),
             parameters=parameter_groups(diagnosis),
-            zero_shift=_zero_shift(diagnosis),
-            unexplained=unexplained_section(diagnosis),
+            zero_shift=_by_channel(diagnosis, diagnosis.zero_shift or {}),
+            unexplained=diagnosis.remainder,
+            unexplained_sizes=_by_channel(
+                diagnosis, diagnosis.remainder.explainable_rms if diagnosis.remainder else {}
+            ),
         )
     )
 
@@ -90,9 +71,9 @@ def _rig_name(diagnosis: Diagnosis) -> str:
     return rig.name if rig is not None else ""
 
 
-def _zero_shift(diagnosis: Diagnosis) -> list[FormattedQuantity]:
+def _by_channel(diagnosis: Diagnosis, values: Mapping[str, float | None]) -> list[FormattedQuantity]:
     units = dict(zip(diagnosis.model.space.channels, diagnosis.model.space.units, strict=True))
-    return [FormattedQuantity.of(c, v, units[c]) for c, v in (diagnosis.zero_shift or {}).items()]
+    return [FormattedQuantity.of(c, v, units[c]) for c, v in values.items() if v is not None]
 
 
 def parameter_groups(diagnosis: Diagnosis) -> list[tuple[str, list[FormattedQuantity]]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.diagnosis import Diagnosis
@@ -13,7 +13,7 @@ from modeling.number_format import format_number, format_p_value, format_unit
 from modeling.rig.rig import Convention
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.worst_channel_plot import MIN_SIGNAL_TO_NOISE, worst_channel, worst_channel_figure
-from truewrench.plots.svg_image import SvgImage, svg_image
+from truewrench.plots.svg_image import svg_image
 from truewrench.report.compared_models import compared_models, worst_recording
 from truewrench.report.effect_row import EffectRow
 from truewrench.text.error_table import systematic_error, systematic_error_text
@@ -38,38 +38,22 @@ CONVENTION_SENTENCES = {
 }
 
 
-@dataclass(frozen=True)
-class VerdictSection:
-    """Verdict, effects added, sentences and the figure of the worst channel."""
-
-    kind: str
-    label: str
-    symbol: str
-    headline: str
-    effects: tuple[EffectRow, ...]
-    sentences: tuple[str, ...]
-    notes: tuple[str, ...]
-    warning: str
-    picture: SvgImage
-
-
-def verdict_section(diagnosis: Diagnosis, rows: Sequence[EffectRow]) -> VerdictSection:
-    """The head of the report, with the channel of the largest error-to-noise ratio of the rigid tool."""
-    added = tuple(r for r in rows if r.finding.verdict is EffectVerdict.SUPPORTED)
+def verdict_section(diagnosis: Diagnosis, rows: Sequence[EffectRow]) -> dict[str, Any]:
+    """What the head of the report shows, with the channel of the largest error-to-noise ratio of the rigid tool."""
     sides = compared_models(diagnosis, worst_recording(diagnosis))
     alt = "Residual of the worst channel, with the rigid tool and with the final model."
     picture = svg_image(worst_channel_figure(sides), alt, _figure_caption(sides[0]))
-    return VerdictSection(
-        kind=diagnosis.verdict.value,
-        label=RECORD_VERDICT_LABELS[diagnosis.verdict],
-        symbol=VERDICT_SYMBOLS[diagnosis.verdict],
-        headline=verdict_headline(diagnosis),
-        effects=added,
-        sentences=tuple(_sentences(diagnosis)),
-        notes=tuple(_notes(diagnosis)),
-        warning=weaker_verdict_warning(diagnosis),
-        picture=picture,
-    )
+    return {
+        "kind": diagnosis.verdict.value,
+        "label": RECORD_VERDICT_LABELS[diagnosis.verdict],
+        "symbol": VERDICT_SYMBOLS[diagnosis.verdict],
+        "headline": verdict_headline(diagnosis),
+        "effects": [r for r in rows if r.finding.verdict is EffectVerdict.SUPPORTED],
+        "sentences": _sentences(diagnosis),
+        "notes": _notes(diagnosis),
+        "warning": weaker_verdict_warning(diagnosis),
+        "picture": picture,
+    }
 
 
 def _figure_caption(side: LabelledComparison) -> str:

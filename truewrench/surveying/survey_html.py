@@ -8,15 +8,16 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from hashlib import sha256
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from modeling.number_format import NO_VALUE, FormattedQuantity, format_number, format_unit
 from truewrench.files.output import atomic_write
-from truewrench.report.effect_row import MAX_SHOWN_PARAMETERS
+from truewrench.report.effect_row import MAX_SHOWN_PARAMETERS, quantities
 from truewrench.report.page_templates import page_templates
 from truewrench.surveying.change_detection import significant_changes
-from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome, StoredEstimate
+from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 from truewrench.surveying.parquet_table import write_parquet
 from truewrench.surveying.quantity_series import rows_in_time_order
 from truewrench.surveying.recording_time import TimeSource
@@ -123,7 +124,8 @@ def table_line(row: SurveyRow) -> TableLine:
     without_parameters = [
         FormattedQuantity(e, "", "") for e in outcome.added if all(size.effect != e for size in outcome.sizes)
     ]
-    sizes = [*without_parameters, *(_quantity(size) for size in most_significant(outcome.sizes))]
+    known = ((s.name, s.value, inf if s.std is None else s.std, s.unit) for s in outcome.sizes)
+    sizes = [*without_parameters, *quantities(known)]
     return TableLine(
         file=row.file,
         recorded=NO_VALUE if time is None else f"{time.moment:%Y-%m-%d %H:%M:%S}",
@@ -137,18 +139,6 @@ def table_line(row: SurveyRow) -> TableLine:
         seconds=NO_VALUE if outcome.seconds is None else f"{outcome.seconds:.1f}",
         error=outcome.error,
     )
-
-
-def most_significant(sizes: Sequence[StoredEstimate]) -> list[StoredEstimate]:
-    """The estimates in order; more than are shown at once sorted by |value| / std."""
-    if len(sizes) <= MAX_SHOWN_PARAMETERS:
-        return list(sizes)
-    return sorted(sizes, key=lambda s: -abs(s.value or 0.0) / s.std if s.std else 0.0)
-
-
-def _quantity(size: StoredEstimate) -> FormattedQuantity:
-    std = float("inf") if size.std is None else size.std
-    return FormattedQuantity.of(size.name, size.value, size.unit, std)
 
 
 def _error_text(outcome: DiagnosisOutcome) -> str:

@@ -106,18 +106,7 @@ def constraints_data(found: ConstrainedMinimum) -> dict[str, Any]:
         "prior_cost": None if found.region.prior is None else found.pulled,
         "converged": found.converged,
         "active": [
-            {
-                "constraint": active.constraint,
-                "quantity": active.quantity,
-                "unit": active.unit,
-                "held": active.held,
-                "wanted": active.wanted,
-                "std": active.std,
-                "chi_square": active.chi_square,
-                "p_value": active.p_value,
-                "pressure": active.pressure.name.lower(),
-                "sentence": active.sentence,
-            }
+            vars(active) | {"pressure": active.pressure.name.lower(), "sentence": active.sentence}
             for active in found.active
         ],
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -24,21 +25,25 @@ def nonperiodic_residual_figure(sides: Sequence[LabelledComparison]) -> Figure:
     labels = channel_labels(sides)
     figure, panels = PanelGrid(rows=len(labels), columns=len(sides), panel_height=80).panels(sharex=True, sharey="row")
     for column, side in enumerate(sides):
-        time, means = nonperiodic_residual(side)
-        std = std_of_interval_means(side)
+        (time, means), std = nonperiodic_residual(side), std_of_interval_means(side)
         panel_title(panels[0, column], side.label, side.colour)
         for row, (name, unit) in enumerate(labels):
             axes = panels[row, column]
-            axes.axhspan(-2 * std[row], 2 * std[row], color=NOISE, lw=0, zorder=0)
-            axes.axhline(0, color=MUTED, lw=0.5, zorder=0.2)
             for start, end in side.comparison.noise.events:
                 axes.axvspan(start, end, color=HELD_OUT, alpha=0.25, lw=0, zorder=0.1)
-            axes.plot(time, means[:, row], color=side.colour, lw=1.1, drawstyle="steps-mid")
-            axes.margins(x=0.01)
+            draw_nonperiodic_residual(axes, time, means[:, row], float(std[row]), side.colour)
             if not column:
                 label_y_axis(axes, axis_label(name, unit))
         panels[-1, column].set_xlabel("time in the record (s)")
     return figure
+
+
+def draw_nonperiodic_residual(axes: Axes, time: Array, means: Array, std: float, colour: str) -> None:
+    """Non-periodic residual of a channel in steps, with the band of ± 2 std."""
+    axes.axhspan(-2 * std, 2 * std, color=NOISE, lw=0, zorder=0)
+    axes.axhline(0, color=MUTED, lw=0.5, zorder=0.2)
+    axes.plot(time, means, color=colour, lw=1.2, drawstyle="steps-mid")
+    axes.margins(x=0.01)
 
 
 def nonperiodic_residual(side: LabelledComparison) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from estimation.noise.recording_noise import NoiseSource, sample_step
 from modeling.number_format import axis_label
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
+from truewrench.plots.residuals.time_series_plot import extremes
 from truewrench.plots.style import FAINT, INK, LEGEND, MEASURED, PanelGrid, label_y_axis, panel_title
 
 Array = NDArray[np.float64]
@@ -143,17 +144,10 @@ def _excited_lines(axes: Axes, lines: ResidualSpectrum, channel: int, colour: st
 
 def _decimated(frequency: Array, amplitude: Array) -> tuple[Array, Array]:
     """The smallest and the largest amplitude in each pixel column of a logarithmic axis."""
-    column = np.floor(PIXEL_COLUMNS * np.log(frequency / frequency[0]) / np.log(frequency[-1] / frequency[0])).astype(
-        int
-    )
     if len(frequency) < 2 * PIXEL_COLUMNS:
         return frequency, amplitude
-    chosen = set()
-    for value in np.unique(column):
-        inside = np.flatnonzero(column == value)
-        chosen |= {int(inside[amplitude[inside].argmin()]), int(inside[amplitude[inside].argmax()])}
-    index = np.array(sorted(chosen))
-    return frequency[index], amplitude[index]
+    column = np.floor(PIXEL_COLUMNS * np.log(frequency / frequency[0]) / np.log(frequency[-1] / frequency[0]))
+    return extremes(frequency, amplitude, np.append(np.unique(column, return_index=True)[1], len(column)))
 
 
 def _smoothed(frequency: Array, amplitude: Array) -> tuple[Array, Array]:

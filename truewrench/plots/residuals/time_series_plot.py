@@ -36,12 +36,13 @@ def min_max_decimated(x: Array, y: Array, bins: int = PIXEL_COLUMNS) -> tuple[Ar
     """The smallest and the largest y in each of `bins` equal intervals of samples, in order."""
     if len(y) <= 2 * bins:
         return x, y
-    edges = np.linspace(0, len(y), bins + 1).astype(int)
-    chosen = []
-    for start, end in pairwise(edges):
-        part = y[start:end]
-        chosen += sorted({start + int(part.argmin()), start + int(part.argmax())})
-    index = np.array(chosen)
+    return extremes(x, y, np.linspace(0, len(y), bins + 1).astype(int))
+
+
+def extremes(x: Array, y: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
+    """The smallest and the largest y between consecutive indices, in order."""
+    parts = [(start, y[start:end]) for start, end in pairwise(edges)]
+    index = np.unique([start + i for start, part in parts for i in (int(part.argmin()), int(part.argmax()))])
     return x[index], y[index]
 
 
@@ -69,7 +70,7 @@ def time_series_figure(sides: Sequence[LabelledComparison], channel: int) -> Fig
         top, bottom = panels[:, column]
         panel_title(top, side.label, side.colour)
         (_points if side.recording.at_rest else _lines)(top, side, channel)
-        _residual(bottom, side, channel)
+        draw_residual(bottom, side, channel)
         bottom.set_xlabel("pose, in the order of recording" if side.recording.at_rest else _time_label(side))
     panels[1, 0].set_ylim(*residual_limits(sides, channel))
     label_y_axis(panels[0, 0], axis_label(name, unit))
@@ -97,8 +98,13 @@ def noise_band(axes: Axes, side: LabelledComparison, channel: int) -> None:
 
 
 def draw_residual(axes: Axes, side: LabelledComparison, channel: int) -> None:
-    """Residual over time: samples (pale) and trend."""
+    """Residual with its noise band over time, samples (pale) and trend; of static poses as a stem plot."""
+    noise_band(axes, side, channel)
     residual = side.residual[:, channel]
+    if side.recording.at_rest:
+        axes.vlines(side.instants, 0, residual, color=side.colour, lw=1.0)
+        axes.plot(side.instants, residual, "o", color=side.colour, ms=3.2)
+        return
     trend = running_mean(residual, max(1, len(residual) // TREND_PARTS))
     axes.plot(*min_max_decimated(side.instants, residual), color=side.colour, lw=0.5, alpha=0.45)
     axes.plot(*min_max_decimated(side.instants, trend), color=side.colour, lw=1.3, solid_joinstyle="round")
@@ -114,18 +120,6 @@ def time_limits(side: LabelledComparison) -> tuple[float, float]:
     first, last = float(side.instants[0]), float(side.instants[-1])
     margin = 0.012 * (last - first)
     return first - margin, last + margin
-
-
-def draw_pose_residual(axes: Axes, side: LabelledComparison, channel: int) -> None:
-    """Residual in each pose, as a stem plot."""
-    residual = side.residual[:, channel]
-    axes.vlines(side.instants, 0, residual, color=side.colour, lw=1.0)
-    axes.plot(side.instants, residual, "o", color=side.colour, ms=3.2)
-
-
-def _residual(axes: Axes, side: LabelledComparison, channel: int) -> None:
-    noise_band(axes, side, channel)
-    (draw_pose_residual if side.recording.at_rest else draw_residual)(axes, side, channel)
 
 
 def _lines(axes: Axes, side: LabelledComparison, channel: int) -> None:

@@ -11,9 +11,13 @@ from diagnosis.comparison.residual_map import residual_maps
 from estimation.noise.recording_noise import NoiseSource
 from modeling.number_format import axis_label
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
-from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual, std_of_interval_means
-from truewrench.plots.residuals.time_series_plot import draw_pose_residual, draw_residual, noise_band, residual_limits
-from truewrench.plots.style import MUTED, NOISE, PanelGrid, label_y_axis, panel_title
+from truewrench.plots.residuals.nonperiodic_residual_plot import (
+    draw_nonperiodic_residual,
+    nonperiodic_residual,
+    std_of_interval_means,
+)
+from truewrench.plots.residuals.time_series_plot import draw_residual, residual_limits
+from truewrench.plots.style import PanelGrid, label_y_axis, panel_title
 
 HEIGHT = 135
 MIN_SIGNAL_TO_NOISE = 2.0
@@ -28,14 +32,11 @@ def worst_channel_figure(sides: Sequence[LabelledComparison]) -> Figure:
         panel_title(axes, side.label, side.colour)
         if nonperiodic:
             time, means = nonperiodic_residual(side)
-            std = float(std_of_interval_means(side)[channel])
-            axes.axhspan(-2 * std, 2 * std, color=NOISE, lw=0, zorder=0)
-            axes.axhline(0, color=MUTED, lw=0.5, zorder=0.2)
-            axes.plot(time, means[:, channel], color=side.colour, lw=1.3, drawstyle="steps-mid")
-            axes.margins(x=0.012)
+            draw_nonperiodic_residual(
+                axes, time, means[:, channel], float(std_of_interval_means(side)[channel]), side.colour
+            )
         else:
-            noise_band(axes, side, channel)
-            (draw_pose_residual if side.recording.at_rest else draw_residual)(axes, side, channel)
+            draw_residual(axes, side, channel)
             axes.set_ylim(*residual_limits(sides, channel))
         axes.set_xlabel("pose" if side.recording.at_rest else "time (s)")
     name, unit = channel_labels(sides)[channel]
