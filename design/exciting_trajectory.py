@@ -17,6 +17,7 @@ from design.information.sample_information import SampleInformation
 from design.limits.limit_use import LimitUse
 from design.optimiser.multistart import DesignTask, LocalOptimum
 from design.trajectories.trajectory import Trajectory
+from modeling.number_format import finite
 from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
@@ -94,7 +95,7 @@ class ExcitingTrajectory(Tabular):
         """The JSON of `truewrench design` (FORMATS)."""
         bound = self.bound
         return {
-            "logdet": _finite(self.logdet),
+            "logdet": finite(self.logdet),
             "samples": self.samples,
             "period": self.motion.period,
             "bound_logdet": None if bound is None else bound.logdet,
@@ -103,9 +104,9 @@ class ExcitingTrajectory(Tabular):
             "worst_limit_use": self.limit_use.to_data(),
             "evaluations": self.evaluations,
             "criterion": str(self.criterion),
-            "criterion_value": _finite(self.local_optima[0].value),
+            "criterion_value": finite(self.local_optima[0].value),
             "outcome": self.local_optima[0].outcome.name.lower(),
-            "reached": [_finite(optimum.value) for optimum in self.local_optima],
+            "reached": [finite(optimum.value) for optimum in self.local_optima],
             "std": self._std(),
             "unbounded": self.no_bound_reason or None,
         }
@@ -157,7 +158,3 @@ class ExcitingTrajectory(Tabular):
             ("proven", rows["proven"]),
             ("samples", f"{error:+.4f} in ln det against the mean over time, to which the bound applies"),
         ]
-
-
-def _finite(value: float) -> float | None:
-    return value if isfinite(value) else None

@@ -23,7 +23,6 @@ from diagnosis.verdict.result_json import (
     disturbance_data,
     estimates_data,
     finding_data,
-    finite,
     step_data,
     unexplained_data,
 )
@@ -39,7 +38,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects import catalogue
 from modeling.errors import InputError
-from modeling.number_format import P_VALUE, SHARE
+from modeling.number_format import P_VALUE, SHARE, finite
 from modeling.table import Column, Table, Tabular
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import floor, isfinite, log10
+from typing import Any
 
 P_VALUE = "p"
 SHARE = "%"
@@ -13,6 +14,17 @@ SMALLEST_P_VALUE = 1e-300
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_VALUE = "–"
+
+
+def finite(value: Any) -> Any:
+    """The same data for JSON, with None for every number that is not finite."""
+    if isinstance(value, dict):
+        return {k: finite(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [finite(v) for v in value]
+    if isinstance(value, float):
+        return float(value) if isfinite(value) else None
+    return value
 
 
 def plain_number(value: float, spec: str) -> str:

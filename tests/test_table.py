@@ -9,8 +9,17 @@ import numpy as np
 import pytest
 
 import truewrench
+from diagnosis.comparison.comparison import compare
+from estimation.fit import fit
+from estimation.repeatability.bootstrap import bootstrap
+from estimation.repeatability.repeat_table import RepeatTable
+from estimation.robust.robust_fit import robust_fit
+from estimation.static.centre_of_mass import CentreOfMass
+from modeling.chain.model import planar
 from modeling.number_format import P_VALUE, estimate_text
+from modeling.space import Space
 from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular
+from tests.test_fit import recorded
 
 COLUMNS = (
     "parameter",
@@ -108,6 +117,21 @@ def test_wide_text_is_wrapped_between_rules() -> None:
 )
 def test_estimates_as_text(value: float, std: float, unit: str, text: str) -> None:
     assert estimate_text(value, std, unit) == text
+
+
+def test_every_result_of_a_fit_shows_itself_alike() -> None:
+    recording = recorded(Space.PLANE, seed=2)
+    fitted = fit(planar(), recording)
+    results = (fitted, fitted.intervals(), compare(fitted), RepeatTable.of(fitted), bootstrap(fitted, draws=200))
+    for found in (*results, robust_fit(planar(), recording), CentreOfMass.of(fitted)):
+        text, frame = str(found), found.to_frame()
+        headings = [column.heading for column in found.table.columns]
+        assert all(heading in text for heading in headings)
+        assert list(frame.columns) == headings
+        assert len(set(headings)) == len(headings)
+        assert set(headings) <= {t.replace("(", "[").replace(")", "]") for t in Cells(found._repr_html_()).texts}
+        assert len(found.table.to_markdown().splitlines()) == 2 + len(frame)
+    assert fitted.to_frame()["value"].tolist() == fitted.theta.tolist()
 
 
 def test_every_public_name_is_there() -> None:

@@ -24,7 +24,8 @@ def count_progress(progress: Progress, doing: str) -> CountCallback:
 
     def announce(done: int, total: int) -> None:
         remaining = (monotonic() - begin) / done * (total - done) if done else 0.0
-        time = f", about {remaining:.0f} s remaining" if remaining >= MIN_REMAINING else ""
+        duration = f"{remaining:.0f} s" if remaining < 100 else f"{remaining / 60:.0f} min"
+        time = f", about {duration} remaining" if remaining >= MIN_REMAINING else ""
         progress(f"{doing}: {done} of {total}{time}")
 
     return announce

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
 from typing import Any
 
 from diagnosis.acceptance.recording_disturbance import RecordingDisturbance
@@ -68,14 +67,3 @@ def unexplained_data(residual: UnexplainedResidual) -> dict[str, Any]:
         "looks_like": list(residual.looks_like),
         "share": residual.share,
     }
-
-
-def finite(value: Any) -> Any:
-    """The same data with None for every number that is not finite."""
-    if isinstance(value, dict):
-        return {k: finite(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [finite(v) for v in value]
-    if isinstance(value, float):
-        return float(value) if isfinite(value) else None
-    return value

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, positive
+from truewrench.commands.options import Subcommands, positive, print_result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,12 +66,8 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         with atomic_write(arguments.out) as path:
             contact_table(found).to_csv(path, index=False, float_format="%.9g")
-    if arguments.json:
-        print(json.dumps(contact_data(found), indent=2, allow_nan=False))
-        return
-    print(contact_text(found))
-    if arguments.out is not None:
-        print(f"\nWritten: {arguments.out}")
+    written = [] if arguments.out is None else [arguments.out]
+    print_result(arguments, lambda: contact_text(found), lambda: contact_data(found), written)
 
 
 def contact_table(contact: ContactWrench) -> pd.DataFrame:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_workers, positive
+from truewrench.commands.options import Subcommands, add_workers, positive, print_result
 
 if TYPE_CHECKING:
     from design.discrimination import DiscriminationDesign
@@ -87,14 +86,13 @@ def run(arguments: argparse.Namespace) -> None:
     written = arguments.out is not None and found.motion is not None
     if written:
         write(request, found, arguments.out)
-    if arguments.json:
-        print(json.dumps(dict.fromkeys(KEYS) | found.to_data(), indent=2, allow_nan=False))
-        return
-    print(found)
-    if request.left_out:
-        print(f"excluded, because no trajectory can be designed for them: {', '.join(request.left_out)}")
-    if written:
-        print(f"\nWritten: {arguments.out} and {plot_path(arguments.out)}")
+    excluded = f"\nexcluded, because no trajectory can be designed for them: {', '.join(request.left_out)}"
+    print_result(
+        arguments,
+        lambda: f"{found}{excluded if request.left_out else ''}",
+        lambda: dict.fromkeys(KEYS) | found.to_data(),
+        [arguments.out, plot_path(arguments.out)] if written else [],
+    )
 
 
 def exciting_plan(request: DesignRequest) -> ExcitingTrajectory:

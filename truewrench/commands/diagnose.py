@@ -8,7 +8,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, add_repeatable, add_workers
+from truewrench.commands.options import (
+    Subcommands,
+    add_custom_effects,
+    add_recordings,
+    add_repeatable,
+    add_workers,
+    print_result,
+)
 
 if TYPE_CHECKING:
     from diagnosis.diagnosis import Diagnosis
@@ -35,6 +42,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
     from truewrench.files.data_set import DataSet, convention_data, convention_sentence
     from truewrench.files.output import make_folder, require_writable_folder
+    from truewrench.text.diagnosis_text import diagnosis_text
 
     if arguments.out is not None:
         require_writable_folder(arguments.out)
@@ -44,16 +52,9 @@ def run(arguments: argparse.Namespace) -> None:
     data = found.to_data() | ({} if case.sign is None else {"sign": convention_data(case.sign)})
     if out is not None:
         write(found, data, out)
-    if arguments.json:
-        print(json.dumps(data, indent=2, allow_nan=False))
-        return
-    from truewrench.text.diagnosis_text import diagnosis_text
-
-    print(diagnosis_text(found))
-    if case.sign is not None:
-        print(f"\n{convention_sentence(case.sign)}")
-    if out is not None:
-        print("\nWritten: " + ", ".join(str(out / name) for name in FILES))
+    sign = "" if case.sign is None else f"\n\n{convention_sentence(case.sign)}"
+    written = [] if out is None else [out / name for name in FILES]
+    print_result(arguments, lambda: diagnosis_text(found) + sign, lambda: data, written)
 
 
 def _custom_effects(path: Path | None, case: DataSet) -> tuple[Effect, ...]:

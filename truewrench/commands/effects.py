@@ -28,14 +28,14 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Print the catalogue, or the description of one effect."""
-    from modeling.effects import catalogue, named
+    from modeling.effects import catalogue
+    from truewrench.commands.fit import effect_by_id
 
     custom = () if arguments.effects is None else _custom_effects(arguments.effects)
     if arguments.id is None:
         print(listing((*catalogue(), *custom)))
         return
-    by_id = {effect.id: effect for effect in custom}
-    print(description(by_id.get(arguments.id) or named(arguments.id)))
+    print(description(effect_by_id(arguments.id, custom)))
 
 
 def _custom_effects(path: str) -> tuple[Effect, ...]:

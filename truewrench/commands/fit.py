@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, add_repeatable
+from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, add_repeatable, print_result
 
 if TYPE_CHECKING:
     from estimation.fit import Fit
@@ -110,12 +109,8 @@ def print_fit(
         if arguments.out is not None:
             with atomic_write(arguments.out) as path:
                 path.write_text(saved.to_text(), encoding="utf-8")
-    if arguments.json and saved is not None:
-        print(json.dumps(saved.to_data() | data(), indent=2, allow_nan=False))
-        return
-    print(text())
-    if arguments.out is not None:
-        print(f"\nWritten: {arguments.out}")
+    written = [] if arguments.out is None else [arguments.out]
+    print_result(arguments, text, lambda: (saved.to_data() if saved else {}) | data(), written)
 
 
 def fit_summary_of(

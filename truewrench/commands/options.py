@@ -1,9 +1,12 @@
-"""Options shared by several commands."""
+"""Options shared by several commands, and how each prints its result."""
 
 from __future__ import annotations
 
 import argparse
+import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 Subcommands = argparse._SubParsersAction  # argparse has no public name for what add_subparsers returns
 
@@ -47,3 +50,18 @@ def add_repeatable(command: argparse.ArgumentParser, option: str, *, metavar: st
     """Add an option that may be given several times."""
     help_text = f"{text}; may be given several times"
     command.add_argument(option, action="append", default=[], metavar=metavar, help=help_text)
+
+
+def print_result(
+    arguments: argparse.Namespace,
+    text: Callable[[], object],
+    data: Callable[[], Mapping[str, Any]],
+    written: Sequence[Path] = (),
+) -> None:
+    """Print a result: with --json its data alone, else its text and the files written."""
+    if arguments.json:
+        print(json.dumps(data(), indent=2, allow_nan=False))
+        return
+    print(text())
+    if written:
+        print("\nWritten: " + ", ".join(map(str, written)))

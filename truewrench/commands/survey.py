@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
-from truewrench.commands.options import Subcommands, add_recordings, worker_count
+from truewrench.commands.options import Subcommands, add_recordings, print_result, worker_count
 
 FOLDER = Path("survey")
 
@@ -34,8 +33,9 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose the recordings, write the files, print the survey."""
+    from diagnosis.parallel.progress import silent
     from truewrench.files.output import progress_line
-    from truewrench.surveying.survey import FILES, no_progress, survey
+    from truewrench.surveying.survey import FILES, survey
 
     with progress_line() as progress:
         found = survey(
@@ -44,10 +44,7 @@ def run(arguments: argparse.Namespace) -> None:
             out=arguments.out,
             scheduler=arguments.scheduler,
             workers=arguments.workers,
-            progress=no_progress if arguments.quiet else progress,
+            progress=silent if arguments.quiet else progress,
         )
-    if arguments.json:
-        print(json.dumps(found.to_data(), indent=2, allow_nan=False))
-    elif not arguments.quiet:
-        print(found)
-        print("\nWritten: " + ", ".join(str(arguments.out / name) for name in FILES))
+    if arguments.json or not arguments.quiet:
+        print_result(arguments, lambda: found, found.to_data, [arguments.out / name for name in FILES])

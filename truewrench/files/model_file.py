@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import reduce
-from math import isclose, isfinite
+from math import isclose
 from operator import add
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -25,6 +25,7 @@ from modeling.effects import named
 from modeling.errors import InputError
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.kinematics.arm import Arm
+from modeling.number_format import finite
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
 from modeling.strict_table import StrictTable, validated
@@ -134,11 +135,11 @@ class ModelFile:
             "channels": list(self.model.channels),
             "effects": [_effect_data(effect) for effect in self.model.effects],
             "parameters": {
-                e.name: {"value": e.value, "std": _finite(e.std), "unit": e.unit} for e in self.parameters.values()
+                e.name: {"value": e.value, "std": finite(e.std), "unit": e.unit} for e in self.parameters.values()
             },
             "covariance": {
                 "parameters": list(self.parameters),
-                "matrix": [[_finite(v) for v in row] for row in self.covariance.tolist()],
+                "matrix": [[finite(v) for v in row] for row in self.covariance.tolist()],
             },
             "noise_floor": dict(self.noise_floor),
             "noise_source": self.noise_source.value,
@@ -153,10 +154,6 @@ class ModelFile:
 
 def _by_channel(model: WrenchModel, values: Array) -> dict[str, float]:
     return {c: float(v) for c, v in zip(model.channels, values, strict=True)}
-
-
-def _finite(value: float) -> float | None:
-    return value if isfinite(value) else None
 
 
 # ------------------------------------------------------------------------------ schema of the file

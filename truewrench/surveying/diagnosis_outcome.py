@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from typing import TYPE_CHECKING
+
+from modeling.number_format import finite
 
 if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison
@@ -96,8 +97,8 @@ class DiagnosisOutcome:
             added=found.added,
             sizes=tuple(size for i in found.added for size in _stored_estimates(i, findings[i].parameters)),
             parameters=tuple(_stored_estimates("", tool)),
-            misfit_before=_finite(first.misfit),
-            misfit=_finite(last.misfit),
+            misfit_before=finite(first.misfit),
+            misfit=finite(last.misfit),
             channels=tuple(_channels(first, last)),
             seconds=seconds,
         )
@@ -110,7 +111,7 @@ class DiagnosisOutcome:
 
 
 def _stored_estimates(effect: str, estimates: Mapping[str, Estimate]) -> list[StoredEstimate]:
-    return [StoredEstimate(effect, name, _finite(e.value), _finite(e.std), e.unit) for name, e in estimates.items()]
+    return [StoredEstimate(effect, name, finite(e.value), finite(e.std), e.unit) for name, e in estimates.items()]
 
 
 def _channels(first: Comparison, last: Comparison) -> list[ChannelError]:
@@ -119,15 +120,11 @@ def _channels(first: Comparison, last: Comparison) -> list[ChannelError]:
         ChannelError(
             channel=channel,
             unit=unit,
-            noise_floor=_finite(last.noise_floor[channel]),
-            rms_before=_finite(first.rms[channel]),
-            rms_after=_finite(last.rms[channel]),
-            systematic_before=_finite(systematic[0].get(channel)),
-            systematic_after=_finite(systematic[1].get(channel)),
+            noise_floor=finite(last.noise_floor[channel]),
+            rms_before=finite(first.rms[channel]),
+            rms_after=finite(last.rms[channel]),
+            systematic_before=finite(systematic[0].get(channel)),
+            systematic_after=finite(systematic[1].get(channel)),
         )
         for channel, unit in zip(first.recording.channels, first.space.units, strict=True)
     ]
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not isfinite(value) else float(value)

@@ -8,9 +8,8 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import parquet
 
-from truewrench.surveying.survey_row import SurveyRow
+from truewrench.surveying.survey_row import BY_CHANNEL, SurveyRow
 
-_BY_CHANNEL = pa.map_(pa.string(), pa.float64())
 _SIZES = pa.list_(
     pa.struct(
         [
@@ -33,11 +32,7 @@ SCHEMA = pa.schema(
         ("parameters", _SIZES),
         ("misfit_before", pa.float64()),
         ("misfit", pa.float64()),
-        ("noise_floor", _BY_CHANNEL),
-        ("rms_before", _BY_CHANNEL),
-        ("rms_after", _BY_CHANNEL),
-        ("systematic_before", _BY_CHANNEL),
-        ("systematic_after", _BY_CHANNEL),
+        *((name, pa.map_(pa.string(), pa.float64())) for name in BY_CHANNEL),
         ("seconds", pa.float64()),
         ("error", pa.string()),
     ]
@@ -50,7 +45,7 @@ def parquet_table(rows: Sequence[SurveyRow]) -> pa.Table:
     data = [row.to_data() for row in rows]
     for line, row in zip(data, rows, strict=True):
         line["recorded"] = None if row.time is None else row.time.moment
-        line |= {name: list(line[name].items()) for name in SCHEMA.names if SCHEMA.field(name).type == _BY_CHANNEL}
+        line |= {name: list(line[name].items()) for name in BY_CHANNEL}
     return pa.Table.from_pylist(data, schema=SCHEMA)
 
 

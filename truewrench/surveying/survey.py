@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from time import monotonic
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol
 
 from pydantic import TypeAdapter, ValidationError
 
+from diagnosis.parallel.progress import Progress, count_progress, silent
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
 from modeling.table import Column, Table, Tabular
@@ -65,8 +65,6 @@ OUTCOME_FOLDER = "rows"
 FILES = ("survey.parquet", "survey.html")
 ERROR = "error"
 """Label of recordings without a verdict."""
-
-Progress: TypeAlias = Callable[[str], None]
 
 
 class DaskClient(Protocol):
@@ -135,10 +133,6 @@ class Survey(Tabular):
         return [text for part in (*parts, *self.remarks()) for text in (part, "")][:-1]
 
 
-def no_progress(_message: str) -> None:
-    """Ignore progress messages."""
-
-
 def survey(
     recordings: Iterable[str | Path],
     *,
@@ -148,7 +142,7 @@ def survey(
     scheduler: str | None = None,
     workers: int | None = None,
     only: Sequence[str] | None = None,
-    progress: Progress = no_progress,
+    progress: Progress = silent,
     work: Work = diagnosed_outcome,
 ) -> Survey:
     """Diagnose many recordings of one rig and tool, each by itself.
@@ -221,21 +215,15 @@ def _run_and_store(
 ) -> dict[str, DiagnosisOutcome]:
     """Outcomes by recording; each final one is stored as soon as it is available."""
     found: dict[str, DiagnosisOutcome] = {}
-    began = monotonic()
-    progress(f"0 of {len(tasks)} recordings")
+    count = count_progress(progress, "recordings")
+    count(0, len(tasks))
     with closing(run_tasks(tasks, executor, work)) as outcomes:  # pending tasks are cancelled on an exception
         for task, outcome in outcomes:
             found[task.recording] = outcome
             if store is not None and task.key is not None and outcome.final:
                 store.put(task.key, outcome)
-            progress(_progress_text(len(found), len(tasks), monotonic() - began))
+            count(len(found), len(tasks))
     return found
-
-
-def _progress_text(count: int, total: int, seconds: float) -> str:
-    remaining = seconds / count * (total - count)
-    duration = f"{remaining:.0f} s" if remaining < 100 else f"{remaining / 60:.0f} min"
-    return f"{count} of {total} recordings, about {duration} remaining"
 
 
 @contextmanager

@@ -11,6 +11,9 @@ from typing import Any
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 from truewrench.surveying.recording_time import RecordingTime
 
+BY_CHANNEL = ("noise_floor", "rms_before", "rms_after", "systematic_before", "systematic_after")
+"""Quantities of `ChannelError` that a row has by channel."""
+
 
 @dataclass(frozen=True)
 class SurveyRow:
@@ -34,25 +37,15 @@ class SurveyRow:
 
     def to_data(self) -> dict[str, Any]:
         """The row as in survey.parquet, the time in ISO 8601: plain numbers, text, lists, None."""
-        outcome, time = self.outcome, self.time
+        outcome, time = asdict(self.outcome), self.time
         return {
             "file": self.file,
             "recorded": None if time is None else time.moment.isoformat(),
             "recorded_from": None if time is None else time.source.value,
-            "verdict": outcome.verdict,
-            "added": list(outcome.added),
-            "sizes": [asdict(size) for size in outcome.sizes],
-            "parameters": [asdict(size) for size in outcome.parameters],
-            "misfit_before": outcome.misfit_before,
-            "misfit": outcome.misfit,
-            "noise_floor": self._by_channel("noise_floor"),
-            "rms_before": self._by_channel("rms_before"),
-            "rms_after": self._by_channel("rms_after"),
-            "systematic_before": self._by_channel("systematic_before"),
-            "systematic_after": self._by_channel("systematic_after"),
-            "seconds": outcome.seconds,
-            "error": outcome.error or None,
+            "verdict": outcome["verdict"],
+            **{name: list(outcome[name]) for name in ("added", "sizes", "parameters")},
+            **{name: outcome[name] for name in ("misfit_before", "misfit")},
+            **{name: {c["channel"]: c[name] for c in outcome["channels"]} for name in BY_CHANNEL},
+            "seconds": outcome["seconds"],
+            "error": outcome["error"] or None,
         }
-
-    def _by_channel(self, quantity: str) -> dict[str, float | None]:
-        return {c.channel: getattr(c, quantity) for c in self.outcome.channels}

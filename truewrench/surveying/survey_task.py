@@ -13,6 +13,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from modeling.errors import InputError
+from modeling.evaluation.cache import source_digest
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 
 if TYPE_CHECKING:
@@ -47,14 +48,9 @@ def fingerprint(recording: Path, rig: Mapping[str, Any] | None, only: tuple[str,
 @cache
 def code_version() -> str:
     """Hash of the source files, different for two checkouts of one version."""
-    digest = hashlib.sha256()
-    for package in FINGERPRINTED_PACKAGES:
-        spec = find_spec(package)
-        for folder in [] if spec is None else spec.submodule_search_locations or []:
-            for source in sorted(Path(folder).rglob("*.py")):
-                digest.update(source.relative_to(folder).as_posix().encode())
-                digest.update(hashlib.sha256(source.read_bytes()).digest())
-    return digest.hexdigest()
+    specs = [find_spec(package) for package in FINGERPRINTED_PACKAGES]
+    folders = [Path(folder) for spec in specs if spec for folder in spec.submodule_search_locations or []]
+    return " ".join(map(source_digest, folders))
 
 
 @dataclass(frozen=True, kw_only=True)
