@@ -50,7 +50,7 @@ def weaker_verdict_warning(diagnosis: Diagnosis) -> str:
     return next(
         (
             f"Without repeats this verdict is weaker: {reason}. Record four or more repeats of the same motion, with a "
-            "column `repeat`, or of the same poses."
+            "repeat column, or of the same poses."
             for source, reason in WEAKER.items()
             if source in sources
         ),
