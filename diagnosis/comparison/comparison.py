@@ -66,7 +66,7 @@ class Comparison(Tabular):
         explainable = self.explainable_rms or {}
         rows = [
             (c, unit, self.noise_floor[c], self.rms[c], explainable.get(c))
-            for c, unit in zip(self.recording.channels, self.space.units, strict=True)
+            for c, unit in self.space.channel_units.items()
         ]
         numbers = (Column(name, format=".4g") for name in ("noise floor", "rms", "systematic rms"))
         return Table.of(("channel", "unit", *numbers), rows)

@@ -72,7 +72,7 @@ def _rig_name(diagnosis: Diagnosis) -> str:
 
 
 def _by_channel(diagnosis: Diagnosis, values: Mapping[str, float | None]) -> list[FormattedQuantity]:
-    units = dict(zip(diagnosis.model.space.channels, diagnosis.model.space.units, strict=True))
+    units = diagnosis.model.space.channel_units
     return [FormattedQuantity.of(c, v, units[c]) for c, v in values.items() if v is not None]
 
 

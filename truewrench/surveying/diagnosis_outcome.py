@@ -126,5 +126,5 @@ def _channels(first: Comparison, last: Comparison) -> list[ChannelError]:
             systematic_before=finite(systematic[0].get(channel)),
             systematic_after=finite(systematic[1].get(channel)),
         )
-        for channel, unit in zip(first.recording.channels, first.space.units, strict=True)
+        for channel, unit in first.space.channel_units.items()
     ]

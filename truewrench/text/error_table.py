@@ -61,7 +61,7 @@ def error_table(diagnosis: Diagnosis) -> Table:
     The total RMS is the note of a cell; without repeats it stands in the cell itself, marked `~`.
     """
     first = diagnosis.steps[0].training[0]
-    sizes = (Column(c, u, format=".3g") for c, u in zip(first.recording.channels, first.space.units, strict=True))
+    sizes = (Column(c, u, format=".3g") for c, u in first.space.channel_units.items())
     measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
     tolerance = [Cell(diagnosis.tolerance[c], kind="floor") for c in first.recording.channels]
     rows = [row for errors in recording_errors(diagnosis) for row in _rows(diagnosis, errors)]

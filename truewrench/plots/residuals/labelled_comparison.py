@@ -63,5 +63,4 @@ class LabelledComparison:
 
 def channel_labels(sides: Sequence[LabelledComparison]) -> list[tuple[str, str]]:
     """Name and unit of each channel."""
-    first = sides[0]
-    return list(zip(first.recording.channels, first.comparison.space.units, strict=True))
+    return list(sides[0].comparison.space.channel_units.items())
