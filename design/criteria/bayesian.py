@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from scipy.linalg import block_diag
-
-from design.criteria.criterion import Array, Criterion
+from design.criteria.criterion import Criterion
 from modeling.errors import InputError
 
 
@@ -34,19 +31,17 @@ class BayesianCriterion(Criterion):
                 remedy="leave out sets of no weight and divide the others by their sum",
             )
 
-    def value(self, information: Array) -> float:
-        """The mean of the blocks' values."""
-        values = [self.criterion.value(block) for block in self._blocks(information)]
-        return float(np.dot(self.weights, values))
-
-    def gradient(self, information: Array) -> Array:
-        """Block diagonal: the weighted gradients of the blocks."""
-        blocks = zip(self.weights, self._blocks(information), strict=True)
-        return np.asarray(block_diag(*[w * self.criterion.gradient(block) for w, block in blocks]))
+    def blocks(self, information: Any) -> list[Any]:
+        """The m blocks; ValueError when M has not as many."""
+        size, excess = divmod(information.shape[0], len(self.weights))
+        if excess:
+            raise ValueError(f"{len(self.weights)} blocks were expected in {information.shape[0]} rows")
+        places = [slice(i * size, (i + 1) * size) for i in range(len(self.weights))]
+        return [information[place, place] for place in places]
 
     def expression(self, information: Any) -> Any:
         """The mean of the blocks' expressions."""
-        blocks = zip(self.weights, self._blocks(information), strict=True)
+        blocks = zip(self.weights, self.blocks(information), strict=True)
         return sum(w * self.criterion.expression(block) for w, block in blocks)
 
     def degree(self, size: int) -> float:
@@ -55,10 +50,3 @@ class BayesianCriterion(Criterion):
 
     def __str__(self) -> str:
         return f"Bayesian {self.criterion} over {len(self.weights)} sets of parameter values"
-
-    def _blocks(self, information: Any) -> list[Any]:
-        size, excess = divmod(information.shape[0], len(self.weights))
-        if excess:
-            raise ValueError(f"{len(self.weights)} blocks were expected in {information.shape[0]} rows")
-        places = [slice(i * size, (i + 1) * size) for i in range(len(self.weights))]
-        return [information[place, place] for place in places]

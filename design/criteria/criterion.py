@@ -1,4 +1,4 @@
-"""Optimality criterion: a concave function of an information matrix, with its gradient and its CasADi graph."""
+"""Optimality criterion: a concave function of the information, as a CasADi expression, with value and gradient."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from design.criteria.symbolic_cholesky import is_regular
+from modeling.errors import InputError
+
 Array = NDArray[np.float64]
 
 
@@ -18,22 +21,12 @@ class Criterion(ABC):
     Every member is the logarithm of a positively homogeneous mean of M (Pukelsheim, Optimal Design of Experiments,
     chapter 5), times its `degree`: value(c M) = value(M) + degree ln c. So a difference of values does not depend on
     units: exp(difference / degree) is the factor in the number of measurements that makes up for it.
+    A member is its `expression`; value, gradient and graph are compiled from it.
     """
 
     name: ClassVar[str]
     """Its name in tables."""
     unit: ClassVar[str] = "nat"
-
-    @abstractmethod
-    def value(self, information: Array) -> float:
-        """The criterion at M (k, k); minus infinity when M is singular."""
-
-    @abstractmethod
-    def gradient(self, information: Array) -> Array:
-        """Derivative (k, k), symmetric: value(M + E) = value(M) + tr(gradient E) + o(E) for symmetric E.
-
-        Raises InputError when M is singular.
-        """
 
     @abstractmethod
     def expression(self, information: Any) -> Any:
@@ -43,6 +36,28 @@ class Criterion(ABC):
     def degree(self, size: int) -> float:
         """The growth of the value of a (size, size) information when M is multiplied by e."""
 
+    def blocks(self, information: Any) -> list[Any]:
+        """The diagonal blocks of M that the value depends on: minus infinity where one of them is singular."""
+        return [information]
+
+    def value(self, information: Array) -> float:
+        """The criterion at M (k, k); minus infinity when M is singular."""
+        return float(_function(self, len(information))(information)) if self._regular(information) else -np.inf
+
+    def gradient(self, information: Array) -> Array:
+        """Derivative (k, k), symmetric: value(M + E) = value(M) + tr(gradient E) + o(E) for symmetric E.
+
+        Raises InputError when M is singular.
+        """
+        if not self._regular(information):
+            raise InputError(
+                what="it is singular: some combination of the parameters is unidentifiable",
+                where="information",
+                remedy="leave that combination out of the model, or start from an exciting trajectory",
+            )
+        gradient = np.array(_gradient(self, len(information))(information))
+        return np.asarray((gradient + gradient.T) / 2)
+
     def graph(self, information: Any) -> Any:
         """The value as a CasADi graph over M (k, k), MX, SX or DM: no branches; M and its transpose count half each.
 
@@ -50,9 +65,8 @@ class Criterion(ABC):
         """
         return _function(self, information.shape[0])(information)
 
-    def efficiency(self, information: Array, best: float) -> float:
-        """exp((value - best) / degree): with this share of its measurements the best does as well (best: its value)."""
-        return float(np.exp((self.value(information) - best) / self.degree(len(information))))
+    def _regular(self, information: Array) -> bool:
+        return all(is_regular(block) for block in self.blocks(information))
 
     def __str__(self) -> str:
         return self.name
@@ -65,3 +79,12 @@ def _function(criterion: Criterion, size: int) -> Any:
 
     matrix = ca.SX.sym("M", size, size)
     return ca.Function("criterion", [matrix], [criterion.expression((matrix + matrix.T) / 2)])
+
+
+@lru_cache(maxsize=64)
+def _gradient(criterion: Criterion, size: int) -> Any:
+    """Its derivative by the matrix, by automatic differentiation."""
+    import casadi as ca
+
+    matrix = ca.SX.sym("M", size, size)
+    return ca.Function("gradient", [matrix], [ca.gradient(_function(criterion, size)(matrix), matrix)])

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from design.criteria.cholesky import CholeskyFactor, symbolic_pivots
-from design.criteria.criterion import Array, Criterion
+from design.criteria.criterion import Criterion
+from design.criteria.symbolic_cholesky import symbolic_pivots
 
 
 @dataclass(frozen=True)
@@ -20,15 +18,6 @@ class DOptimal(Criterion):
     """
 
     name = "ln det M"
-
-    def value(self, information: Array) -> float:
-        """ln det M by Cholesky."""
-        factor = CholeskyFactor.of(information)
-        return float(factor.log_pivots.sum()) if factor is not None else -np.inf
-
-    def gradient(self, information: Array) -> Array:
-        """M^-1."""
-        return CholeskyFactor.required(information).inverse
 
     def expression(self, information: Any) -> Any:
         """Sum of the logarithms of the pivots."""

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
-import numpy as np
-
-from design.criteria.cholesky import CholeskyFactor, symbolic_pivots
-from design.criteria.criterion import Array, Criterion
-from modeling.chain.model import WrenchModel
+from design.criteria.criterion import Criterion
+from design.criteria.symbolic_cholesky import symbolic_pivots
 from modeling.errors import InputError
 
 
@@ -35,32 +31,6 @@ class Subset(Criterion):
                 where="subset",
                 remedy="give at least one index, from 0, and each once",
             )
-
-    @classmethod
-    def of_effects(cls, model: WrenchModel, ids: Sequence[str]) -> Self:
-        """The parameters of the effects with these ids; InputError when the model has none of them."""
-        owned = tuple(i for i, p in enumerate(model.parameters) if p.name.partition(".")[0] in ids and "." in p.name)
-        if not owned:
-            known = ", ".join(e.id for e in model.effects) or "none"
-            raise InputError(
-                what=f"the model has no parameters of {', '.join(ids)}", where="subset", remedy=f"its effects: {known}"
-            )
-        return cls(owned)
-
-    def value(self, information: Array) -> float:
-        """Sum of the last s logarithms of pivots, the nuisance parameters ordered first."""
-        order = self._order(len(information))
-        factor = CholeskyFactor.of(information[np.ix_(order, order)])
-        return float(factor.log_pivots[-len(self.indices) :].sum()) if factor else -np.inf
-
-    def gradient(self, information: Array) -> Array:
-        """M^-1 minus the inverse of the nuisance block."""
-        nuisance = self._order(len(information))[: -len(self.indices)]
-        gradient = CholeskyFactor.required(information).inverse
-        if nuisance:
-            block = np.ix_(nuisance, nuisance)
-            gradient[block] -= CholeskyFactor.required(information[block]).inverse
-        return gradient
 
     def expression(self, information: Any) -> Any:
         """Sum of the logarithms of the last s pivots."""

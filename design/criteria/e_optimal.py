@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from design.criteria.cholesky import CholeskyFactor
-from design.criteria.criterion import Array
 from design.criteria.scaled_criterion import ScaledCriterion
 from modeling.errors import InputError
 
@@ -35,40 +31,13 @@ class EOptimal(ScaledCriterion):
                 what=f"the power {self.power} is not 2, 4, 8, ...", where="E criterion", remedy="give a power of two"
             )
 
-    @property
-    def squarings(self) -> int:
-        """Number of squarings of a matrix to reach the power."""
-        return self.power.bit_length() - 1
-
-    def gap(self, size: int) -> float:
-        """The largest excess of ln lambda over the value, for `size` parameters."""
-        return float(np.log(size) / self.power)
-
-    def value(self, information: Array) -> float:
-        """-(1/p) ln tr C^p = -ln tr C - (1/p) ln tr N^p."""
-        factor = CholeskyFactor.of(information)
-        if factor is None:
-            return -np.inf
-        covariance = self._covariance(factor)
-        total = np.trace(covariance)
-        power = np.linalg.matrix_power(covariance / total, self.power)
-        return -float(np.log(total) + np.log(np.trace(power)) / self.power)
-
-    def gradient(self, information: Array) -> Array:
-        """Z C^(p+1) Z over tr C^p."""
-        covariance = self._covariance(CholeskyFactor.required(information))
-        total = np.trace(covariance)
-        power = np.linalg.matrix_power(covariance / total, self.power)
-        product = power @ covariance / np.trace(power)
-        return np.asarray((product + product.T) / 2 * np.outer(self.scale, self.scale))
-
     def expression(self, information: Any) -> Any:
-        """The same by repeated squaring."""
+        """-(1/p) ln tr C^p = -ln tr C - (1/p) ln tr N^p, by repeated squaring of N."""
         import casadi as ca
 
-        covariance = self._symbolic_covariance(information)
+        covariance = self._covariance(information)
         total = ca.trace(covariance)
         power = covariance / total
-        for _ in range(self.squarings):
+        for _ in range(self.power.bit_length() - 1):
             power = power @ power
         return -ca.log(total) - ca.log(ca.trace(power)) / self.power

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.special import logsumexp, softmax
 
-from design.criteria.criterion import Array, Criterion
+from design.criteria.criterion import Criterion
 from modeling.errors import InputError
 
 
@@ -21,7 +19,6 @@ class MaximinCriterion(Criterion):
     is a lower bound (0.09 less at most for 4 blocks and p = 16: a lambda 8 % smaller). It is concave and
     monotone in M as its members are, because the logarithm of a sum of exponentials is convex and monotone (Boyd and
     Vandenberghe 2004, section 3.1.5), and grows with ln M as they do when they all have one degree.
-    The gradient weighs those of the members by w_i ~ exp(-p criterion_i).
     """
 
     criteria: tuple[Criterion, ...]
@@ -38,27 +35,20 @@ class MaximinCriterion(Criterion):
                 remedy="give each criterion the number of rows of its block, and a power above zero",
             )
 
-    @property
-    def gap(self) -> float:
-        """The largest excess of the smallest criterion over the value."""
-        return float(np.log(len(self.criteria)) / self.power)
-
-    def value(self, information: Array) -> float:
-        """The smooth minimum of the blocks' values."""
-        values = self._values(information)
-        return -float(logsumexp(-self.power * values) / self.power) if np.isfinite(values).all() else -np.inf
-
-    def gradient(self, information: Array) -> Array:
-        """Block diagonal: the members' gradients with their softmax weights."""
-        gradients = [c.gradient(block) for c, block in self._pairs(information)]
-        weights = softmax(-self.power * self._values(information))
-        return np.asarray(block_diag(*[w * gradient for w, gradient in zip(weights, gradients, strict=True)]))
+    def blocks(self, information: Any) -> list[Any]:
+        """A block for each criterion; ValueError when M is not of their rows."""
+        if information.shape[0] != sum(self.sizes):
+            raise ValueError(f"{sum(self.sizes)} rows were expected, and {information.shape[0]} came")
+        ends = np.cumsum(self.sizes)
+        places = [slice(int(end - size), int(end)) for end, size in zip(ends, self.sizes, strict=True)]
+        return [information[place, place] for place in places]
 
     def expression(self, information: Any) -> Any:
-        """The same, with the smallest factored out of the sum so that nothing overflows."""
+        """The smooth minimum, with the smallest factored out of the sum so that nothing overflows."""
         import casadi as ca
 
-        values = ca.vertcat(*[c.expression(block) for c, block in self._pairs(information)])
+        members = zip(self.criteria, self.blocks(information), strict=True)
+        values = ca.vertcat(*[criterion.expression(block) for criterion, block in members])
         least = ca.mmin(values)
         return least - ca.log(ca.sum1(ca.exp(-self.power * (values - least)))) / self.power
 
@@ -71,13 +61,3 @@ class MaximinCriterion(Criterion):
 
     def __str__(self) -> str:
         return f"maximin of {len(self.criteria)} x {self.criteria[0]}"
-
-    def _values(self, information: Array) -> Array:
-        return np.array([c.value(block) for c, block in self._pairs(information)])
-
-    def _pairs(self, information: Any) -> list[tuple[Criterion, Any]]:
-        if information.shape[0] != sum(self.sizes):
-            raise ValueError(f"{sum(self.sizes)} rows were expected, and {information.shape[0]} came")
-        ends = np.cumsum(self.sizes)
-        places = [slice(int(end - size), int(end)) for end, size in zip(ends, self.sizes, strict=True)]
-        return [(c, information[place, place]) for c, place in zip(self.criteria, places, strict=True)]

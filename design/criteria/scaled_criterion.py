@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from design.criteria.cholesky import CholeskyFactor, symbolic_inverse
 from design.criteria.criterion import Array, Criterion
+from design.criteria.symbolic_cholesky import symbolic_inverse
 from modeling.errors import InputError
 
 
@@ -37,14 +37,9 @@ class ScaledCriterion(Criterion):
         """1: the value is the logarithm of a mean that grows as M."""
         return 1.0
 
-    def _covariance(self, factor: CholeskyFactor) -> Array:
-        self._check(len(factor.scale))
-        return factor.inverse / self.scale / self.scale[:, None]
-
-    def _symbolic_covariance(self, information: Any) -> Any:
-        self._check(information.shape[0])
-        return symbolic_inverse(information * np.outer(self.scale, self.scale))
-
-    def _check(self, size: int) -> None:
+    def _covariance(self, information: Any) -> Any:
+        """C as a CasADi expression of M."""
+        size = information.shape[0]
         if size != len(self.scale):
             raise ValueError(f"{len(self.scale)} magnitudes were given for an information of {size} parameters")
+        return symbolic_inverse(information * np.outer(self.scale, self.scale))
