@@ -1,4 +1,4 @@
-"""Cone program: least squares within bounds and the cone of consistent tools, by CVXPY and Clarabel."""
+"""Least squares within bounds and the cone of consistent tools: by CVXPY and Clarabel, within bounds alone by SciPy."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ UNIDENTIFIABLE_DAMPING = 1e-6
 """Damping of the unidentifiable directions: too small to affect the identifiable ones."""
 DISTANT_BOUND = 1e4
 """Distance in step lengths beyond which a bound is left out for conditioning; the next step has it."""
+
+BVLS_STEPS = 200
+"""Most steps of `lsq_linear`; it takes about one for each active bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +68,15 @@ class ConeProgram:
         """Divisor of the objective."""
         return self.length**2 + (0.0 if self.region.prior is None else self.region.prior.weight)
 
+    @property
+    def _held(self) -> Array:
+        """(k,) root of the damping of each whitened parameter."""
+        return np.sqrt(self.damping + np.where(self.local.seen, 0.0, UNIDENTIFIABLE_DAMPING))
+
     def _objective(self) -> Any:
         cp, local = cvxpy(), self.local
         squares = cp.sum_squares((local.data.root @ local.basis) @ self.u - local.data.target / self.length)
-        held = np.sqrt(self.damping + np.where(local.seen, 0.0, UNIDENTIFIABLE_DAMPING))
-        objective = self.length**2 / self._whole * (squares + cp.sum_squares(cp.multiply(held, self.u)))
+        objective = self.length**2 / self._whole * (squares + cp.sum_squares(cp.multiply(self._held, self.u)))
         prior = self.region.prior
         if prior is None:
             return objective
@@ -92,6 +99,29 @@ class ConeProgram:
 
     def solve(self) -> ConeSolution | None:
         """The solution, None when the solver fails."""
+        return self._by_bvls() if self.region.inertia is self.region.prior is None else self._by_clarabel()
+
+    def _by_bvls(self) -> ConeSolution | None:
+        """Within bounds alone, by bounded-variable least squares (Stark and Parker 1995) on the parameters in std."""
+        from scipy.optimize import lsq_linear  # slow to import and rarely needed
+
+        local, region, free = self.local, self.region, ~self.region.fixed
+        held = self._held[:, None] * np.linalg.inv(local.basis)
+        rows = np.concatenate([local.data.root, held]) * local.spread
+        low, high = ((end - local.theta) / local.spread for end in (region.low, region.high))
+        x = np.where(free, 0.0, low)
+        target = np.concatenate([local.data.target, np.zeros(len(held))]) - rows @ x
+        found = lsq_linear(
+            rows[:, free], target, (low[free], high[free]), method="bvls", tol=1e-14, max_iter=BVLS_STEPS
+        )
+        if not found.success:
+            return None
+        x[free] = found.x
+        theta = np.where(x <= low, region.low, np.where(x >= high, region.high, local.theta + local.spread * x))
+        idle = np.zeros(len(theta))  # the active bounds are met exactly, and need no multiplier to be recognised
+        return ConeSolution(theta, idle, idle, np.zeros((0, 0)))
+
+    def _by_clarabel(self) -> ConeSolution | None:
         cp, local, region = cvxpy(), self.local, self.region
         ends = [self._end(lower=lower) for lower in (True, False)]
         conditions = [condition for condition, kept in ends if kept.size]

@@ -117,34 +117,19 @@ def minimise_constrained(problem: LeastSquaresProblem, start: Array, constraints
     """
     region = constraints.region(problem.layout)
     free = problem.minimise(start)
-    if region.prior is None and region.contains(free.theta):
-        return _unconstrained_minimum(problem, region, free)
-    found = sequential_cone_programs(problem, region, free.theta)
-    relaxed = constraints_lifted(found, ~found.active_set.sign_free)
-    free_parameters = ~region.fixed
+    feasible = region.prior is None and region.contains(free.theta)
+    if feasible:  # a bound of an effect may be active
+        found = KKTConditions(ActiveSet.touched(region, QuadraticModel.at(problem, free.theta, None)))
+    else:
+        found = sequential_cone_programs(problem, region, free.theta)
+    relaxed = free if feasible else constraints_lifted(found, ~found.active_set.sign_free)
     return ConstrainedMinimum(
         theta=found.active_set.local.theta,
-        covariance=relaxed.covariance * np.outer(free_parameters, free_parameters),
+        covariance=relaxed.covariance * np.outer(~region.fixed, ~region.fixed),
         identifiable=relaxed.identifiable,
-        cost=found.active_set.local.cost,
-        converged=found.met,
+        cost=free.cost if feasible else found.active_set.local.cost,
+        converged=free.converged if feasible else found.met,
         free=free,
         region=region,
         optimality=found,
-    )
-
-
-def _unconstrained_minimum(
-    problem: LeastSquaresProblem, region: FeasibleRegion, free: LeastSquaresMinimum
-) -> ConstrainedMinimum:
-    """The unconstrained minimum as a constrained one; a bound of an effect may be active."""
-    return ConstrainedMinimum(
-        theta=free.theta,
-        covariance=free.covariance,
-        identifiable=free.identifiable,
-        cost=free.cost,
-        converged=free.converged,
-        free=free,
-        region=region,
-        optimality=KKTConditions(ActiveSet.touched(region, QuadraticModel.at(problem, free.theta, None))),
     )

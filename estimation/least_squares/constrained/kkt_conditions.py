@@ -9,15 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.constrained.active_set import ActiveSet, smat
-from estimation.least_squares.constrained.lagrange_multipliers import ROUNDING_SHARE, LagrangeMultipliers
+from estimation.least_squares.levenberg_marquardt import SINGULAR_VALUE_TOLERANCE
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 KKT_TOLERANCE = 2e-3
 """Slope of the chi-square, per std, below which a point is a minimum: a step from there gains less than 1e-6."""
 
 FEASIBILITY_TOLERANCE = 1e-9
 """Largest admissible infeasibility: eigenvalues of J have a rounding of a few 1e-16 of its largest."""
+
+ROUNDING_SHARE = 1e-9
+"""Relative rounding of a gradient."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,18 +42,69 @@ class KKTConditions:
         return np.asarray(-2 * rows.T @ targets)
 
     @cached_property
-    def _lagrange(self) -> LagrangeMultipliers:
-        return LagrangeMultipliers.of(self.active_set, self.gradient)
+    def _whitened(self) -> tuple[Array, Array, Array]:
+        """Per std: the gradient (k,), the active set's normals scaled to unit norm (k, c), and their norms (c,)."""
+        active_set = self.active_set
+        normals = active_set.normals @ active_set.local.basis
+        lengths = np.linalg.norm(normals, axis=1)
+        sizes = np.where(lengths > 0, lengths, 1.0)
+        return active_set.local.basis.T @ self.gradient, (normals / sizes[:, None]).T, sizes
+
+    @cached_property
+    def unit_multipliers(self) -> Array:
+        """Multipliers (c,) of the active set's unit normals, chi-square per std, that fit the gradient best.
+
+        With dependent normals (a mass at 0 by its bound and by the pseudo-inertia) multipliers are not unique. The
+        simplest sufficient set is used: the bounds alone, the pseudo-inertia alone, it with the bounds independent of
+        it, all.
+        """
+        slope, columns, sizes = self._whitened
+        is_bound = np.arange(len(sizes)) < len(self.active_set.ends)
+        independent = is_bound & ~_in_span(columns, columns[:, ~is_bound])
+        subsets = (is_bound, ~is_bound, ~is_bound | independent, np.ones_like(is_bound))
+        candidates = [self._on_subset(used) for used in subsets]
+        residuals = [float(np.linalg.norm(slope - columns @ c)) + self._most_negative(c) for c in candidates]
+        sufficient = 2 * min(residuals) + self._rounding
+        return next(c for c, residual in zip(candidates, residuals, strict=True) if residual <= sufficient)
+
+    def _on_subset(self, used: BoolArray) -> Array:
+        """Multipliers of a subset of the normals, with the signs that they must have.
+
+        A simple zero of the pseudo-inertia has a scalar multiplier: bounded least squares. A multiple zero has a
+        positive semidefinite matrix, which the gradient may not determine: the one nearest to the cone program's that
+        balances the gradient.
+        """
+        slope, columns, sizes = self._whitened
+        found = np.zeros(len(used))
+        if self.active_set.rank > 1 and used[len(self.active_set.ends) :].any():
+            found[used] = (self.active_set.guess * sizes)[used]
+            found[used] += np.linalg.lstsq(columns[:, used], slope - columns @ found)[0]
+        elif used.any():
+            from scipy.optimize import lsq_linear  # slow to import and rarely needed
+
+            low = np.where(self.active_set.sign_free[used], -np.inf, 0.0)
+            found[used] = lsq_linear(columns[:, used], slope, (low, np.inf), method="bvls", tol=1e-14).x
+        return found
+
+    def _most_negative(self, unit_multipliers: Array) -> float:
+        """Size of the most negative of the multipliers (c,) of the inequalities, chi-square per std.
+
+        Scaling rows and columns of a matrix alike preserves its inertia (signs of the eigenvalues).
+        """
+        ends, rank, sizes = len(self.active_set.ends), self.active_set.rank, self._whitened[2]
+        signed = unit_multipliers[:ends][~self.active_set.sign_free[:ends]]
+        size = np.sqrt(np.diag(smat(sizes[ends:], rank)))
+        inner = np.linalg.eigvalsh(smat((unit_multipliers / sizes)[ends:], rank) * np.outer(size, size))
+        return -float(min(signed.min(initial=0.0), inner.min(initial=0.0)))
 
     @property
-    def unit_multipliers(self) -> Array:
-        """(c,) multipliers in the order of the active set's normals, chi-square per std."""
-        return self._lagrange.unit_multipliers
+    def _rounding(self) -> float:
+        return ROUNDING_SHARE * (1 + float(np.linalg.norm(self._whitened[0])))
 
     @property
     def multipliers(self) -> Array:
         """(c,) multipliers in the order of the active set's normals, chi-square per unit."""
-        return self.unit_multipliers / self._lagrange.sizes
+        return self.unit_multipliers / self._whitened[2]
 
     @property
     def inner(self) -> Array:
@@ -77,7 +132,7 @@ class KKTConditions:
     @property
     def wrong_sign(self) -> float:
         """Dual infeasibility: size of the most negative multiplier of an inequality, chi-square per std."""
-        return self._lagrange.wrong_sign(self.unit_multipliers)
+        return self._most_negative(self.unit_multipliers)
 
     @property
     def outside(self) -> float:
@@ -99,7 +154,7 @@ class KKTConditions:
     @property
     def exact(self) -> bool:
         """Whether the residual is only rounding."""
-        return self.residual < ROUNDING_SHARE * (1 + float(np.linalg.norm(self._lagrange.slope)))
+        return self.residual < self._rounding
 
     @property
     def met(self) -> bool:
@@ -117,3 +172,10 @@ def sum_of_squares(active_set: ActiveSet, curved: Array | None = None) -> tuple[
         return rows, targets
     curvature = active_set.curvature(curved)
     return np.concatenate([rows, curvature]), np.concatenate([targets, np.zeros(len(curvature))])
+
+
+def _in_span(columns: Array, span: Array) -> BoolArray:
+    """Which unit columns lie in the span of other columns."""
+    left, singular, _ = np.linalg.svd(span, full_matrices=False)
+    basis = left[:, singular > SINGULAR_VALUE_TOLERANCE]
+    return np.asarray(np.linalg.norm(columns - basis @ (basis.T @ columns), axis=0) < np.sqrt(SINGULAR_VALUE_TOLERANCE))

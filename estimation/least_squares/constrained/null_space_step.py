@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from estimation.least_squares.constrained.quadratic_model import QuadraticModel
 from estimation.least_squares.levenberg_marquardt import SINGULAR_VALUE_TOLERANCE
@@ -32,16 +33,12 @@ class NullSpaceStep:
     @cached_property
     def _space(self) -> tuple[Array, Array]:
         """A particular step y that satisfies the constraints, and a basis N of their null space."""
-        k = len(self.local.theta)
         C = self.normals @ self.local.basis
-        if not C.size:
-            return np.zeros(k), np.eye(k)
         size = np.linalg.norm(C, axis=1)
         size[size == 0] = 1.0
-        left, singular, right = np.linalg.svd(C / size[:, None])
-        rank = int(np.sum(singular > SINGULAR_VALUE_TOLERANCE * singular.max()))
-        particular = right[:rank].T @ (left[:, :rank].T @ (-self.values / size) / singular[:rank])
-        return np.asarray(particular), np.asarray(right[rank:].T)
+        unit = C / size[:, None]
+        particular = np.linalg.lstsq(unit, -self.values / size, rcond=SINGULAR_VALUE_TOLERANCE)[0]
+        return np.asarray(particular), np.asarray(null_space(unit, rcond=SINGULAR_VALUE_TOLERANCE))
 
     @cached_property
     def _decomposed(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
@@ -57,10 +54,10 @@ class NullSpaceStep:
     @property
     def step(self) -> Array:
         """d (k,), of minimum norm along unidentifiable directions."""
-        particular, null_space = self._space
+        particular, free = self._space
         left, singular, right, regular = self._decomposed
         target = left.T @ (self.targets - self.rows @ (self.local.basis @ particular))
-        y = particular + null_space @ (right[regular].T @ (target[regular] / singular[regular]))
+        y = particular + free @ (right[regular].T @ (target[regular] / singular[regular]))
         return np.asarray(self.local.basis @ y)
 
     @property
@@ -85,11 +82,5 @@ class NullSpaceStep:
     def identifiable(self) -> NDArray[np.bool_]:
         """(k,) whether a parameter is identifiable with the constraints held."""
         _, _, right, regular = self._decomposed
-        lost = self.local.basis @ self._space[1] @ _complement(right[regular], self._space[1].shape[1])
+        lost = self.local.basis @ self._space[1] @ null_space(right[regular])
         return np.asarray(np.linalg.norm(self.local.scaled_svd.scale[:, None] * lost, axis=1) < UNIDENTIFIABLE_SHARE)
-
-
-def _complement(rows: Array, size: int) -> Array:
-    """Orthonormal basis (size, .) of the orthogonal complement of orthonormal rows (r, size)."""
-    full = np.linalg.svd(np.concatenate([rows, np.zeros((1, size))]))[2]
-    return np.asarray(full[len(rows) :].T)
