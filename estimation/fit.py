@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
 from estimation.least_squares.constrained import minimise_constrained as constrained
 from estimation.least_squares.estimates import Estimate, Estimates
-from estimation.least_squares.linear_least_squares import LinearSolution
+from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
@@ -279,5 +279,5 @@ def _base_model_residual(base: WrenchModel, recording: Recording, events: tuple[
     spread[spread == 0] = 1.0
     rows = (response.derivative / spread[:, None])[kept].reshape(-1, size)
     target = ((recording.wrench - response.value) / spread)[kept].ravel()
-    solution = LinearSolution.of(SquareRootInformation.of(rows, target), rounding=1e-6).theta
+    solution = least_squares_solution(SquareRootInformation.of(rows, target), rounding=1e-6)
     return np.asarray(recording.wrench - response.value - response.derivative @ solution)

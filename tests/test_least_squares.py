@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from estimation.least_squares.levenberg_marquardt import levenberg_marquardt
-from estimation.least_squares.linear_least_squares import LinearSolution
+from estimation.least_squares.linear_least_squares import ScaledSVD, least_squares_solution
 from estimation.least_squares.square_root_information import EPS, FactorisationMethod, SquareRootInformation
 
 Array = NDArray[np.float64]
@@ -195,12 +195,12 @@ def test_no_digits_are_claimed_where_there_are_none(name: str) -> None:
 @pytest.mark.parametrize("name", CERTIFIED)
 def test_condition_chooses_the_method(name: str) -> None:
     """Filip's columns are dependent to 1e10, too much for any Gram matrix; those of the others are not."""
-    found = solved(*reference(name).floats())
-    assert found.method is (FactorisationMethod.HOUSEHOLDER if name == "filip" else FactorisationMethod.CHOLESKY)
+    _, svd, information = solved(*reference(name).floats())
+    assert information.method is (FactorisationMethod.HOUSEHOLDER if name == "filip" else FactorisationMethod.CHOLESKY)
     columns = reference(name).floats()[0]
     condition = float(np.linalg.cond(columns / np.linalg.norm(columns, axis=0)))
     # Rounding of the columns moves the smallest singular value by eps times the largest.
-    assert found.condition == pytest.approx(condition, rel=1e-13 + 1e-15 * condition)
+    assert svd.condition == pytest.approx(condition, rel=1e-13 + 1e-15 * condition)
 
 
 @pytest.mark.parametrize("name", ["longley", "wampler1", "wampler3"])
@@ -220,45 +220,55 @@ def rows(seed: int, samples: int, condition: float, size: int = 5) -> tuple[Arra
     return np.asarray(columns), np.asarray(columns @ rng.standard_normal(size) + rng.standard_normal(samples))
 
 
-def solved(columns: Array, target: Array) -> LinearSolution:
-    """Of rows at once, a direction that is only rounding left out."""
-    return LinearSolution.of(SquareRootInformation.of(columns, target), rounding=len(columns) * EPS)
+def solved(columns: Array, target: Array) -> tuple[Array, ScaledSVD, SquareRootInformation]:
+    """Of rows at once, a direction that is only rounding left out: solution, directions and information."""
+    information, rounding = SquareRootInformation.of(columns, target), len(columns) * EPS
+    return (
+        least_squares_solution(information, rounding=rounding),
+        ScaledSVD.of(information.root, rounding),
+        information,
+    )
+
+
+def solution(information: SquareRootInformation) -> tuple[Array, Array]:
+    """The solution of information of full rank, and its covariance."""
+    return least_squares_solution(information, rounding=1e-12), ScaledSVD.of(information.root, 1e-12).covariance
 
 
 def test_what_is_not_seen_is_left_out_and_said() -> None:
     """Columns 1 and 3 are one column, column 2 is zero: a null space of two, and the rest as without them."""
     columns, target = rows(0, 60, 10.0)
     columns[:, 3], columns[:, 2] = 2 * columns[:, 1], 0.0
-    found = solved(columns, target)
-    assert found.unseen.shape == (5, 2)
-    np.testing.assert_allclose(columns / found.scaled_svd.scale @ found.unseen, 0, atol=1e-14)  # rounding
-    assert found.scaled_svd.identifiable.tolist() == [True, False, False, False, True]
-    alone = solved(columns[:, [0, 1, 4]], target)
-    np.testing.assert_allclose(found.theta[[0, 4]], alone.theta[[0, 2]], rtol=1e-12)
-    assert found.theta[1] + 2 * found.theta[3] == pytest.approx(alone.theta[1], rel=1e-12)
-    assert found.theta[2] == 0
+    theta, svd, information = solved(columns, target)
+    assert svd.unseen.shape == (5, 2)
+    np.testing.assert_allclose(columns / svd.scale @ svd.unseen, 0, atol=1e-14)  # rounding
+    assert svd.identifiable.tolist() == [True, False, False, False, True]
+    alone, alone_svd, alone_information = solved(columns[:, [0, 1, 4]], target)
+    np.testing.assert_allclose(theta[[0, 4]], alone[[0, 2]], rtol=1e-12)
+    assert theta[1] + 2 * theta[3] == pytest.approx(alone[1], rel=1e-12)
+    assert theta[2] == 0
     seen = np.ix_([0, 4], [0, 4])
-    np.testing.assert_allclose(found.covariance[seen], alone.covariance[np.ix_([0, 2], [0, 2])], rtol=1e-12)
-    assert found.power == pytest.approx(alone.power, rel=1e-12)
-    singular = np.linalg.svd(columns / found.scaled_svd.scale, compute_uv=False)
-    assert found.condition == pytest.approx(singular[0] / singular[2])
+    np.testing.assert_allclose(svd.covariance[seen], alone_svd.covariance[np.ix_([0, 2], [0, 2])], rtol=1e-12)
+    assert information.moved(theta).cost == pytest.approx(alone_information.moved(alone).cost, rel=1e-12)
+    singular = np.linalg.svd(columns / svd.scale, compute_uv=False)
+    assert svd.condition == pytest.approx(singular[0] / singular[2])
 
 
 def test_fewer_rows_than_unknowns() -> None:
     columns, target = rows(1, 5, 10.0)
-    found = solved(columns[:3], target[:3])
-    assert found.unseen.shape == (5, 2)
-    assert found.rows == 3
-    np.testing.assert_allclose(columns[:3] @ found.theta, target[:3], atol=1e-13)
+    theta, svd, information = solved(columns[:3], target[:3])
+    assert svd.unseen.shape == (5, 2)
+    assert information.rows == 3
+    np.testing.assert_allclose(columns[:3] @ theta, target[:3], atol=1e-13)
 
 
 def test_scaling_of_the_columns_does_not_matter() -> None:
     """Units are a person's choice: N or kN, kg or g."""
     columns, target = rows(2, 200, 1e4)
     units = np.array([1e-9, 1.0, 1e9, 3.0, 7e-5])
-    plain, scaled = solved(columns, target), solved(columns * units, target)
-    assert scaled.condition == pytest.approx(plain.condition, rel=1e-10)
-    np.testing.assert_allclose(scaled.theta * units, plain.theta, rtol=1e-10)
+    (plain, plain_svd, _), (scaled, scaled_svd, _) = solved(columns, target), solved(columns * units, target)
+    assert scaled_svd.condition == pytest.approx(plain_svd.condition, rel=1e-10)
+    np.testing.assert_allclose(scaled * units, plain, rtol=1e-10)
 
 
 # ------------------------------------------------------------------------------- square-root information adds
@@ -285,13 +295,13 @@ def test_information_of_parts_is_that_of_the_whole(
         left = left + one
     for one in found[middle:]:
         right = one + right
-    whole = LinearSolution.of(SquareRootInformation.of(columns, target), rounding=1e-12)
-    sum_ = LinearSolution.of(left + right, rounding=1e-12)
-    std = np.sqrt(np.diag(whole.covariance))
+    whole, sum_ = SquareRootInformation.of(columns, target), left + right
+    (theta, covariance), (sum_theta, sum_covariance) = solution(whole), solution(sum_)
+    std = np.sqrt(np.diag(covariance))
     assert sum_.rows == 300
-    np.testing.assert_allclose(sum_.theta / std, whole.theta / std, atol=1e-10)
-    np.testing.assert_allclose(np.diag(sum_.covariance), std**2, rtol=1e-8)  # kappa eps, and room
-    assert sum_.power == pytest.approx(whole.power, rel=1e-10)
+    np.testing.assert_allclose(sum_theta / std, theta / std, atol=1e-10)
+    np.testing.assert_allclose(np.diag(sum_covariance), std**2, rtol=1e-8)  # kappa eps, and room
+    assert sum_.moved(sum_theta).cost == pytest.approx(whole.moved(theta).cost, rel=1e-10)
 
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4))
@@ -299,11 +309,12 @@ def test_information_of_parts_is_that_of_the_whole(
 def test_elimination_is_the_least_over_what_is_eliminated(seed: int, count: int) -> None:
     """Two routes: without its first unknowns at the triangle, and all at once."""
     columns, target = rows(seed, 40, 100.0)
-    whole = LinearSolution.of(SquareRootInformation.of(columns, target), rounding=1e-12)
-    part = LinearSolution.of(SquareRootInformation.of(columns, target).eliminated(count), rounding=1e-12)
-    np.testing.assert_allclose(part.theta, whole.theta[count:], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(part.covariance, whole.covariance[count:, count:], rtol=1e-9, atol=1e-9)
-    assert part.power == pytest.approx(whole.power, rel=1e-9)
+    whole = SquareRootInformation.of(columns, target)
+    part = whole.eliminated(count)
+    (theta, covariance), (part_theta, part_covariance) = solution(whole), solution(part)
+    np.testing.assert_allclose(part_theta, theta[count:], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(part_covariance, covariance[count:, count:], rtol=1e-9, atol=1e-9)
+    assert part.moved(part_theta).cost == pytest.approx(whole.moved(theta).cost, rel=1e-9)
     assert part.rows == 40 - count
 
 
@@ -319,9 +330,7 @@ def test_moved_held_only_and_spread(seed: int, strength: float) -> None:
     damped = np.linalg.lstsq(
         np.vstack([columns, strength * np.diag(lengths)]), np.concatenate([target, np.zeros(5)]), rcond=None
     )[0]
-    np.testing.assert_allclose(
-        LinearSolution.of(found.held(strength), rounding=1e-12).theta, damped, rtol=1e-8, atol=1e-10
-    )
+    np.testing.assert_allclose(solution(found.held(strength))[0], damped, rtol=1e-8, atol=1e-10)
     index = np.array([4, 1, 2])
     fewer = SquareRootInformation.of(columns[:, index], target)
     for other in (found.only(index), fewer.spread(np.array([2, 0, 1]), 3).only(np.array([2, 0, 1]))):

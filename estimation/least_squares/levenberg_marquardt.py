@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.linear_least_squares import LinearSolution, ScaledSVD
+from estimation.least_squares.linear_least_squares import ScaledSVD, least_squares_solution
 from estimation.least_squares.square_root_information import EPS, SquareRootInformation
 from modeling.errors import InputError
 
@@ -112,5 +112,5 @@ def levenberg_marquardt_step(
     part = here.only(free)
     step = np.zeros_like(theta)
     damped = part.held(np.sqrt(damping)) if damping else part
-    step[free] = LinearSolution.of(damped, rounding=SINGULAR_VALUE_TOLERANCE, faint=NEGLIGIBLE_COLUMN_LENGTH).theta
+    step[free] = least_squares_solution(damped, rounding=SINGULAR_VALUE_TOLERANCE, faint=NEGLIGIBLE_COLUMN_LENGTH)
     return step

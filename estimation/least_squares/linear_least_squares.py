@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.square_root_information import FactorisationMethod, SquareRootInformation
+from estimation.least_squares.square_root_information import SquareRootInformation
 
 Array = NDArray[np.float64]
 
@@ -83,49 +83,6 @@ class ScaledSVD:
         return np.asarray(self.inverse @ self.inverse.T)
 
 
-@dataclass(frozen=True, eq=False)
-class LinearSolution:
-    """The least-squares solution of rows with noise of unit variance.
-
-    theta       (k,) parameters, with no component in the null space
-    covariance  (k, k) without the null space
-    power       residual sum of squares
-    rows        number of rows, and `method` their factorisation
-    scaled_svd  identifiable directions and null space
-    Nothing is regularised: `unseen` is the null space left out, `scaled_svd.identifiable` the parameters free of it.
-    """
-
-    theta: Array
-    power: float
-    rows: int
-    method: FactorisationMethod
-    scaled_svd: ScaledSVD
-
-    @classmethod
-    def of(cls, information: SquareRootInformation, *, rounding: float, faint: float = 0.0) -> Self:
-        """From square-root information: R x = z where R is more than rounding."""
-        scaled_svd = ScaledSVD.of(information.root, rounding, faint)
-        theta = scaled_svd.inverse @ information.target
-        left = information.target - information.root @ theta
-        power = information.power + float(left @ left)
-        return cls(theta, power, information.rows, information.method, scaled_svd)
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance (k, k) when the noise has unit variance."""
-        return self.scaled_svd.covariance
-
-    @property
-    def condition(self) -> float:
-        """Condition number of the columns scaled to unit length."""
-        return self.scaled_svd.condition
-
-    @property
-    def unseen(self) -> Array:
-        """Orthonormal basis (k, d) of the null space of the columns of unit norm."""
-        return self.scaled_svd.unseen
-
-    @property
-    def variance(self) -> float:
-        """Residual variance of rows that were not whitened: power over degrees of freedom."""
-        return self.power / max(self.rows - int(self.scaled_svd.seen.sum()), 1)
+def least_squares_solution(information: SquareRootInformation, *, rounding: float, faint: float = 0.0) -> Array:
+    """The minimiser (k,) of |R x - z| where R is more than rounding, with no component in its null space."""
+    return np.asarray(ScaledSVD.of(information.root, rounding, faint).inverse @ information.target)
