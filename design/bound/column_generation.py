@@ -11,8 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.bound.dual_function import DualFunction, DualVariables
-from design.bound.dual_maximum import DualMaximum, maximise_dual_function
-from design.bound.multistart_ascent import LocalMaxima, StoppingRule, local_maxima, random_points
+from design.bound.multistart_ascent import (
+    DualMaximum,
+    LocalMaxima,
+    StoppingRule,
+    local_maxima,
+    maximise_dual_function,
+    random_points,
+)
 from design.bound.restricted_master import DualCoordinates, RestrictedMaster
 from design.bound.symmetry import Symmetry
 

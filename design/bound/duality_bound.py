@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from design.bound.branch_and_bound import BranchAndBoundResult
 from design.bound.column_generation import GenerationRound
 from design.bound.dual_function import DualFunction, DualVariables
-from design.bound.dual_maximum import DualMaximum
+from design.bound.multistart_ascent import DualMaximum
 from design.bound.weak_duality import WeakDuality
 from design.trajectories.trajectory import Trajectory
 from modeling.table import Table, Tabular

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -27,6 +28,17 @@ TIP_MARGIN = 0.01, 0.01
 the thousandths by which its joints exceed their limits moves the tip by millimetres, not always inwards."""
 NEAR_LIMIT = 0.8
 """Share of a limit above which it is imposed at the fine instants; elsewhere at the coarse ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointBlock:
+    """Limits of one joint, -1 <= A z[own] - middle <= 1: indices own (c,) of the coefficients that move it, A (R, c),
+    middle (R,), and the place of its rows among those of all joints."""
+
+    own: NDArray[np.intp]
+    matrix: Array
+    middle: Array
+    place: slice
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,7 +97,7 @@ class LimitConstraints:
         import casadi as ca
 
         tip, low, high = self._tip(z)
-        linear = ca.sparsify(ca.DM(self._linear())) @ z - ca.DM(self._middles())
+        linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.own.tolist()] - ca.DM(b.middle) for b in self.blocks])
         ends = np.ones(linear.numel())
         places = len(self.tip)
         return (
@@ -102,21 +114,26 @@ class LimitConstraints:
         of_tip = multipliers[multipliers.numel() - tip.numel() :]
         return ca.hessian(ca.dot(of_tip, tip), z)[0] if tip.numel() else ca.MX(z.numel(), z.numel())
 
-    def _linear(self) -> Array:
-        """A (R, k): -1 <= A z - middles <= 1 are the joint limits at the instants."""
-        return np.vstack([self._block(order, j) for order, j in self.instants])
+    @cached_property
+    def blocks(self) -> tuple[JointBlock, ...]:
+        """The joint limits at the instants, one block for each joint."""
+        found, at = list[JointBlock](), 0
+        for joint in range(self.series.joints):
+            own = np.flatnonzero(self.series.mixing[joint].any(axis=0))
+            matrix, middle = self._rows_of(joint, own)
+            found.append(JointBlock(own, matrix, middle, slice(at, at + len(middle))))
+            at += len(middle)
+        return tuple(found)
 
-    def _middles(self) -> Array:
-        """(R,): the middle of each limit over its half width."""
-        parts = []
+    def _rows_of(self, joint: int, own: NDArray[np.intp]) -> tuple[Array, Array]:
+        mixing = self.series.mixing[joint][:, own]
+        parts, middles = list[Array](), list[Array]()
         for (order, j), times in self.instants.items():
-            middle, half = middle_and_half(self.limits, order)
-            parts.append(np.full(len(times), middle[j] / half[j]))
-        return np.concatenate(parts)
-
-    def _block(self, order: int, joint: int) -> Array:
-        _, half = middle_and_half(self.limits, order)
-        return np.asarray(self.series.basis(self.instants[order, joint], order)[:, joint] / half[joint])
+            if j == joint:
+                middle, half = middle_and_half(self.limits, order)
+                parts.append(self.series.functions(times, order) @ mixing / half[j])
+                middles.append(np.full(len(times), middle[j] / half[j]))
+        return np.vstack(parts), np.concatenate(middles)
 
     def _tip(self, z: Any) -> tuple[Any, Array, Array]:
         """CasADi expression of the tip's limited coordinates (S, len(tip)), with the box low (S,) and high (S,), m."""

@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.optimiser.limit_constraints import LimitConstraints, middle_and_half
+from design.optimiser.limit_constraints import JointBlock, LimitConstraints
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class JointBlock:
-    """The rows of one joint: indices (c,) of its coefficients, A (R, c), middles (R,), and their slice of all rows."""
-
-    own: NDArray[np.intp]
-    matrix: Array
-    middle: Array
-    place: slice
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +18,10 @@ class Polytope:
 
     rows: LimitConstraints
 
-    @cached_property
+    @property
     def blocks(self) -> tuple[JointBlock, ...]:
         """One for each joint."""
-        found, at = list[JointBlock](), 0
-        for joint in range(self.rows.series.joints):
-            own = np.flatnonzero(self.rows.series.mixing[joint].any(axis=0))
-            matrix, middle = self._of(joint, own)
-            found.append(JointBlock(own, matrix, middle, slice(at, at + len(middle))))
-            at += len(middle)
-        return tuple(found)
+        return self.rows.blocks
 
     def __len__(self) -> int:
         return int(self.blocks[-1].place.stop)
@@ -78,13 +61,3 @@ class Polytope:
             return None
         used = (slack - self.slack(z)) / slack
         return float(min(1.0, (1 - margin) / max(float(used.max()), 1 - margin)))
-
-    def _of(self, joint: int, own: NDArray[np.intp]) -> tuple[Array, Array]:
-        mixing = self.rows.series.mixing[joint][:, own]
-        parts, middles = list[Array](), list[Array]()
-        for (order, j), times in self.rows.instants.items():
-            if j == joint:
-                middle, half = middle_and_half(self.rows.limits, order)
-                parts.append(self.rows.series.functions(times, order) @ mixing / half[j])
-                middles.append(np.full(len(times), middle[j] / half[j]))
-        return np.vstack(parts), np.concatenate(middles)
