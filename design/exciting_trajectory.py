@@ -15,7 +15,8 @@ from design.criteria import Criterion, DOptimal
 from design.information import Experiment
 from design.information.sample_information import SampleInformation
 from design.limits.limit_use import LimitUse
-from design.optimiser.multistart import DesignTask, LocalOptimum
+from design.optimiser.design_task import DesignTask
+from design.optimiser.local_optimum import LocalOptimum
 from design.trajectories.trajectory import Trajectory
 from modeling.number_format import finite
 from modeling.table import Table, Tabular

@@ -13,16 +13,9 @@ from design.exciting_trajectory import ExcitingTrajectory
 from design.information import DiscretePrior, Experiment, SensorNoise, unidentifiable_combinations
 from design.information.parameter_values import ParameterValues
 from design.limits.rig_limits import arm_and_limits, require_enough_samples
-from design.optimiser.multistart import (
-    LOW_HARMONICS,
-    DesignTask,
-    LocalOptimum,
-    LocalSearch,
-    local_optimum,
-    optimise,
-    refine_optimum,
-    screen_start,
-)
+from design.optimiser.design_task import LOW_HARMONICS, DesignTask
+from design.optimiser.local_optimum import LocalOptimum, local_optimum, refine_optimum, screen_start
+from design.optimiser.multistart import LocalSearch, optimise
 from design.optimiser.objective import Objective
 from design.trajectories.fourier import FourierSeries, FreeSeries, PaperSeries
 from design.trajectories.rest_to_rest import RestToRest

@@ -11,9 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from design.optimiser.design_task import DesignTask
 from design.optimiser.interior_point import InteriorPoint, newton_descent_step
 from design.optimiser.limit_constraints import LimitConstraints
-from design.optimiser.multistart import DesignTask, optimise, refine_optimum, screen_start
+from design.optimiser.local_optimum import refine_optimum, screen_start
+from design.optimiser.multistart import optimise
 from design.optimiser.nonlinear_program import TerminationStatus, limit_constrained_program
 from design.optimiser.objective_derivatives import ObjectiveDerivatives
 from design.optimiser.polytope import Polytope

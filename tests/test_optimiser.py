@@ -14,7 +14,9 @@ from scipy.optimize import linprog
 
 from design.criteria import AOptimal, BayesianCriterion, Criterion, DOptimal, EOptimal, Subset
 from design.information import Experiment, WhiteNoise, noise_equivalent_sizes
-from design.optimiser.multistart import DesignTask, contracted_into_limits, local_optimum, optimise
+from design.optimiser.design_task import DesignTask, contracted_into_limits
+from design.optimiser.local_optimum import local_optimum
+from design.optimiser.multistart import optimise
 from design.optimiser.nonlinear_program import TerminationStatus
 from design.optimiser.objective import Objective
 from design.trajectories.fourier import FreeSeries, PaperSeries

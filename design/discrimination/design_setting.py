@@ -15,7 +15,7 @@ from design.information.sensor_noise import SensorNoise
 from design.limits.limit_use import LimitUse
 from design.limits.random_feasible import random_feasible_trajectory
 from design.limits.rig_limits import arm_and_limits, require_enough_samples
-from design.optimiser.multistart import DesignTask
+from design.optimiser.design_task import DesignTask
 from design.optimiser.objective import Objective
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import WrenchModel

@@ -10,7 +10,9 @@ from design.discrimination.design_setting import DesignSetting
 from design.discrimination.directed_pair import DirectedPair, LinearisedRival, maximin_experiment
 from design.discrimination.rival_fit import RivalFit
 from design.discrimination.whitened_prediction import WhitenedPrediction
-from design.optimiser.multistart import DesignTask, LocalOptimum, optimise
+from design.optimiser.design_task import DesignTask
+from design.optimiser.local_optimum import LocalOptimum
+from design.optimiser.multistart import optimise
 from design.trajectories.trajectory import Trajectory
 
 EXCHANGE_ROUNDS = 8

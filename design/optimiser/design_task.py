@@ -1,0 +1,158 @@
+"""Design task: an objective with its limits, its random starts, and contraction of a trajectory into the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.limits.limit_use import LimitedQuantity, LimitUse
+from design.limits.random_feasible import random_feasible_trajectory
+from design.limits.tip_workspace import workspace_sides
+from design.optimiser.limit_constraints import LimitConstraints
+from design.optimiser.objective import Objective
+from design.optimiser.objective_derivatives import ObjectiveDerivatives
+from design.optimiser.polytope import Polytope
+from design.trajectories.fourier import FreeSeries
+from design.trajectories.trajectory import Trajectory
+from modeling.kinematics.arm import Arm
+from modeling.rig.rig import Limits, Workspace
+
+Array = NDArray[np.float64]
+
+LOW_HARMONICS = (1, 2, 3, 4)
+"""Harmonics of random starts: large motions. Starts with the highest frequencies lead to poor optima (measured: half a
+nat less), and six harmonics take ten times as long as four to an optimum of the same value."""
+START_LIMIT_USE, VARIED_LIMIT_USE = 0.9, 0.5
+"""Random starts use nine tenths of their limits, so that the interior point starts inside; half where they are to be as
+free to grow as to shrink (measured: more of them lead to the highest optima)."""
+FEWEST_SAMPLES, SAMPLES_PER_FUNCTION = 48, 4
+"""Samples that replace more in a search: four to each basis function give the mean over time to 1e-6."""
+CONTRACTION_BISECTIONS = 20
+CONTRACTION_ACCURACY = 1e-7
+"""Relative accuracy of a contraction: its error in the criterion is far below the optimiser's accuracy."""
+ROUNDING_CONTRACTION = 1 - 1e-9
+"""Factor by which a contracted trajectory stays inside its limits, so that rounding does not carry it beyond."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DesignTask:
+    """Objective and limits of an optimisation."""
+
+    objective: Objective
+    limits: Limits
+    arm: Arm | None = None
+    workspace: Workspace | None = None
+    tip_length: float | None = None
+    iterations: int = 500
+
+    def use(self, motion: Trajectory) -> LimitUse:
+        """Use of the limits by a trajectory, at every instant."""
+        return LimitUse.of(motion, self.limits, self.workspace, self.arm, self.tip_length)
+
+    def random(self, seed: Sequence[int]) -> Trajectory:
+        """A random trajectory of few harmonics that uses nine tenths of its limits, projected on the series."""
+        series = self.objective.series
+        found = random_feasible_trajectory(
+            FreeSeries(joints=series.joints, harmonics=LOW_HARMONICS, period=series.duration),
+            self.limits,
+            workspace=self.workspace,
+            arm=self.arm,
+            tip_length=self.tip_length,
+            seed=seed,
+        )
+        return self.towards_rest(found.projected(series), START_LIMIT_USE)
+
+    def varied(self, seed: Sequence[int], *, odd: bool) -> Trajectory:
+        """A random trajectory that uses half its limits; odd in time about its mean posture with `odd`.
+
+        The information of many arms is invariant under time reversal combined with mirroring, so that optima among
+        the odd trajectories are optima among all, and they are found more often there (measured: five times).
+        """
+        motion = self.random(seed)
+        return self.towards_rest(motion.odd() if odd else motion, VARIED_LIMIT_USE)
+
+    def towards_rest(self, motion: Trajectory, factor: float) -> Trajectory:
+        """The trajectory scaled by `factor` about its mean posture."""
+        static = self.still(motion)
+        return replace(motion, coefficients=static + factor * (motion.coefficients - static))
+
+    def still(self, motion: Trajectory) -> Array:
+        """Coefficients (k,) of the trajectory's mean posture, static."""
+        series = motion.series
+        return series.rest(motion.derivative(series.instants(self.objective.samples), 0).mean(axis=0))
+
+    @property
+    def direct(self) -> bool:
+        """Whether derivatives are exact and all limits linear: then `InteriorPoint` is used, otherwise IPOPT."""
+        return self.objective.exact and (self.workspace is None or not workspace_sides(self.workspace, self.arm))
+
+    @cached_property
+    def derivatives(self) -> ObjectiveDerivatives:
+        """Numerical derivatives of the objective, over all samples."""
+        return ObjectiveDerivatives(self.objective)
+
+    @cached_property
+    def thinned(self) -> ObjectiveDerivatives:
+        """The same over as few samples as represent all of them."""
+        enough = max(FEWEST_SAMPLES, SAMPLES_PER_FUNCTION * self.objective.series.mixing.shape[1])
+        return (
+            self.derivatives
+            if enough >= self.objective.samples
+            else ObjectiveDerivatives(self.objective.thinned(enough))
+        )
+
+    @cached_property
+    def polytope(self) -> Polytope:
+        """The joint limits at enough instants to rank optima."""
+        return Polytope(LimitConstraints.medium(self.objective.series, self.limits))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Compiled functions are not pickled: they are soon compiled again.
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+def contracted_into_limits(task: DesignTask, motion: Trajectory) -> Trajectory | None:
+    """The trajectory contracted about its mean posture until it keeps all limits; None where that posture does not."""
+    if not np.isfinite(motion.coefficients).all():
+        return None
+    use = task.use(motion)
+    if use.worst.use <= 1:
+        return motion
+    static = task.use(task.towards_rest(motion, 0.0))
+    if static.worst.use > 1:
+        return None
+    contracted = task.towards_rest(motion, _linear_factor(use.limited_quantities, static.limited_quantities))
+    if task.direct and task.use(contracted).worst.use <= 1:
+        return contracted
+    return _bisected(task, motion, use.worst.use)
+
+
+def _linear_factor(moving: Sequence[LimitedQuantity], static: Sequence[LimitedQuantity]) -> float:
+    """The largest contraction factor about the mean posture for limits that are linear in the trajectory."""
+    factors = [
+        slack / excursion
+        for moved, posture in zip(moving, static, strict=True)
+        for excursion, slack in (
+            (moved.high - posture.high, moved.limit[1] - posture.high),
+            (posture.low - moved.low, posture.low - moved.limit[0]),
+        )
+        if excursion > slack
+    ]
+    return ROUNDING_CONTRACTION * min(factors, default=1.0)
+
+
+def _bisected(task: DesignTask, motion: Trajectory, use: float) -> Trajectory:
+    """The contraction by bisection of its factor, for nonlinear limits."""
+    low, high = 0.0, 1.0
+    for step in range(CONTRACTION_BISECTIONS):
+        middle = ROUNDING_CONTRACTION / use if step == 0 else (low + high) / 2
+        inside = task.use(task.towards_rest(motion, middle)).worst.use <= 1
+        low, high = (middle, high) if inside else (low, middle)
+        if high - low < CONTRACTION_ACCURACY:
+            break
+    return task.towards_rest(motion, low)
