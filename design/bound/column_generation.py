@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from math import log
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +149,7 @@ class ColumnGeneration:
             current, dual = self._measure(master, peaks, gap), master.coordinates.dual(master.z)
             found = self._priced(dual, current)
             candidates.append(CandidateDual.of(dual, float(found.value.max())))
-            upper, measure = candidates[-1].upper, max(measure, current, key=_lower)
+            upper, measure = candidates[-1].upper, max(measure, current, key=attrgetter("lower"))
             found = self._verified(candidates, found, peaks, measure.lower + self.tolerance)
             rounds.append(self._round(number, current, upper, _best(candidates).upper))
             if _best(candidates).upper < measure.lower + self.tolerance:
@@ -243,12 +244,4 @@ class ColumnGeneration:
 
 
 def _best(candidates: list[CandidateDual]) -> CandidateDual:
-    return min(candidates, key=_upper)
-
-
-def _upper(candidate: CandidateDual) -> float:
-    return candidate.upper
-
-
-def _lower(measure: DesignMeasure) -> float:
-    return measure.lower
+    return min(candidates, key=attrgetter("upper"))

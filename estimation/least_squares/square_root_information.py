@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Self
 
 import numpy as np
@@ -20,13 +19,6 @@ ORTHONORMALITY_TOLERANCE = 0.1
 EPS = float(np.finfo(np.float64).eps)
 
 
-class FactorisationMethod(Enum):
-    """How the R factor of rows is computed."""
-
-    CHOLESKY = "Cholesky"
-    HOUSEHOLDER = "Householder"
-
-
 @dataclass(frozen=True, eq=False)
 class QRFactors:
     """Columns A (n, k) as Q R: R = `root` (k, k) upper triangular, Q = `basis` `inner`^-1 orthonormal.
@@ -38,7 +30,6 @@ class QRFactors:
     basis: Array
     inner: Array
     root: Array
-    method: FactorisationMethod
 
     def coordinates(self, vector: Array) -> Array:
         """Q' v, (k,)."""
@@ -56,8 +47,8 @@ class QRFactors:
         return first + second, residual - self.span(second)
 
 
-def qr_factors(columns: Array, method: FactorisationMethod | None = None) -> QRFactors:
-    """QR factors of columns A (n, k), n >= k, by `method`, or else by the quickest that is accurate enough.
+def qr_factors(columns: Array) -> QRFactors:
+    """QR factors of columns A (n, k), n >= k, by the quickest method that is accurate enough.
 
     Products of tall matrices are several times faster than Householder's reflections, but A'A = R'R has lost the
     condition squared: R is exact to kappa² eps, kappa the condition of the columns scaled to unit norm. Below
@@ -65,20 +56,15 @@ def qr_factors(columns: Array, method: FactorisationMethod | None = None) -> QRF
     seminormal equations: Björck, Linear Algebra Appl. 88/89, 1987). Above, Q1 = A R^-1 has Q1'Q1 = 1 + O(kappa² eps),
     and while that is close to 1, up to kappa of about 1e7, a second Cholesky, of Q1'Q1, makes R = R2 R1 exact to
     rounding (CholeskyQR2: Yamamoto, Nakatsukasa, Yanagisawa, Fukaya, ETNA 44, 2015). This is checked, not assumed.
-    Otherwise Householder. Raises LinAlgError when `method` is Cholesky and it fails.
+    Otherwise Householder, with an `inner` of one.
     """
-    if method is not FactorisationMethod.HOUSEHOLDER:
-        found = _by_cholesky(columns)
-        if found is not None:
-            return found
-        if method is FactorisationMethod.CHOLESKY:
-            raise np.linalg.LinAlgError("the columns are too nearly dependent for their Gram matrix")
+    found = _by_cholesky(columns)
+    if found is not None:
+        return found
     scale = _scale(np.linalg.norm(columns, axis=0))
     scaled: Array = columns / scale
     basis, root = (np.asarray(part, dtype=np.float64) for part in np.linalg.qr(scaled))
-    return QRFactors(
-        basis, np.eye(len(scale), dtype=np.float64), np.asarray(root * scale), FactorisationMethod.HOUSEHOLDER
-    )
+    return QRFactors(basis, np.eye(len(scale), dtype=np.float64), np.asarray(root * scale))
 
 
 def _by_cholesky(columns: Array) -> QRFactors | None:
@@ -87,7 +73,7 @@ def _by_cholesky(columns: Array) -> QRFactors | None:
     try:
         first = np.linalg.cholesky(gram / np.outer(scale, scale)).T * scale
         if np.linalg.cond(first / np.linalg.norm(first, axis=0)) ** 2 * EPS < CHOLESKY_ROUNDING:
-            return QRFactors(columns, first, first, FactorisationMethod.CHOLESKY)
+            return QRFactors(columns, first, first)
         basis: Array = np.asarray(dtrsm(1.0, first, columns.T, trans_a=1).T)
         gram = basis.T @ basis
         if not np.linalg.norm(gram - np.eye(len(gram))) < ORTHONORMALITY_TOLERANCE:  # or not finite
@@ -95,7 +81,7 @@ def _by_cholesky(columns: Array) -> QRFactors | None:
         second: Array = np.asarray(np.linalg.cholesky(gram).T, dtype=np.float64)
     except np.linalg.LinAlgError:
         return None
-    return QRFactors(basis, second, second @ first, FactorisationMethod.CHOLESKY)
+    return QRFactors(basis, second, second @ first)
 
 
 def _scale(lengths: Array) -> Array:
@@ -119,26 +105,25 @@ class SquareRootInformation:
     target: Array
     power: float
     rows: int
-    method: FactorisationMethod = FactorisationMethod.HOUSEHOLDER
 
     @classmethod
-    def of(cls, columns: Array, target: Array, method: FactorisationMethod | None = None) -> Self:
+    def of(cls, columns: Array, target: Array) -> Self:
         """Of whitened rows: columns (n, k) and target (n,)."""
         short = columns.shape[1] - len(columns)
         filled = np.pad(columns, ((0, short), (0, 0))) if short > 0 else columns
-        factors = qr_factors(filled, method)
+        factors = qr_factors(filled)
         coordinates, residual = factors.split(np.pad(target, (0, short)) if short > 0 else target)
-        return cls(factors.root, coordinates, float(residual @ residual), len(target), factors.method)
+        return cls(factors.root, coordinates, float(residual @ residual), len(target))
 
     @classmethod
     def of_triangle(cls, rows: Array, count: int) -> SquareRootInformation:
         """Of `count` rows given by the R factor `rows` (m, k + 1) of (A b)."""
-        return _triangularised(rows, 0.0, count, FactorisationMethod.CHOLESKY)
+        return _triangularised(rows, 0.0, count)
 
     @classmethod
     def nothing(cls, size: int) -> Self:
         """Of no rows: the neutral element of addition."""
-        return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0, FactorisationMethod.CHOLESKY)
+        return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0)
 
     @property
     def cost(self) -> float:
@@ -148,13 +133,7 @@ class SquareRootInformation:
     def __add__(self, other: SquareRootInformation) -> SquareRootInformation:
         """Information of both sets of rows."""
         stacked = np.vstack([np.column_stack([s.root, s.target]) for s in (self, other)])
-        both = all(s.method is FactorisationMethod.CHOLESKY for s in (self, other))
-        return _triangularised(
-            stacked,
-            self.power + other.power,
-            self.rows + other.rows,
-            FactorisationMethod.CHOLESKY if both else FactorisationMethod.HOUSEHOLDER,
-        )
+        return _triangularised(stacked, self.power + other.power, self.rows + other.rows)
 
     def moved(self, step: Array) -> SquareRootInformation:
         """Of the same rows, with the origin of x moved to `step` (k,)."""
@@ -164,17 +143,17 @@ class SquareRootInformation:
         """With Levenberg damping: a further row per parameter, `strength` times its column's norm, with target 0."""
         lengths = np.linalg.norm(self.root, axis=0)
         rows = np.diag(strength * np.where(lengths > 0, lengths, 1.0))
-        return self + SquareRootInformation(rows, np.zeros(len(rows)), 0.0, 0, self.method)
+        return self + SquareRootInformation(rows, np.zeros(len(rows)), 0.0, 0)
 
     def only(self, kept: NDArray[np.bool_] | NDArray[np.intp]) -> SquareRootInformation:
         """On a subset of the parameters, the others fixed at 0; an index also reorders."""
-        return _triangularised(np.column_stack([self.root[:, kept], self.target]), self.power, self.rows, self.method)
+        return _triangularised(np.column_stack([self.root[:, kept], self.target]), self.power, self.rows)
 
     def spread(self, index: NDArray[np.intp], size: int) -> SquareRootInformation:
         """As information on `size` parameters, of which these are at the positions `index`."""
         wide = np.zeros((len(self.target), size))
         wide[:, index] = self.root
-        return _triangularised(np.column_stack([wide, self.target]), self.power, self.rows, self.method)
+        return _triangularised(np.column_stack([wide, self.target]), self.power, self.rows)
 
     def eliminated(self, count: int) -> SquareRootInformation:
         """On all but the first `count` parameters, minimised over those.
@@ -189,12 +168,10 @@ class SquareRootInformation:
         )
 
 
-def _triangularised(stacked: Array, power: float, rows: int, method: FactorisationMethod) -> SquareRootInformation:
+def _triangularised(stacked: Array, power: float, rows: int) -> SquareRootInformation:
     """Information of rows (R z) and the residual power of others, to which this factorisation adds its own residual."""
     size = stacked.shape[1] - 1
     short = max(0, size + 1 - len(stacked))
     filled = np.vstack([stacked, np.zeros((short, size + 1))]) if short else stacked
     root = np.asarray(np.linalg.qr(filled, mode="r"))
-    return SquareRootInformation(
-        root[:size, :size], root[:size, size], power + float(root[size, size] ** 2), rows, method
-    )
+    return SquareRootInformation(root[:size, :size], root[:size, size], power + float(root[size, size] ** 2), rows)
