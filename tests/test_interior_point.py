@@ -18,7 +18,6 @@ from design.optimiser.local_optimum import refine_optimum, screen_start
 from design.optimiser.multistart import optimise
 from design.optimiser.nonlinear_program import TerminationStatus, limit_constrained_program
 from design.optimiser.objective_derivatives import ObjectiveDerivatives
-from design.optimiser.polytope import Polytope
 from design.trajectories.fourier import FreeSeries, PaperSeries
 from design.trajectories.rest_to_rest import RestToRest
 from design.trajectories.spline import SplineSeries
@@ -55,7 +54,7 @@ def test_the_expansion_is_the_graph(name: str) -> None:
 def test_the_polytope_is_the_rows(series: TrajectorySeries) -> None:
     asked = task(series)
     rows, rng = coarse(asked), np.random.default_rng(0)
-    polytope, z = Polytope(rows), asked.random((1,)).coefficients
+    polytope, z = rows.polytope, asked.random((1,)).coefficients
     symbol = ca.MX.sym("z", series.size)
     graph, low, high = rows.graph(symbol)
     value = np.array(ca.Function("g", [symbol], [graph])(z)).ravel()
@@ -76,7 +75,7 @@ def test_the_polytope_is_the_rows(series: TrajectorySeries) -> None:
 
 def test_reach_stops_where_the_margin_begins() -> None:
     asked = task()
-    polytope, motion = Polytope(coarse(asked)), asked.towards_rest(asked.random((1,)), 3.0)
+    polytope, motion = coarse(asked).polytope, asked.towards_rest(asked.random((1,)), 3.0)
     still = asked.still(motion)
     share = polytope.reach(still, motion.coefficients, 0.1)
     assert share is not None
@@ -89,7 +88,7 @@ def test_reach_stops_where_the_margin_begins() -> None:
 def test_an_optimum_meets_its_conditions_and_ipopt_agrees(series: TrajectorySeries) -> None:
     asked = task(series)
     rows, start = coarse(asked), asked.varied((3,), odd=False)
-    polytope, derivatives = Polytope(rows), ObjectiveDerivatives(asked.objective)
+    polytope, derivatives = rows.polytope, ObjectiveDerivatives(asked.objective)
     found = InteriorPoint(derivatives, polytope).solve(start.coefficients, first=1e-3, last=1e-6, iterations=500)
     assert found.outcome is TerminationStatus.CONVERGED
     slack = polytope.slack(found.coefficients)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.errors import InputError
+from design.limits.rig_limits import require_zero_inside
 from modeling.rig.rig import Limits
 
 Array = NDArray[np.float64]
@@ -37,11 +37,7 @@ class ViableStates:
     limits: Limits
 
     def __post_init__(self) -> None:
-        for name in ("velocity", "acceleration"):
-            low, high = getattr(self.limits, name).T
-            if not ((low < 0) & (high > 0)).all():
-                what = f"the {name} limits of a joint do not have zero inside: no periodic trajectory is within them"
-                raise InputError(what=what, where="limits", remedy="give a negative low and a positive high limit")
+        require_zero_inside(self.limits)
 
     @property
     def joints(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from design.criteria.criterion import Criterion
+from design.criteria.criterion import Criterion, diagonal_blocks
 from modeling.errors import InputError
 
 
@@ -33,11 +33,7 @@ class BayesianCriterion(Criterion):
 
     def blocks(self, information: Any) -> list[Any]:
         """The m blocks; ValueError when M has not as many."""
-        size, excess = divmod(information.shape[0], len(self.weights))
-        if excess:
-            raise ValueError(f"{len(self.weights)} blocks were expected in {information.shape[0]} rows")
-        places = [slice(i * size, (i + 1) * size) for i in range(len(self.weights))]
-        return [information[place, place] for place in places]
+        return diagonal_blocks(information, [information.shape[0] // len(self.weights)] * len(self.weights))
 
     def expression(self, information: Any) -> Any:
         """The mean of the blocks' expressions."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, ClassVar
 
@@ -70,6 +71,15 @@ class Criterion(ABC):
 
     def __str__(self) -> str:
         return self.name
+
+
+def diagonal_blocks(information: Any, sizes: Sequence[int]) -> list[Any]:
+    """The diagonal blocks of M with these numbers of rows; ValueError when M is not of their sum."""
+    if information.shape[0] != sum(sizes):
+        raise ValueError(f"blocks of {sum(sizes)} rows were expected, and {information.shape[0]} came")
+    ends = np.cumsum(sizes)
+    places = [slice(int(end - size), int(end)) for end, size in zip(ends, sizes, strict=True)]
+    return [information[place, place] for place in places]
 
 
 @lru_cache(maxsize=64)

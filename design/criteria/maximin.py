@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from design.criteria.criterion import Criterion
+from design.criteria.criterion import Criterion, diagonal_blocks
 from modeling.errors import InputError
 
 
@@ -37,11 +35,7 @@ class MaximinCriterion(Criterion):
 
     def blocks(self, information: Any) -> list[Any]:
         """A block for each criterion; ValueError when M is not of their rows."""
-        if information.shape[0] != sum(self.sizes):
-            raise ValueError(f"{sum(self.sizes)} rows were expected, and {information.shape[0]} came")
-        ends = np.cumsum(self.sizes)
-        places = [slice(int(end - size), int(end)) for end, size in zip(ends, self.sizes, strict=True)]
-        return [information[place, place] for place in places]
+        return diagonal_blocks(information, self.sizes)
 
     def expression(self, information: Any) -> Any:
         """The smooth minimum, with the smallest factored out of the sum so that nothing overflows."""

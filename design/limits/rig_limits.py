@@ -19,13 +19,17 @@ def arm_and_limits(rig: Rig) -> tuple[Arm, Limits]:
     if rig.limits is None:
         what = "a trajectory is designed within limits, and the rig states none"
         raise InputError(what=what, where="rig", remedy="add [limits] with position, velocity and acceleration")
-    for name in ("velocity", "acceleration"):
-        low, high = getattr(rig.limits, name).T
-        if not ((low < 0) & (high > 0)).all():
-            what = f"limits of {name} on both sides of zero were expected, and of one joint they are not"
-            remedy = "a periodic trajectory reverses: give a negative low and a positive high limit"
-            raise InputError(what=what, where="limits", remedy=remedy)
+    require_zero_inside(rig.limits)
     return rig.arm, rig.limits
+
+
+def require_zero_inside(limits: Limits) -> None:
+    """InputError unless velocity and acceleration of each joint may have both signs: a periodic trajectory reverses."""
+    for name in ("velocity", "acceleration"):
+        low, high = getattr(limits, name).T
+        if not ((low < 0) & (high > 0)).all():
+            what = f"the {name} limits of a joint do not have zero inside: no periodic trajectory is within them"
+            raise InputError(what=what, where="limits", remedy="give a negative low and a positive high limit")
 
 
 def require_enough_samples(series: TrajectorySeries, samples: int) -> None:

@@ -16,7 +16,6 @@ from design.limits.tip_workspace import workspace_sides
 from design.optimiser.limit_constraints import LimitConstraints
 from design.optimiser.objective import Objective
 from design.optimiser.objective_derivatives import ObjectiveDerivatives
-from design.optimiser.polytope import Polytope
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import Trajectory
 from modeling.kinematics.arm import Arm
@@ -107,9 +106,9 @@ class DesignTask:
         )
 
     @cached_property
-    def polytope(self) -> Polytope:
+    def ranking_limits(self) -> LimitConstraints:
         """The joint limits at enough instants to rank optima."""
-        return Polytope(LimitConstraints.medium(self.objective.series, self.limits))
+        return LimitConstraints.medium(self.objective.series, self.limits)
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions are not pickled: they are soon compiled again.

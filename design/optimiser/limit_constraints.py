@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.limits.tip_workspace import workspace_sides
+from design.optimiser.polytope import JointBlock, Polytope
 from design.trajectories.trajectory import TrajectorySeries
 from modeling.kinematics.arm import Arm
 from modeling.rig.rig import Limits, Workspace
@@ -28,17 +29,6 @@ TIP_MARGIN = 0.01, 0.01
 the thousandths by which its joints exceed their limits moves the tip by millimetres, not always inwards."""
 NEAR_LIMIT = 0.8
 """Share of a limit above which it is imposed at the fine instants; elsewhere at the coarse ones."""
-
-
-@dataclass(frozen=True, eq=False)
-class JointBlock:
-    """Limits of one joint, -1 <= A z[own] - middle <= 1: indices own (c,) of the coefficients that move it, A (R, c),
-    middle (R,), and the place of its rows among those of all joints."""
-
-    own: NDArray[np.intp]
-    matrix: Array
-    middle: Array
-    place: slice
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,7 +87,7 @@ class LimitConstraints:
         import casadi as ca
 
         tip, low, high = self._tip(z)
-        linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.own.tolist()] - ca.DM(b.middle) for b in self.blocks])
+        linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.own.tolist()] - ca.DM(b.middle) for b in self.polytope.blocks])
         ends = np.ones(linear.numel())
         places = len(self.tip)
         return (
@@ -115,15 +105,15 @@ class LimitConstraints:
         return ca.hessian(ca.dot(of_tip, tip), z)[0] if tip.numel() else ca.MX(z.numel(), z.numel())
 
     @cached_property
-    def blocks(self) -> tuple[JointBlock, ...]:
-        """The joint limits at the instants, one block for each joint."""
+    def polytope(self) -> Polytope:
+        """The joint limits at the instants."""
         found, at = list[JointBlock](), 0
         for joint in range(self.series.joints):
             own = np.flatnonzero(self.series.mixing[joint].any(axis=0))
             matrix, middle = self._rows_of(joint, own)
             found.append(JointBlock(own, matrix, middle, slice(at, at + len(middle))))
             at += len(middle)
-        return tuple(found)
+        return Polytope(tuple(found), self.series.size)
 
     def _rows_of(self, joint: int, own: NDArray[np.intp]) -> tuple[Array, Array]:
         mixing = self.series.mixing[joint][:, own]

@@ -59,7 +59,7 @@ def screen_start(task: DesignTask, start: Trajectory) -> LocalOptimum:
     """
     begun, evaluations, motion = perf_counter(), 0, start
     for case, last in enumerate(LAST_BARRIER[:2]):
-        solution = _solved(task, task.thinned, task.polytope, motion, case=case, last=last)
+        solution = _solved(task, task.thinned, task.ranking_limits.polytope, motion, case=case, last=last)
         motion, evaluations = Trajectory(start.series, solution.coefficients), evaluations + solution.evaluations
     return LocalOptimum(
         motion=motion,
@@ -90,9 +90,9 @@ def refine_optimum(task: DesignTask, start: Trajectory) -> LocalOptimum:
 
     def solve(rows: LimitConstraints, motion: Trajectory, round_: int) -> OptimiserSolution:
         case = min(round_ + 1, len(FIRST_BARRIER) - 1)
-        return _solved(task, task.derivatives, Polytope(rows), motion, case=case, last=LAST_BARRIER[2])
+        return _solved(task, task.derivatives, rows.polytope, motion, case=case, last=LAST_BARRIER[2])
 
-    return _refined(task, start, task.polytope.rows.refined(start.coefficients), solve, NEGLIGIBLE_GAIN)
+    return _refined(task, start, task.ranking_limits.refined(start.coefficients), solve, NEGLIGIBLE_GAIN)
 
 
 def _solved(

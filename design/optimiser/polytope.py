@@ -7,21 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from design.optimiser.limit_constraints import JointBlock, LimitConstraints
-
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
+class JointBlock:
+    """Limits of one joint, -1 <= A z[own] - middle <= 1: indices own (c,) of the coefficients that move it, A (R, c),
+    middle (R,), and the place of its rows among those of all joints."""
+
+    own: NDArray[np.intp]
+    matrix: Array
+    middle: Array
+    place: slice
+
+
+@dataclass(frozen=True, eq=False)
 class Polytope:
-    """-1 <= A z - middle <= 1 of the joint limits in `rows`: one dense block of A for each joint."""
+    """-1 <= A z - middle <= 1 for `size` coefficients z: one dense block of A for each joint."""
 
-    rows: LimitConstraints
-
-    @property
-    def blocks(self) -> tuple[JointBlock, ...]:
-        """One for each joint."""
-        return self.rows.blocks
+    blocks: tuple[JointBlock, ...]
+    size: int
 
     def __len__(self) -> int:
         return int(self.blocks[-1].place.stop)
@@ -37,15 +42,14 @@ class Polytope:
 
     def pushed(self, multipliers: Array) -> Array:
         """A' (high - low) (k,) of multipliers (2, R)."""
-        net, total = multipliers[0] - multipliers[1], np.zeros(self.rows.series.size)
+        net, total = multipliers[0] - multipliers[1], np.zeros(self.size)
         for block in self.blocks:
             total[block.own] += net[block.place] @ block.matrix
         return total
 
     def gram(self, weights: Array) -> Array:
         """A' diag(high + low) A (k, k) of weights (2, R) that are not negative."""
-        root, size = np.sqrt(weights.sum(axis=0)), self.rows.series.size
-        total = np.zeros((size, size))
+        root, total = np.sqrt(weights.sum(axis=0)), np.zeros((self.size, self.size))
         for block in self.blocks:
             scaled = block.matrix * root[block.place, None]
             total[np.ix_(block.own, block.own)] += scaled.T @ scaled
