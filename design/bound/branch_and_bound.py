@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from design.bound.dual_function import DualFunction, DualVariables
 from design.bound.interval_arithmetic import IntervalEvaluation
+from design.bound.multistart_ascent import AlignedArrays
 from modeling.evaluation.tape import Tape
 
 Array = NDArray[np.float64]
@@ -36,20 +37,12 @@ class BranchAndBoundResult:
 
 
 @dataclass(frozen=True, eq=False)
-class StateBoxes:
+class StateBoxes(AlignedArrays):
     """Boxes of the cube with a vertex of ddq each: low and high (N, 3n), and an upper bound of F in each (N,)."""
 
     low: Array
     high: Array
     upper: Array
-
-    def chosen(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> StateBoxes:
-        """Those of an index or of a mask."""
-        return StateBoxes(self.low[which], self.high[which], self.upper[which])
-
-    def joined(self, other: StateBoxes) -> StateBoxes:
-        """These and others."""
-        return StateBoxes(*(np.concatenate([getattr(b, n) for b in (self, other)]) for n in ("low", "high", "upper")))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import reduce
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,8 +58,20 @@ REFINING_ASCENT = StoppingRule(steps=400, gain_tolerance=1e-8, extrapolation=20.
 """The best of them are continued to convergence."""
 
 
+class AlignedArrays:
+    """Base of frozen dataclasses whose fields are arrays with one row for each item."""
+
+    def chosen(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
+        """The items of an index or of a mask."""
+        return type(self)(*(values[which] for values in vars(self).values()))
+
+    def joined(self, other: Self) -> Self:
+        """These items and others."""
+        return type(self)(*map(np.concatenate, zip(vars(self).values(), vars(other).values(), strict=True)))
+
+
 @dataclass(frozen=True, eq=False)
-class LocalMaxima:
+class LocalMaxima(AlignedArrays):
     """Points of the cube (N, 2n) with ddq (N, n) and the value of F there (N,)."""
 
     points: Array
@@ -67,16 +80,6 @@ class LocalMaxima:
 
     def __len__(self) -> int:
         return len(self.value)
-
-    def chosen(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> LocalMaxima:
-        """Those of an index or of a mask."""
-        return LocalMaxima(self.points[which], self.ddq[which], self.value[which])
-
-    def joined(self, other: LocalMaxima) -> LocalMaxima:
-        """These and others."""
-        return LocalMaxima(
-            *(np.concatenate([getattr(p, n) for p in (self, other)]) for n in ("points", "ddq", "value"))
-        )
 
 
 def random_points(joints: int, count: int, rng: np.random.Generator) -> Array:
@@ -120,7 +123,7 @@ def projected_gradient_ascent(
 
 
 @dataclass(frozen=True, eq=False)
-class GradientAscent:
+class GradientAscent(AlignedArrays):
     """State of N ascents: points of the cube (N, 2n), ddq (N, n), F (N,), gradient (N, 2n) and step lengths (N,)."""
 
     points: Array
@@ -134,10 +137,6 @@ class GradientAscent:
         """At the points of the peaks, with constant ddq."""
         value, slope = function.value_and_gradient(peaks.points, peaks.ddq, dual)
         return cls(peaks.points, peaks.ddq, value, slope, FIRST_STEP / _largest(slope))
-
-    def chosen(self, which: NDArray[np.bool_]) -> GradientAscent:
-        """Those of a mask."""
-        return GradientAscent(*(part[which] for part in (self.points, self.ddq, self.value, self.slope, self.step)))
 
     def moved(self, function: DualFunction, dual: DualVariables) -> GradientAscent:
         """After one step."""

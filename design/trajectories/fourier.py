@@ -31,6 +31,14 @@ divided by cos(pi H / M) (Ehlich and Zeller, Math. Z. 86 (1964) 41-44); 7.5e-5 m
 class FourierSeries(TrajectorySeries):
     """Trajectories in the basis 1, sin(h w t) .., cos(h w t) .., w = 2 pi / period, for some harmonics h."""
 
+    period: float
+    """s"""
+
+    @property
+    def duration(self) -> float:
+        """The period, s."""
+        return self.period
+
     @property
     @abstractmethod
     def waves(self) -> tuple[int, ...]:
@@ -87,11 +95,6 @@ class FreeSeries(FourierSeries):
             raise InputError(what=what, where="FreeSeries", remedy="give harmonics such as (1, 2, 3)")
 
     @property
-    def duration(self) -> float:
-        """The period, s."""
-        return self.period
-
-    @property
     def waves(self) -> tuple[int, ...]:
         """The harmonics."""
         return self.harmonics
@@ -126,11 +129,6 @@ class PaperSeries(FourierSeries):
 
     def __post_init__(self) -> None:
         require_positive_duration(self.period, name="period", where="PaperSeries")
-
-    @property
-    def duration(self) -> float:
-        """The period, s."""
-        return self.period
 
     @property
     def waves(self) -> tuple[int, ...]:

@@ -116,7 +116,11 @@ def _active_constraints(found: KKTConditions) -> Iterator[ActiveConstraint]:
 
 
 def constraints_lifted(found: KKTConditions, spared: NDArray[np.bool_]) -> NullSpaceStep:
-    """Quadratic problem with the strictly active and fixed constraints held, except those in `spared`."""
+    """Quadratic problem with the strictly active and fixed constraints held, except those in `spared` (c,).
+
+    With none spared its covariance is that along the active set, the curvature of the cone included; times the
+    derivative's transpose it is the sensitivity of the estimate to the readings.
+    """
     active_set = found.active_set
     held = (strictly_active(found) | active_set.sign_free) & ~spared
     curved = found.inner if held[len(active_set.ends) :].any() else None

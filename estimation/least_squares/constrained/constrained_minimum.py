@@ -37,7 +37,7 @@ class ConstrainedMinimum(Tabular):
     covariance  (k, k) of data and prior, zero for a fixed parameter. Active inequalities are not treated as equalities:
                 the region is convex, so that the constrained estimate is nearer to any truth inside than the
                 unconstrained one, in the metric of the data, and the unconstrained covariance is conservative; that on
-                the tangent (`tangent_covariance`) would be far too small where the truth lies off the boundary
+                the tangent (`constraints_lifted` of none) would be far too small where the truth lies off the boundary
     identifiable  (k,) whether data and prior identify a parameter
     cost        chi-square of the data alone
     converged   whether the KKT conditions are met
@@ -58,16 +58,6 @@ class ConstrainedMinimum(Tabular):
     def active(self) -> tuple[ActiveConstraint, ...]:
         """The active constraints, by decreasing chi-square."""
         return active_constraints(self.optimality)
-
-    @cached_property
-    def tangent_covariance(self) -> Array:
-        """Covariance (k, k) with the strictly active constraints as equalities, the curvature of the cone included.
-
-        Times the derivative's transpose it is the sensitivity of the estimate to the readings for this active set.
-        """
-        return constraints_lifted(
-            self.optimality, np.zeros(len(self.optimality.unit_multipliers), dtype=bool)
-        ).covariance
 
     @property
     def rise(self) -> float:
