@@ -19,7 +19,6 @@ UNIDENTIFIABLE_DAMPING = 1e-6
 """Damping of the unidentifiable directions: too small to affect the identifiable ones."""
 DISTANT_BOUND = 1e4
 """Distance in step lengths beyond which a bound is left out for conditioning; the next step has it."""
-
 BVLS_STEPS = 200
 """Most steps of `lsq_linear`; it takes about one for each active bound."""
 
@@ -48,11 +47,6 @@ class ConeProgram:
     damping: float
 
     @cached_property
-    def u(self) -> Any:
-        """CVXPY's variable (k,)."""
-        return cvxpy().Variable(len(self.local.theta))
-
-    @cached_property
     def length(self) -> float:
         """Scale of the step in std: 1 plus the distances to the unconstrained minimum and to the region."""
         local, region = self.local, self.region
@@ -73,29 +67,21 @@ class ConeProgram:
         """(k,) root of the damping of each whitened parameter."""
         return np.sqrt(self.damping + np.where(self.local.seen, 0.0, UNIDENTIFIABLE_DAMPING))
 
-    def _objective(self) -> Any:
+    def _objective(self, u: Any) -> Any:
         cp, local = cvxpy(), self.local
-        squares = cp.sum_squares((local.data.root @ local.basis) @ self.u - local.data.target / self.length)
-        objective = self.length**2 / self._whole * (squares + cp.sum_squares(cp.multiply(self._held, self.u)))
+        squares = cp.sum_squares((local.data.root @ local.basis) @ u - local.data.target / self.length)
+        objective = self.length**2 / self._whole * (squares + cp.sum_squares(cp.multiply(self._held, u)))
         prior = self.region.prior
         if prior is None:
             return objective
-        X = self._moved(prior.inertia.at(local.theta), prior.inertia.slopes, prior.whitening)
+        X = self._moved(u, prior.inertia.at(local.theta), prior.inertia.slopes, prior.whitening)
         return objective + prior.weight / self._whole * (cp.trace(X) - cp.log_det(X))
 
-    def _end(self, *, lower: bool) -> tuple[Any, NDArray[np.intp]]:
-        """The condition of the lower or upper bounds within reach of a step, and their indices."""
-        local, region = self.local, self.region
-        slack = (local.theta - region.low if lower else region.high - local.theta) / local.spread / self.length
-        kept = np.flatnonzero(slack < DISTANT_BOUND)
-        move = (local.basis[kept] / local.spread[kept, None]) @ self.u if kept.size else np.zeros(0)
-        return (slack[kept] + move if lower else slack[kept] - move) >= 0, kept
-
-    def _moved(self, matrix: Array, slopes: Array, outer: Array) -> Any:
+    def _moved(self, u: Any, matrix: Array, slopes: Array, outer: Array) -> Any:
         """outer J(theta + B y) outer', symmetric, as a CVXPY expression."""
         n = len(matrix)
         turned = (outer @ slopes @ outer.T).reshape(len(slopes), -1).T @ self.local.basis * self.length
-        return outer @ matrix @ outer.T + cvxpy().reshape(turned @ self.u, (n, n), order="C")
+        return outer @ matrix @ outer.T + cvxpy().reshape(turned @ u, (n, n), order="C")
 
     def solve(self) -> ConeSolution | None:
         """The solution, None when the solver fails."""
@@ -123,22 +109,22 @@ class ConeProgram:
 
     def _by_clarabel(self) -> ConeSolution | None:
         cp, local, region = cvxpy(), self.local, self.region
-        ends = [self._end(lower=lower) for lower in (True, False)]
-        conditions = [condition for condition, kept in ends if kept.size]
+        u, unit = cp.Variable(len(local.theta)), local.spread * self.length
+        slacks = np.array([local.theta - region.low, region.high - local.theta]) / unit
+        side, index = np.nonzero(slacks < DISTANT_BOUND)
+        inwards = np.where(side == 0, 1.0, -1.0) * self.length / unit[index]
+        within = slacks[side, index] + (inwards[:, None] * local.basis[index]) @ u >= 0
         scale = inertia_scale(local, region, self.length)
-        cone = self._moved(region.matrix(local.theta), region.slopes, np.diag(1 / scale)) >> 0 if scale.size else None
-        if not solve_conic(cp.Problem(cp.Minimize(self._objective()), conditions + ([] if cone is None else [cone]))):
+        cone = self._moved(u, region.matrix(local.theta), region.slopes, np.diag(1 / scale)) >> 0
+        conditions = [condition for condition, size in ((within, side.size), (cone, scale.size)) if size]
+        if not solve_conic(cp.Problem(cp.Minimize(self._objective(u)), conditions)):
             return None
-        theta = np.clip(local.theta + local.basis @ self.u.value * self.length, region.low, region.high)
-        Z = np.zeros((0, 0)) if cone is None else self._whole * cone.dual_value / np.outer(scale, scale)
-        low, high = (self._multiplier(condition, kept) for condition, kept in ends)
-        return ConeSolution(theta, low, high, Z)
-
-    def _multiplier(self, condition: Any, kept: NDArray[np.intp]) -> Array:
-        found = np.zeros(len(self.local.theta))
-        if kept.size:
-            found[kept] = self._whole * condition.dual_value / self.local.spread[kept] / self.length
-        return found
+        theta = np.clip(local.theta + local.basis @ u.value * self.length, region.low, region.high)
+        multipliers = np.zeros_like(slacks)
+        if side.size:
+            multipliers[side, index] = self._whole * within.dual_value / unit[index]
+        Z = self._whole * cone.dual_value / np.outer(scale, scale) if scale.size else np.zeros((0, 0))
+        return ConeSolution(theta, *multipliers, Z)
 
 
 def inertia_scale(local: QuadraticModel, region: FeasibleRegion, length: float = 1.0) -> Array:
