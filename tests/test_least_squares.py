@@ -233,7 +233,8 @@ def solved(columns: Array, target: Array) -> tuple[Array, ScaledSVD, SquareRootI
 
 def by_triangle(columns: Array, target: Array) -> SquareRootInformation:
     """Information from NumPy's Householder triangle of the rows."""
-    return SquareRootInformation.of_triangle(np.linalg.qr(np.column_stack([columns, target]), mode="r"), len(target))
+    triangle = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
+    return SquareRootInformation.of_triangle(triangle, len(target))
 
 
 def solution(information: SquareRootInformation) -> tuple[Array, Array]:

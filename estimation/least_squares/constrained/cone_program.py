@@ -85,7 +85,8 @@ class ConeProgram:
 
     def solve(self) -> ConeSolution | None:
         """The solution, None when the solver fails."""
-        return self._by_bvls() if self.region.inertia is self.region.prior is None else self._by_clarabel()
+        bounds_alone = self.region.inertia is None and self.region.prior is None
+        return self._by_bvls() if bounds_alone else self._by_clarabel()
 
     def _by_bvls(self) -> ConeSolution | None:
         """Within bounds alone, by bounded-variable least squares (Stark and Parker 1995) on the parameters in std."""
@@ -124,7 +125,7 @@ class ConeProgram:
         if side.size:
             multipliers[side, index] = self._whole * within.dual_value / unit[index]
         Z = self._whole * cone.dual_value / np.outer(scale, scale) if scale.size else np.zeros((0, 0))
-        return ConeSolution(theta, *multipliers, Z)
+        return ConeSolution(theta, multipliers[0], multipliers[1], Z)
 
 
 def inertia_scale(local: QuadraticModel, region: FeasibleRegion, length: float = 1.0) -> Array:
