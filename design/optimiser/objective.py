@@ -40,7 +40,7 @@ class Objective:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def value(self, coefficients: Array) -> float:
-        """The criterion (larger is better) at z (k,), in NumPy; minus infinity when a parameter is unidentifiable."""
+        """The criterion (larger is better) at z (k,) over all readings; minus infinity if one is unidentifiable."""
         return self.criterion.value(self.experiment.information(Trajectory(self.series, coefficients), self.samples))
 
     def thinned(self, samples: int) -> Self:
