@@ -11,13 +11,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
-from estimation.least_squares.identifiability import least_certain_direction, unidentifiable_directions
-from estimation.least_squares.levenberg_marquardt import SINGULAR_VALUE_TOLERANCE
-from estimation.least_squares.linear_least_squares import UNIDENTIFIABLE_SHARE, ScaledSVD
 from estimation.recordings.reading import from_columns
 from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import compiled_prediction
+from modeling.identifiability import (
+    UNIDENTIFIABLE_SHARE,
+    ScaledSVD,
+    least_certain_direction,
+    unidentifiable_directions,
+)
 from modeling.parameter import Parameter
 from modeling.rig.rig import Convention, Rig, SensorDescription
 
@@ -147,7 +150,7 @@ def test_every_sentence_is_true_and_all_is_said(seed: int, hidden: int, ties: in
         a, b, c = places[hidden + 3 * tie : hidden + 3 * tie + 3] if hidden + 3 * tie + 3 <= size else places[-3:]
         columns[:, a] = 2 * columns[:, b] - columns[:, c]
     parameters = [Parameter(name=f"p{i}", unit="N") for i in range(size)]
-    scaled_svd = ScaledSVD.of(np.asarray(np.linalg.qr(columns, mode="r")), SINGULAR_VALUE_TOLERANCE)
+    scaled_svd = ScaledSVD.of(np.asarray(np.linalg.qr(columns, mode="r")))
     found = unidentifiable_directions(scaled_svd, parameters)
     assert len(found) == size - np.linalg.matrix_rank(columns / scaled_svd.scale, tol=1e-9)
     for direction in found:

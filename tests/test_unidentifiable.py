@@ -25,8 +25,8 @@ def test_one_joint_without_gravity_leaves_one_combination_open() -> None:
     assert [p.name for p in found.parameters] == ["m", "mlg", "I"]
     np.testing.assert_allclose(found.amounts, [1, -length, length**2], rtol=1e-9)
     assert str(found) == (
-        "m, mlg and I are collinear along every trajectory of this arm: "
-        "raising m by 1 kg, lowering mlg by 0.7 kg m and raising I by 0.49 kg m² changes no reading"
+        "m, mlg and I are collinear on any trajectory of this arm: "
+        "raising m by 1 kg, lowering mlg by 0.7 kg m and raising I by 0.49 kg m² leaves the prediction unchanged"
     )
 
 
@@ -42,7 +42,7 @@ def test_a_small_turn_of_the_sensor_is_crosstalk() -> None:
 def test_an_effect_of_no_amount_hides_its_nuisance() -> None:
     model = planar() + effects.viscous_drag()
     (found,) = unidentifiable_combinations(Experiment.of(model, ARM, TOOL))
-    assert str(found) == "viscous_drag.d is unidentifiable along every trajectory of this arm"
+    assert str(found) == "viscous_drag.d is not identifiable from any trajectory of this arm"
     with pytest.raises(InputError, match=r"viscous_drag\.d changes no reading"):
         noise_equivalent_sizes(Experiment.of(model, ARM, TOOL))
 

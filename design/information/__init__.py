@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from design.information.discrete_prior import DiscretePrior
 from design.information.experiment import Experiment
-from design.information.random_sensitivities import noise_equivalent_sizes
+from design.information.random_sensitivities import noise_equivalent_sizes, unidentifiable_combinations
 from design.information.sampling import Sampling
 from design.information.sensitivity_term import SensitivityTerm, prediction_terms, sensitivity_terms
 from design.information.sensor_noise import ColouredNoise, SensorNoise, WhiteNoise
-from design.information.unidentifiable import UnidentifiableCombination, unidentifiable_combinations
 
 __all__ = [
     "ColouredNoise",
@@ -17,7 +16,6 @@ __all__ = [
     "Sampling",
     "SensitivityTerm",
     "SensorNoise",
-    "UnidentifiableCombination",
     "WhiteNoise",
     "noise_equivalent_sizes",
     "prediction_terms",

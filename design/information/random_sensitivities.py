@@ -1,4 +1,4 @@
-"""Sensitivities along random trajectories, and the noise-equivalent size of each parameter."""
+"""Sensitivities along random trajectories: identifiability on any trajectory, noise-equivalent parameter sizes."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from design.information.experiment import Experiment
 from design.trajectories.random_periodic import random_periodic_trajectory
 from design.trajectories.trajectory import Trajectory
 from modeling.errors import InputError
+from modeling.identifiability import ScaledSVD, UnidentifiableDirection, unidentifiable_directions
 from modeling.rig.rig import Limits
 
 Array = NDArray[np.float64]
@@ -28,6 +29,18 @@ def random_sensitivities(experiment: Experiment, limits: Limits | None, seed: in
     return np.concatenate(
         [experiment.columns(*m.evaluate(time), RANDOM_PERIOD).reshape(-1, experiment.size) for m in motions]
     )
+
+
+def unidentifiable_combinations(
+    experiment: Experiment, limits: Limits | None = None, *, seed: int = 0
+) -> tuple[UnidentifiableDirection, ...]:
+    """A sparse basis of the null space of the sensitivities over all trajectories of the arm.
+
+    Where the sensitivities are analytic in the trajectory, random trajectories have the largest rank of all (almost
+    surely).
+    """
+    root = np.asarray(np.linalg.qr(random_sensitivities(experiment, limits, seed), mode="r"))
+    return unidentifiable_directions(ScaledSVD.of(root), experiment.parameters, "any trajectory of this arm")
 
 
 def noise_equivalent_sizes(experiment: Experiment, limits: Limits | None = None, *, seed: int = 0) -> Array:

@@ -13,11 +13,11 @@ from estimation.errors_in_variables.effective_noise import effective_noise
 from estimation.errors_in_variables.error_propagation import ErrorPropagation
 from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import Fit, WhitenedProblem
-from estimation.least_squares.linear_least_squares import ScaledSVD
 from estimation.model_response import ModelResponse, model_signals, signals_are_periodic
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
 from modeling.chain.prediction import VectorFunction
+from modeling.identifiability import UNIDENTIFIABLE_SHARE, ScaledSVD
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,6 @@ change the value by half."""
 CORRECTED_STEP_TOLERANCE = 1e-6
 """Decrease of chi-square below which the fit has converged, as in `levenberg_marquardt`."""
 MAX_CORRECTED_STEPS = 40
-SVD_ROUNDING = 1e-9
-"""Share of the largest singular value below which a direction is only rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +52,7 @@ class CorrectedScoreExpansion:
     @cached_property
     def scaled_svd(self) -> ScaledSVD:
         """Scaled SVD of the information of the noisy signals."""
-        return ScaledSVD.of(self.plain, SVD_ROUNDING)
+        return ScaledSVD.of(self.plain)
 
     @cached_property
     def _axes(self) -> tuple[Array, Array]:
@@ -76,7 +74,7 @@ class CorrectedScoreExpansion:
         reliability, axes = self._axes
         lost = (self.scaled_svd.scale[:, None] * axes)[:, reliability < MIN_RELIABILITY]
         lost = lost / np.linalg.norm(lost, axis=0)
-        return np.asarray(self.scaled_svd.identifiable & (np.linalg.norm(lost, axis=1) < 1e-3))
+        return np.asarray(self.scaled_svd.identifiable & (np.linalg.norm(lost, axis=1) < UNIDENTIFIABLE_SHARE))
 
     def step(self, damping: float) -> Array:
         """Levenberg step on axes in which ordinary least squares has unit information."""

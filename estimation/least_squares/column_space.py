@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.square_root_information import qr_factors
+from modeling.identifiability import SINGULAR_VALUE_TOLERANCE
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ class ColumnSpace:
 
     scale     (k,) norms of the columns; `kept` (k',) are the columns whose norm is not 0
     basis     (rows, r) orthonormal to 1e-11, `singular` (r,) and `right` (r, k'); singular values below
-              1e-9 of the largest are rounding
+              `SINGULAR_VALUE_TOLERANCE` of the largest are rounding
     """
 
     scale: Array
@@ -41,7 +42,7 @@ class ColumnSpace:
             derivative = np.pad(derivative, ((0, len(kept) - len(derivative)), (0, 0)))
         factors = qr_factors(derivative[:, kept] / scale[kept])
         left, singular, right = np.linalg.svd(factors.root)
-        regular = singular > 1e-9 * singular.max(initial=0.0)
+        regular = singular > SINGULAR_VALUE_TOLERANCE * singular.max(initial=0.0)
         return cls(scale, kept, factors.span(left[:, regular]), singular[regular], right[regular])
 
     def amounts(self, columns: Array) -> Array:

@@ -10,15 +10,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.identifiability import (
+from estimation.least_squares.levenberg_marquardt import MAX_STEPS, NEGLIGIBLE_COLUMN_LENGTH
+from estimation.least_squares.square_root_information import SquareRootInformation
+from estimation.text_table import table as table
+from modeling.identifiability import (
     LeastCertainDirection,
+    ScaledSVD,
     UnidentifiableDirection,
     least_certain_direction,
     unidentifiable_directions,
 )
-from estimation.least_squares.levenberg_marquardt import MAX_STEPS, NEGLIGIBLE_COLUMN_LENGTH, SINGULAR_VALUE_TOLERANCE
-from estimation.least_squares.linear_least_squares import ScaledSVD
-from estimation.least_squares.square_root_information import SquareRootInformation
 from modeling.parameter import Parameter
 from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
 
@@ -90,7 +91,7 @@ class Estimates(Tabular):
     @cached_property
     def scaled_svd(self) -> ScaledSVD:
         """Scaled SVD of the information: its identifiable directions."""
-        return ScaledSVD.of(self.information.root, SINGULAR_VALUE_TOLERANCE, NEGLIGIBLE_COLUMN_LENGTH)
+        return ScaledSVD.of(self.information.root, faint=NEGLIGIBLE_COLUMN_LENGTH)
 
     @property
     def condition(self) -> float:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.linear_least_squares import ScaledSVD, least_squares_solution
+from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.square_root_information import EPS, SquareRootInformation
 from modeling.errors import InputError
+from modeling.identifiability import SINGULAR_VALUE_TOLERANCE, ScaledSVD
 
 Array = NDArray[np.float64]
 
@@ -21,9 +22,6 @@ NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
 """Share of the chi-square that a step must gain while it is above `far`."""
-SINGULAR_VALUE_TOLERANCE = 1e-9
-"""Relative singular value, of columns of unit norm, below which a direction is only rounding of smoothed signals."""
-
 NEGLIGIBLE_COLUMN_LENGTH = 1e-6
 """Norm of a whitened column that is only rounding: a million SI units would not move the readings by a std."""
 

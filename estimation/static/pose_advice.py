@@ -10,16 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, WhitenedProblem
-from estimation.least_squares.linear_least_squares import ScaledSVD
 from estimation.static.candidate_poses import CandidatePoses
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
+from modeling.identifiability import ScaledSVD
 from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
-SVD_ROUNDING = 1e-9
-"""Share of the largest singular value below which a direction is rounding error."""
 PRIOR_INFORMATION_SHARE = 1e-9
 """Prior information on unidentifiable directions, as a share of that of all poses together: so little that a pose
 which makes a direction identifiable always precedes one that only reduces variances."""
@@ -148,7 +146,7 @@ def _stacked_svd(parts: Sequence[Array]) -> ScaledSVD:
     """Scaled SVD of stacked rows (., k)."""
     stacked = np.concatenate(parts)
     missing = max(0, stacked.shape[1] - len(stacked))
-    return ScaledSVD.of(np.asarray(np.linalg.qr(np.pad(stacked, ((0, missing), (0, 0))), mode="r")), SVD_ROUNDING)
+    return ScaledSVD.of(np.asarray(np.linalg.qr(np.pad(stacked, ((0, missing), (0, 0))), mode="r")))
 
 
 def _first_static_recording(fitted: Fit) -> int:

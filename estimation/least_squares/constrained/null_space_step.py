@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from estimation.least_squares.constrained.quadratic_model import QuadraticModel
-from estimation.least_squares.levenberg_marquardt import SINGULAR_VALUE_TOLERANCE
-from estimation.least_squares.linear_least_squares import UNIDENTIFIABLE_SHARE
+from modeling.identifiability import SINGULAR_VALUE_TOLERANCE, UNIDENTIFIABLE_SHARE
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.constraints.log_det_divergence import LogDetDivergence
-from estimation.least_squares.levenberg_marquardt import SINGULAR_VALUE_TOLERANCE, LeastSquaresMinimum
-from estimation.least_squares.linear_least_squares import ScaledSVD
+from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.parameter_layout import ParameterLayout
+from modeling.identifiability import SINGULAR_VALUE_TOLERANCE, ScaledSVD
 
 Array = NDArray[np.float64]
 
