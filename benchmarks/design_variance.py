@@ -23,14 +23,13 @@ from benchmarks.rivals.reference import ARM, FREE, LIMITS, RIG, SAMPLES
 from benchmarks.rivals.unoptimised import chapter_optimum
 from benchmarks.scatter import TAIL, Scatter, span
 from design.information.experiment import Experiment
-from design.information.sensor_noise import WhiteNoise
 from design.limits.random_feasible import random_feasible_trajectory
 from design.trajectories.trajectory import Trajectory
 from estimation.fit import fit
-from estimation.noise.autoregression import NoiseModel
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, with_readings
 from modeling.chain.model import planar
+from modeling.noise.autoregressive_noise import NoiseModel
 from truewrench import simulated_rig as simulated
 
 Array = npt.NDArray[np.float64]
@@ -70,7 +69,7 @@ def estimates(motion: Trajectory, draws: int, seed: int) -> Array:
 
 def promised(motion: Trajectory) -> Array:
     """M (k, k) of the motion that was asked for."""
-    noise = WhiteNoise.of_std([STD] * len(MODEL.channels))
+    noise = NoiseModel.white([STD] * len(MODEL.channels))
     return Experiment.of(MODEL, ARM, noise=noise).information(motion, SAMPLES)
 
 

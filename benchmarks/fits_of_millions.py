@@ -37,12 +37,12 @@ from benchmarks.long_fit import NOISE, log
 from benchmarks.measure import Cost, cost, peak_bytes, process
 from benchmarks.row import Row, table
 from estimation.fit import fit
-from estimation.noise.autoregression import NoiseModel
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.regressor_map import linear_regressor_map
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.codegen.numpy_target import numpy_regressor
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import STANDARD_GRAVITY, Convention
 from modeling.space import Space
 

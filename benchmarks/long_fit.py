@@ -25,10 +25,10 @@ import numpy.typing as npt
 from benchmarks.measure import peak_bytes, peak_resident, rounds
 from benchmarks.row import Row, table
 from estimation.fit import fit
-from estimation.noise.autoregression import NoiseModel
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.regressor_map import linear_regressor_map
 from modeling.chain.model import planar
+from modeling.noise.autoregressive_noise import NoiseModel
 
 Array = npt.NDArray[np.float64]
 

@@ -22,7 +22,6 @@ import numpy as np
 
 from benchmarks.design_variance import shown
 from design.discrimination import DirectedPair, DiscriminationDesign, Hypothesis, with_effect_replaced
-from design.information import WhiteNoise
 from design.limits.random_feasible import random_feasible_trajectory
 from design.trajectories.random_periodic import random_periodic_trajectory
 from design.trajectories.trajectory import Trajectory
@@ -30,12 +29,12 @@ from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.next_experiment import next_experiment, recorded_experiment
 from estimation.fit import fit
 from estimation.model_response import predicted_readings
-from estimation.noise.autoregression import NoiseModel
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel, planar
 from modeling.effects import named
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import Limits, Rig
 from truewrench import simulated_rig as simulated
 
@@ -139,7 +138,7 @@ def trial(case: str, seed: int) -> Told | Trial:
     if others:
         before = replace(before, rival=others[0])
     try:
-        plan = next_experiment(before.diagnosis, noise=WhiteNoise.of_std(ROBOT.noise), starts=2, seed=seed)
+        plan = next_experiment(before.diagnosis, noise=NoiseModel.white(ROBOT.noise), starts=2, seed=seed)
     except InputError:  # nothing found, or nothing confusable
         return before
     assert plan.motion is not None

@@ -10,7 +10,7 @@ from time import perf_counter
 from design.bound import DualityBound, GenerationRound, upper_bound
 from design.criteria import BayesianCriterion, Criterion, DOptimal
 from design.exciting_trajectory import ExcitingTrajectory
-from design.information import DiscretePrior, Experiment, SensorNoise, unidentifiable_combinations
+from design.information import DiscretePrior, Experiment, unidentifiable_combinations
 from design.information.parameter_values import ParameterValues
 from design.limits.rig_limits import arm_and_limits, require_enough_samples
 from design.optimiser.design_task import LOW_HARMONICS, DesignTask
@@ -23,6 +23,7 @@ from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
+from modeling.noise.stationary_noise import StationaryNoise
 from modeling.rig.rig import Limits, Rig
 from modeling.space import Space
 
@@ -95,7 +96,7 @@ def design(
     criterion: Criterion | None = None,
     series: TrajectorySeries | None = None,
     samples: int = DEFAULT_SAMPLES,
-    noise: SensorNoise | None = None,
+    noise: StationaryNoise | None = None,
     starts: int | None = None,
     seed: int = 0,
     bounded: bool = True,

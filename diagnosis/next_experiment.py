@@ -9,7 +9,6 @@ import numpy as np
 
 from design.discrimination import DiscriminationDesign, WhitenedPrediction, tell_apart, with_effect_replaced
 from design.discrimination.exchange_algorithm import ExchangeProgress
-from design.information import ColouredNoise, SensorNoise, WhiteNoise
 from design.information.sampling import Sampling
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import TrajectorySeries
@@ -20,6 +19,8 @@ from estimation.model_response import model_signals
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.stationary_noise import ColouredNoise, StationaryNoise
 from modeling.rig.rig import Rig
 
 HARMONICS = (1, 2, 3, 4, 5, 6)
@@ -34,7 +35,7 @@ def next_experiment(
     rivals: Sequence[Effect] | None = None,
     series: TrajectorySeries | None = None,
     samples: int | None = None,
-    noise: SensorNoise | None = None,
+    noise: StationaryNoise | None = None,
     runs: int | None = None,
     starts: int = 4,
     seed: int = 0,
@@ -74,7 +75,7 @@ def next_experiment(
     )
 
 
-def recorded_experiment(recording: Recording, noise: SensorNoise) -> WhitenedPrediction:
+def recorded_experiment(recording: Recording, noise: StationaryNoise) -> WhitenedPrediction:
     """One repeat of a recording's motion as an experiment, from the measured signals."""
     once, step = recording.samples_per_repeat, recording.dt or 1.0
     periodic = recording.repeats > 1
@@ -83,11 +84,11 @@ def recorded_experiment(recording: Recording, noise: SensorNoise) -> WhitenedPre
     return WhitenedPrediction(signals=signals, sampling=sampling, noise=noise)
 
 
-def sensor_noise_of(found: Diagnosis) -> SensorNoise:
+def sensor_noise_of(found: Diagnosis) -> StationaryNoise:
     """Noise of the first recording: coloured where repeats gave its spectrum, else white with the noise floor's std."""
     recording, noise = found.fit.recordings[0], found.fit.noise[0]
     if not noise.spectra or recording.dt is None:
-        return WhiteNoise.of_std(noise.floor)
+        return NoiseModel.white(noise.floor)
     frequency = np.fft.rfftfreq(recording.samples_per_repeat, recording.dt).astype(float)
     at = np.concatenate([frequency[1:2], frequency[1:]])  # the spectrum at zero is unknown: that of the lowest line
     return ColouredNoise.of_spectra(frequency, np.stack([spectrum(at) for spectrum in noise.spectra], axis=1))

@@ -19,7 +19,6 @@ from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
 from estimation.model_response import ModelResponse, model_response
-from estimation.noise.autoregression import NoiseModel
 from estimation.noise.disturbances.events_in_single_runs import find_events_in_single_runs
 from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
@@ -31,6 +30,7 @@ from estimation.streaming.chunk_information import RecordingOrChunk
 from estimation.streaming.streamed_fit import StreamedFit, fit_streamed
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.parameter import Parameter
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ def fit(
 
 def _whole_recordings(parts: Iterable[RecordingOrChunk], executor: Executor | None) -> tuple[Recording, ...]:
     """The parts as whole recordings; InputError for chunks or an executor, which need a noise model."""
-    remedy = "give noise=NoiseModel.white(std), or NoiseModel.of the noise of a fit to one recording"
+    remedy = "give noise=NoiseModel.white(std), or noise=fitted.noise[0].autoregression of a fit to one recording"
     if executor is not None:
         what = "an executor needs the noise beforehand, as it processes each part independently"
         raise InputError(what=what, where="executor", remedy=remedy)

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING
 
-from estimation.noise.autoregression import NoiseModel
 from estimation.streaming.streamed_fit import StreamedFit, fit_streamed
+from modeling.noise.autoregressive_noise import NoiseModel
 
 if TYPE_CHECKING:
     from estimation.fit import Fit

@@ -92,15 +92,15 @@ trajectory_figure(plan.motion, rig.limits, arm=rig.arm, tip_length=rig.tip_lengt
 # %%
 arm = PlanarRig(noise=(0.15, 0.25, 0.012))
 std = np.array(arm.noise)
-known, weight = tw.NoiseModel.white(std), tw.WhiteNoise.of_std(std)
+noise = tw.NoiseModel.white(std)
 scatter, promised = {}, {}
 for number, (name, motion) in enumerate({"x_opt of 22.17, scaled": chapter, "22.10, optimised": plan.motion}.items()):
-    information = Experiment.of(tw.planar(rig), rig.arm, noise=weight).information(motion, SAMPLES)
+    information = Experiment.of(tw.planar(rig), rig.arm, noise=noise).information(motion, SAMPLES)
     promised[name] = float(np.sqrt(np.linalg.inv(information)[3, 3]))
     frame = simulate(arm, motion, repeats=100, samples_per_period=SAMPLES, noise=White(), seed=number)
     runs = [run.drop(columns="repeat") for _, run in frame.groupby("repeat")]
     masses = [
-        tw.fit(tw.planar(rig), from_columns({c: run[c].to_numpy() for c in run}, rig=rig), noise=known).values["m"]
+        tw.fit(tw.planar(rig), from_columns({c: run[c].to_numpy() for c in run}, rig=rig), noise=noise).values["m"]
         for run in runs
     ]
     scatter[name] = float(np.std(masses, ddof=1))
@@ -141,7 +141,7 @@ told = tw.tell_apart(
     [rivals["viscous"]],
     series=paper,
     samples=SAMPLES,
-    noise=weight,
+    noise=noise,
     runs=4,
 )
 print(told)

@@ -13,7 +13,7 @@ from design.bound import DualityBound, Effort, PolynomialDegrees, ViableStates, 
 from design.bound.restricted_master import DualCoordinates, RestrictedMaster
 from design.bound.symmetry import SignChange
 from design.bound.upper_bound import dual_function
-from design.information import Experiment, WhiteNoise
+from design.information import Experiment
 from design.limits.limit_use import LimitUse
 from design.limits.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
@@ -23,6 +23,7 @@ from modeling.effects.gravity_load import GravityTilt
 from modeling.effects.linear_dynamics import SensorLag
 from modeling.errors import InputError
 from modeling.kinematics.planar_arm import PlanarArm
+from modeling.noise.autoregressive_noise import NoiseModel
 from tests.bound_cases import (
     ARM,
     CASES,
@@ -233,7 +234,7 @@ def test_the_master_meets_its_optimality_conditions() -> None:
 
 
 def test_weights_of_the_readings_move_the_bound_as_they_move_every_information(bounds: dict[str, DualityBound]) -> None:
-    noise = WhiteNoise.of_std((0.5, 0.5, 0.5))
+    noise = NoiseModel.white((0.5, 0.5, 0.5))
     quiet = upper_bound(
         planar(), ONE, SINGLE, samples=200, noise=noise, degrees=PolynomialDegrees(each=4, pair=2, more=0), effort=QUICK
     )

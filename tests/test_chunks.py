@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from estimation.fit import Fit, fit
-from estimation.noise.autoregression import NoiseModel
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.reading import from_columns
@@ -31,6 +30,7 @@ from modeling import effects
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import Convention
 from modeling.space import Space
 from tests.test_fit import base, columns, recorded
@@ -61,7 +61,7 @@ def runs(space: Space) -> tuple[Recording, ...]:
 
 def known(model: NoiseModel, several: Sequence[Recording]) -> list[RecordingNoise]:
     """The same noise as a fit of all rows at once takes it, by a whitener of whole records."""
-    whiteners = [AutoregressiveWhitener(r.samples, model.block, model.coefficients, model.root) for r in several]
+    whiteners = [AutoregressiveWhitener(r.samples, model) for r in several]
     return [RecordingNoise(model.floor, whitener, NoiseSource.RIG, np.zeros(1)) for whitener in whiteners]
 
 
@@ -359,11 +359,11 @@ def test_whitening_in_stretches_is_whitening_at_once(seed: int, order: int, bloc
     model = replace(noise_model(Space.PLANE, order), block=block)
     size = max(size, order) * block
     series = np.random.default_rng(seed).standard_normal((347, 3))
-    whole = AutoregressiveWhitener(347, block, model.coefficients, model.root).series(series).reshape(-1, 3)
+    whole = AutoregressiveWhitener(347, model).series(series).reshape(-1, 3)
     parts = []
     for start in range(0, 347, size):
         before = max(start - model.memory, 0)
-        parts.append(model.whitened(series[before : start + size].T, start - before).T)
+        parts.append(model.whitened_chunk(series[before : start + size].T, start - before).T)
     np.testing.assert_allclose(np.concatenate(parts), whole, atol=1e-12)
 
 
@@ -374,7 +374,7 @@ def test_noise_of_a_fit_serves_for_a_stream(repeats: int) -> None:
     zeros live on frequency 0, which no line shows: there the curve and the coefficients go on each in its own way."""
     recording = recorded(Space.PLANE, seed=3, repeats=repeats, noise="autoregressive")
     whole = fit(base(Space.PLANE), recording)
-    model = NoiseModel.of(whole.noise[0])
+    model = whole.noise[0].autoregression
     found = fit(base(Space.PLANE), recording, noise=model)
     assert model.source is whole.noise[0].source
     np.testing.assert_array_equal(model.floor, whole.noise[0].floor)
@@ -394,7 +394,7 @@ def test_floor_is_the_std_of_a_sample() -> None:
     innovations = np.linalg.cholesky(model.covariance) @ rng.standard_normal((3, 100_000))
     drawn = [lfilter([1.0], [1.0, *-a], e) for a, e in zip(model.coefficients.T, innovations, strict=True)]
     np.testing.assert_allclose(model.floor, np.std(drawn, axis=1), rtol=0.02)
-    white = model.whitened(np.array(drawn))
+    white = model.whitened_chunk(np.array(drawn))
     np.testing.assert_allclose(white @ white.T / white.shape[1], np.eye(3), atol=0.02)  # 4.5 sigma of 0.0045
 
 

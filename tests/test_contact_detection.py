@@ -20,6 +20,7 @@ from estimation.contact.contact_detection import (
     detect_contacts,
 )
 from estimation.contact.variance_of_means import VarianceOfMeans
+from modeling.noise.autoregressive_noise import NoiseModel
 from truewrench.simulated_rig import NOISE_MODELS
 
 Array = NDArray[np.float64]
@@ -107,7 +108,8 @@ def test_what_the_model_is_known_to_miss_is_no_contact() -> None:
 def test_variance_of_means_of_an_autoregression(coefficient: float) -> None:
     """Against the sum over the whole covariance matrix, to the tail that the grid leaves out."""
     covariance = toeplitz(coefficient ** np.arange(300) / (1 - coefficient**2))
-    found = VarianceOfMeans.of_autoregression(np.full((1, 2), coefficient), np.diag([1.0, 4.0]), 300, np.zeros(2))
+    noise = NoiseModel(np.diag([1.0, 4.0]), np.full((1, 2), coefficient))
+    found = VarianceOfMeans.of_autoregression(noise, 300, np.zeros(2))
     for length in (1, 2, 17, 300):
         exact = covariance[:length, :length].sum() / length**2
         assert found.variance[length - 1] == pytest.approx([exact, 4 * exact], rel=1e-9)

@@ -30,7 +30,7 @@ from design.discrimination import (
 )
 from design.discrimination.directed_pair import LinearisedRival, maximin_experiment
 from design.discrimination.rival_fit import fit_rival, parameter_bounds, rival_starts, whitened_predictions
-from design.information import ColouredNoise, Experiment, SensorNoise, WhiteNoise, prediction_terms, sensitivity_terms
+from design.information import Experiment, prediction_terms, sensitivity_terms
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.random_periodic import random_periodic_trajectory
 from design.trajectories.trajectory import Trajectory
@@ -38,7 +38,6 @@ from diagnosis.diagnosis import diagnose
 from diagnosis.next_experiment import next_experiment, sensor_noise_of
 from estimation.fit import fit
 from estimation.model_response import predicted_readings
-from estimation.noise.autoregression import NoiseModel
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
@@ -47,6 +46,8 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.effects.joints import JointOffset
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.stationary_noise import ColouredNoise, StationaryNoise
 from modeling.parameter import Parameter
 from modeling.rig.rig import Limits, Rig
 from modeling.space import Space
@@ -65,7 +66,7 @@ RIG = Rig(
         acceleration=np.array([[10.0], [10.0], [15.0]]) * PAIRS,
     ),
 )
-NOISE = WhiteNoise.of_std(ROBOT.noise)
+NOISE = NoiseModel.white(ROBOT.noise)
 PERIOD, SAMPLES = 5.0, 60
 SERIES = FreeSeries(joints=3, harmonics=(1, 2, 3), period=PERIOD)
 SETTING = DesignSetting.of(RIG, series=SERIES, samples=SAMPLES, noise=NOISE)
@@ -110,7 +111,7 @@ def direction(true: Effect, rival: Effect) -> DirectedPair:
     return DirectedPair(Hypothesis.of(truth, values(true.id)), with_effect_replaced(truth, true.id, rival))
 
 
-def view(seed: int, noise: SensorNoise = NOISE) -> WhitenedPrediction:
+def view(seed: int, noise: StationaryNoise = NOISE) -> WhitenedPrediction:
     return replace(SETTING, noise=noise).view(SETTING.random((9, seed)))
 
 
@@ -131,7 +132,7 @@ EACH = pytest.mark.parametrize(("true", "rival"), RIVALS, ids=lambda effect: eff
 
 @pytest.mark.parametrize("noise", [NOISE, SPECTRUM], ids=["white", "coloured"])
 @pytest.mark.parametrize("effect", [LAG, DELAY, VISCOUS], ids=lambda effect: effect.id)
-def test_readings_are_the_columns_of_the_experiment(effect: Effect, noise: SensorNoise) -> None:
+def test_readings_are_the_columns_of_the_experiment(effect: Effect, noise: StationaryNoise) -> None:
     """Two routes: functions of theta that are compiled once, and terms with theta put in."""
     model, motion = planar() + effect, SETTING.random((9, 0))
     theta = Hypothesis.of(model, values(effect.id)).theta
@@ -207,7 +208,7 @@ def test_a_parameter_that_no_reading_shows_does_not_break_the_search() -> None:
 
 @EACH
 @pytest.mark.parametrize("noise", [NOISE, SPECTRUM], ids=["white", "coloured"])
-def test_block_is_the_exact_distance_at_the_best_imitation(true: Effect, rival: Effect, noise: SensorNoise) -> None:
+def test_block_is_the_exact_distance_at_the_best_imitation(true: Effect, rival: Effect, noise: StationaryNoise) -> None:
     """There the residual is orthogonal to the columns, so that linear least squares cannot take more from it."""
     d, seen = direction(true, rival), view(0, noise)
     found = d.rival_fit([seen], SETTING.reach)
@@ -313,7 +314,7 @@ def test_chance_of_a_mistake_is_how_often_the_rival_fits_better() -> None:
     seen = view(3)
     separation = d.rival_fit([seen], SETTING.reach).separation
     scale = float(np.sqrt(4.0 / separation))  # noise at which lambda is 4
-    louder = replace(seen, noise=WhiteNoise(NOISE.covariance / scale**2))
+    louder = replace(seen, noise=NoiseModel(NOISE.covariance / scale**2))
     clean = louder.reading(d.truth.model, d.truth.theta)
     rng, mistakes, draws = np.random.default_rng(4), 0, 100
     near = d.rival_fit([louder], SETTING.reach).theta

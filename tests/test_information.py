@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 
 from design.criteria import DOptimal, Subset
 from design.information import (
-    ColouredNoise,
     Experiment,
     Sampling,
     SensitivityTerm,
-    SensorNoise,
-    WhiteNoise,
     prediction_terms,
     sensitivity_terms,
     unidentifiable_combinations,
@@ -44,6 +41,8 @@ from modeling.chain.regressor import regressor
 from modeling.errors import InputError
 from modeling.kinematics.planar_arm import PlanarArm
 from modeling.kinematics.urdf import read_urdf
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.stationary_noise import ColouredNoise, StationaryNoise
 from modeling.parameter import Parameter
 from modeling.rig.rig import Limits, Rig, SensorDescription
 from modeling.space import Space
@@ -195,10 +194,10 @@ def test_information_is_that_of_the_fit() -> None:
     """Estimation's whitened problem for white noise of a rig, from one period, has the same triangle squared."""
     model = planar() + effects.viscous_drag()
     theta, recording = vector(model, values(*model.effects)), recorded(1)
-    whitener = AutoregressiveWhitener(SAMPLES, 1, np.zeros((0, 3)), np.diag(1 / STD))
+    whitener = AutoregressiveWhitener(SAMPLES, NoiseModel.white(STD))
     noise = RecordingNoise(STD, whitener, NoiseSource.RIG, np.zeros(whitener.rows))
     root = WhitenedProblem(parameter_layout(model, (recording,)), (recording,), (noise,)).information(theta).root
-    found = Experiment.of(model, ARM, theta, noise=WhiteNoise.of_rig(RIG, model.channels)).information(
+    found = Experiment.of(model, ARM, theta, noise=NoiseModel.of_rig(RIG, model.channels)).information(
         motion(), SAMPLES
     )
     # A triangle squared; the angles of a single run are smoothed by 1e-6, orthogonally to what varies smoothly.
@@ -255,10 +254,11 @@ SPECTRUM = ColouredNoise(
         ]
     ),
 )
-NOISES: dict[str, SensorNoise | None] = {
+NOISES: dict[str, StationaryNoise | None] = {
     "unweighted": None,
-    "white": WhiteNoise.of_std(STD),
-    "correlated": WhiteNoise(np.array([[1.0, 0.3, 0.0], [0.3, 2.0, 0.1], [0.0, 0.1, 0.5]])),
+    "white": NoiseModel.white(STD),
+    "correlated": NoiseModel(np.array([[1.0, 0.3, 0.0], [0.3, 2.0, 0.1], [0.0, 0.1, 0.5]])),
+    "autoregressive": NoiseModel(np.diag(STD**2), np.full((2, 3), 0.3)),
     "coloured": SPECTRUM,
 }
 
@@ -273,7 +273,7 @@ def by_graph(experiment: Experiment, states: tuple[Array, ...], periodic: bool =
 @EVERY
 @pytest.mark.parametrize("noise", NOISES.values(), ids=NOISES.keys())
 @pytest.mark.parametrize("periodic", [True, False])
-def test_graph_is_the_information_in_numbers(effect: Effect, noise: SensorNoise | None, periodic: bool) -> None:
+def test_graph_is_the_information_in_numbers(effect: Effect, noise: StationaryNoise | None, periodic: bool) -> None:
     samples = 41 if periodic else 30  # odd and even
     experiment = Experiment.of(planar() + effect, ARM, values(effect), noise=noise)
     states = joint_states(samples=samples)
@@ -296,7 +296,7 @@ def test_graph_has_exact_derivatives_through_memory_and_noise() -> None:
 
 @EVERY
 @pytest.mark.parametrize("noise", NOISES.values(), ids=NOISES.keys())
-def test_sample_is_a_row_of_the_columns_or_says_why_not(effect: Effect, noise: SensorNoise | None) -> None:
+def test_sample_is_a_row_of_the_columns_or_says_why_not(effect: Effect, noise: StationaryNoise | None) -> None:
     experiment = Experiment.of(planar() + effect, ARM, values(effect), noise=noise)
     if effect in LINEAR_DYNAMICS or effect.per_recording or noise is SPECTRUM:
         assert experiment.has_memory or experiment.timed
@@ -385,7 +385,7 @@ def test_values_are_needed_where_they_matter_and_checked() -> None:
 def test_six_axes_from_a_urdf() -> None:
     """16 parameters of a seven-joint arm: the same by graph and in numbers, and all of them seen."""
     arm = read_urdf(Path(__file__).parent / "urdf" / "seven.urdf", "l8")
-    experiment = Experiment.of(spatial(), arm, noise=WhiteNoise.of_std([1, 1, 1, 0.1, 0.1, 0.1]))
+    experiment = Experiment.of(spatial(), arm, noise=NoiseModel.white([1, 1, 1, 0.1, 0.1, 0.1]))
     q, dq, ddq = np.random.default_rng(8).uniform(-1, 1, (3, 30, arm.joints))
     found = gram(experiment.columns(q, dq, ddq, PERIOD))
     assert_alike(by_graph(experiment, (q, dq, ddq)), found, 1e-12)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from design.criteria import AOptimal, BayesianCriterion, Criterion, DOptimal, EOptimal, Subset
-from design.information import Experiment, WhiteNoise, noise_equivalent_sizes
+from design.information import Experiment, noise_equivalent_sizes
 from design.optimiser.design_task import DesignTask, contracted_into_limits
 from design.optimiser.local_optimum import local_optimum
 from design.optimiser.multistart import optimise
@@ -27,6 +27,7 @@ from modeling.chain.model import planar
 from modeling.effects import com_offset, sensor_lag, viscous_drag
 from modeling.errors import InputError
 from modeling.kinematics.planar_arm import PlanarArm
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import Limits, Workspace
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ def cases() -> dict[str, Objective]:
         "Ds": objective(criterion=Subset((3, 4))),
         "spline": objective(SplineSeries(joints=3, knots=12, degree=3, period=5.0)),
         "rest": objective(RestToRest(inner=FREE, ramp=0.5)),
-        "weighted": objective(experiment=replace(BASE, noise=WhiteNoise.of_std([0.8, 1.6, 0.1]))),
+        "weighted": objective(experiment=replace(BASE, noise=NoiseModel.white([0.8, 1.6, 0.1]))),
         "drag": objective(experiment=of_model("viscous_drag", "com_offset")),
         "prior": objective(
             experiment=Experiment.prior(planar() + viscous_drag(), ARM, sets),

@@ -25,6 +25,7 @@ from estimation.repeatability.repeat_table import RepeatTable, column_unit
 from estimation.repeatability.variance_components import VarianceComponents
 from modeling.chain.model import planar
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
@@ -126,7 +127,7 @@ def test_noise_gain_is_what_averaging_brings_to_noise_of_that_spectrum(rho: floa
     assert recording.dt is not None
     empty = np.zeros(0)
     spectrum = KnownSpectrum(empty, empty, empty, np.zeros(0, dtype=bool), 0.0, 0.0, rho, recording.dt)
-    whitener = AutoregressiveWhitener(240, 1, np.zeros((0, 3)), np.eye(3))
+    whitener = AutoregressiveWhitener(240, NoiseModel.white(np.ones(3)))
     noise = RecordingNoise(np.ones(3), whitener, NoiseSource.REPEATS, empty, (spectrum,) * 3)
     gains = averaging_noise_gains(recording, noise)
     rng, model = np.random.default_rng(2), simulated.AutoregressiveNoise(rho=rho)

@@ -9,9 +9,11 @@ import pytest
 from scipy.linalg import solve_toeplitz
 from scipy.stats import chi2
 
-from design.information import ColouredNoise, Experiment, WhiteNoise
+from design.information import Experiment
 from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.stationary_noise import ColouredNoise
 from tests.test_information import (
     ARM,
     PERIOD,
@@ -26,10 +28,12 @@ from tests.test_information import (
     motion,
 )
 
+CORRELATION: Array = np.array([[1.0, 0.3, 0.0], [0.3, 1.0, -0.2], [0.0, -0.2, 1.0]])
+
 
 def test_a_flat_spectrum_is_white_noise() -> None:
     flat = ColouredNoise(np.array([0.0, 10.0]), np.tile(np.diag(STD**2), (2, 1, 1)))
-    white = Experiment.of(planar(), ARM, noise=WhiteNoise.of_std(STD)).information(motion(), SAMPLES)
+    white = Experiment.of(planar(), ARM, noise=NoiseModel.white(STD)).information(motion(), SAMPLES)
     assert_alike(Experiment.of(planar(), ARM, noise=flat).information(motion(), SAMPLES), white, 1e-12)
     weighted = Experiment.of(planar(), ARM).columns(*joint_states(), PERIOD) / STD[:, None]
     assert_alike(white, gram(weighted), 1e-13)
@@ -52,6 +56,21 @@ def test_coloured_information_is_the_sum_over_lines(samples: int) -> None:
     found = gram(replace(experiment, noise=SPECTRUM).columns(*joint_states(samples=samples), PERIOD))
     assert np.abs(total.imag).max() < 1e-10 * np.abs(total).max()
     assert_alike(found, total.real, 1e-12)
+
+
+def test_an_autoregression_weights_as_its_spectrum() -> None:
+    """Stationary over the period: the innovations of a periodic series are its lines times 1 - sum a exp(-i w)."""
+    coefficients, innovations = np.array([[0.6, 0.3, -0.2], [0.2, 0.1, 0.3]]), np.diag(STD) @ CORRELATION @ np.diag(STD)
+    frequency = np.fft.rfftfreq(SAMPLES, PERIOD / SAMPLES)
+    shift = np.exp(-2j * np.pi * np.outer(np.arange(SAMPLES // 2 + 1), [1, 2]) / SAMPLES)
+    response = 1 / (1 - shift @ coefficients)
+    spectrum = response[:, :, None] * innovations * response[:, None, :].conj()
+    coloured = Experiment.of(planar(), ARM, noise=ColouredNoise(frequency, spectrum)).information(motion(), SAMPLES)
+    noise = NoiseModel(innovations, coefficients)
+    assert not noise.is_white
+    assert_alike(Experiment.of(planar(), ARM, noise=noise).information(motion(), SAMPLES), coloured, 1e-10)
+    with pytest.raises(InputError, match="averages over blocks"):
+        replace(noise, block=2).whitened(np.zeros((SAMPLES, 3)), PERIOD / SAMPLES)
 
 
 def noise_series(rng: np.random.Generator, count: int, samples: int) -> Array:
@@ -107,10 +126,10 @@ def test_noise_that_does_not_close_on_itself_differs_by_its_leakage() -> None:
 
 
 def test_noise_of_a_rig() -> None:
-    np.testing.assert_allclose(WhiteNoise.of_rig(RIG, planar().channels).root, np.diag(1 / STD))
+    np.testing.assert_allclose(NoiseModel.of_rig(RIG, planar().channels).root, np.diag(1 / STD))
     with pytest.raises(InputError, match="fz, tx, ty, tz"):
-        WhiteNoise.of_rig(RIG, spatial().channels)
+        NoiseModel.of_rig(RIG, spatial().channels)
     with pytest.raises(InputError, match="positive definite"):
-        WhiteNoise.of_std([1.0, 0.0, 1.0])
+        NoiseModel.white([1.0, 0.0, 1.0])
     with pytest.raises(InputError, match="increasing"):
         ColouredNoise.of_spectra(np.array([1.0, 0.5]), np.ones((2, 3)))

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from design.criteria import AOptimal, EOptimal
-from design.information import Experiment, WhiteNoise, noise_equivalent_sizes, unidentifiable_combinations
+from design.information import Experiment, noise_equivalent_sizes, unidentifiable_combinations
 from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
 from modeling.errors import InputError
 from modeling.kinematics.planar_arm import PlanarArm
+from modeling.noise.autoregressive_noise import NoiseModel
 from tests.test_information import ARM, EFFECTS, LIMITS, PERIOD, STD, TOOL, gram, joint_states, values
 
 
@@ -58,7 +59,7 @@ def test_random_motions_show_every_single_effect(effect: Effect) -> None:
 
 def test_magnitudes_make_a_and_e_independent_of_units() -> None:
     """The tool in grams: the columns grow by 1e-3, the magnitudes by 1e3, and the criteria stay."""
-    experiment = Experiment.of(planar(), ARM, noise=WhiteNoise.of_std(STD))
+    experiment = Experiment.of(planar(), ARM, noise=NoiseModel.white(STD))
     rows = experiment.columns(*joint_states(), PERIOD)
     scale = noise_equivalent_sizes(experiment, LIMITS)
     assert scale[0] == pytest.approx(0.8 * np.sqrt(3))  # a bias of one channel in three

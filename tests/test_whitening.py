@@ -17,9 +17,11 @@ from scipy.linalg import solve_discrete_lyapunov
 from estimation.model_response import ModelResponse
 from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
-from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener, inverse_cholesky_factor
+from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.whitening import inverse_cholesky_factor
 from modeling.rig.rig import PLANAR_CHANNELS, Rig, SensorDescription
 from truewrench.simulated_rig import NOISE_MODELS
 
@@ -120,8 +122,7 @@ def autoregressive_covariance(samples: int, innovations: Array) -> Array:
 @pytest.mark.parametrize("samples", [12, 25])
 def test_innovations_of_known_noise_are_white(samples: int) -> None:
     innovations = MIXING @ MIXING.T
-    root = np.real(inverse_cholesky_factor(innovations))
-    whitener = AutoregressiveWhitener(samples=samples, block=1, coefficients=COEFFICIENTS, root=root)
+    whitener = AutoregressiveWhitener(samples, NoiseModel(innovations, COEFFICIENTS))
     w = matrix_of(whitener, samples)
     assert w.shape == (whitener.rows, samples * P) == ((samples - 2) * P, samples * P)
     rows = w @ autoregressive_covariance(samples, innovations) @ w.T
@@ -131,8 +132,7 @@ def test_innovations_of_known_noise_are_white(samples: int) -> None:
 @pytest.mark.parametrize("block", [2, 5])
 def test_block_means_of_white_noise_are_white(block: int) -> None:
     samples = 23
-    root = np.real(inverse_cholesky_factor(MIXING @ MIXING.T / block))
-    whitener = AutoregressiveWhitener(samples=samples, block=block, coefficients=np.zeros((0, P)), root=root)
+    whitener = AutoregressiveWhitener(samples, NoiseModel(MIXING @ MIXING.T / block, block=block))
     w = matrix_of(whitener, samples)
     assert len(w) == whitener.rows == samples // block * P
     covariance = np.kron(np.eye(samples), MIXING @ MIXING.T)
@@ -144,10 +144,9 @@ def test_events_count_with_their_own_noise_and_teach_nothing_after(event: tuple[
     """Inside, samples by themselves, ten times less sure; outside as without the event, save the two that follow it."""
     samples, order = 20, len(COEFFICIENTS)
     start, end = event
-    plain = AutoregressiveWhitener(samples=samples, block=1, coefficients=COEFFICIENTS, root=np.eye(P))
-    marked = AutoregressiveWhitener(
-        samples=samples, block=1, coefficients=COEFFICIENTS, root=np.eye(P), events=(event,), event_root=0.1 * np.eye(P)
-    )
+    noise = NoiseModel(np.eye(P), COEFFICIENTS)
+    plain = AutoregressiveWhitener(samples, noise)
+    marked = AutoregressiveWhitener(samples, noise, (event,), NoiseModel.white([10.0] * P))
     values = np.random.default_rng(0).normal(size=(samples, P))
     usual, rows = (w.series(values).reshape(-1, P) for w in (plain, marked))
     for t in range(order, samples):
@@ -162,10 +161,8 @@ def test_events_count_with_their_own_noise_and_teach_nothing_after(event: tuple[
 
 def test_a_channel_by_itself_is_whitened_as_among_others_that_are_silent() -> None:
     samples, event = 20, (8, 13)
-    root = np.real(inverse_cholesky_factor(MIXING @ MIXING.T))
-    whitener = AutoregressiveWhitener(
-        samples=samples, block=2, coefficients=COEFFICIENTS, root=root, events=(event,), event_root=0.1 * np.eye(P)
-    )
+    noise = NoiseModel(MIXING @ MIXING.T, COEFFICIENTS, 2)
+    whitener = AutoregressiveWhitener(samples, noise, (event,), NoiseModel.white([10.0] * P))
     values = np.random.default_rng(1).normal(size=(samples, 4))
     for channel in range(P):
         among = np.zeros((samples, P, 4))

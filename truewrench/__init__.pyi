@@ -6,8 +6,7 @@ from design.criteria import DOptimal as DOptimal
 from design.criteria import EOptimal as EOptimal
 from design.criteria import Subset as Subset
 from design.discrimination import tell_apart as tell_apart
-from design.information import ColouredNoise as ColouredNoise
-from design.information import WhiteNoise as WhiteNoise
+from modeling.noise.stationary_noise import ColouredNoise as ColouredNoise
 from design.trajectories.fourier import FreeSeries as FreeSeries
 from design.trajectories.fourier import PaperSeries as PaperSeries
 from design.trajectories.rest_to_rest import RestToRest as RestToRest
@@ -29,7 +28,7 @@ from estimation.fit import fit as fit
 from estimation.least_squares.constrained import Bounds as Bounds
 from estimation.least_squares.constrained import Constraints as Constraints
 from estimation.least_squares.constrained import Prior as Prior
-from estimation.noise.autoregression import NoiseModel as NoiseModel
+from modeling.noise.autoregressive_noise import NoiseModel as NoiseModel
 from estimation.recordings.reading import read as read
 from estimation.recordings.recording import Recording as Recording
 from estimation.repeatability.bootstrap import bootstrap as bootstrap

@@ -15,11 +15,12 @@ from design.bound.duality_bound import BoundKind, DualityBound
 from design.bound.periodicity_conditions import PeriodicityConditions, PolynomialDegrees
 from design.bound.symmetry import Symmetry, symmetries, symmetrised_measure
 from design.bound.viable_states import ViableStates
-from design.information import Experiment, WhiteNoise
+from design.information import Experiment
 from design.information.parameter_values import ParameterValues
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import Limits
 from modeling.space import Space
 
@@ -59,7 +60,7 @@ def upper_bound(
     *,
     samples: int,
     values: ParameterValues | None = None,
-    noise: WhiteNoise | None = None,
+    noise: NoiseModel | None = None,
     degrees: PolynomialDegrees | None = None,
     effort: Effort | None = None,
     seed: int = 0,

@@ -11,7 +11,6 @@ from design.discrimination.whitened_prediction import WhitenedPrediction
 from design.information.experiment import Experiment
 from design.information.joint_state import signal_names
 from design.information.sampling import CLOCK_SIGNALS
-from design.information.sensor_noise import SensorNoise
 from design.limits.limit_use import LimitUse
 from design.limits.random_feasible import random_feasible_trajectory
 from design.limits.rig_limits import arm_and_limits, require_enough_samples
@@ -21,6 +20,7 @@ from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
+from modeling.noise.stationary_noise import StationaryNoise
 from modeling.rig.rig import Limits, Rig, Workspace
 
 OPTIMISATION_SAMPLES = 128
@@ -38,12 +38,12 @@ class DesignSetting:
     limits: Limits
     series: TrajectorySeries
     samples: int
-    noise: SensorNoise
+    noise: StationaryNoise
     workspace: Workspace | None = None
     tip_length: float | None = None
 
     @classmethod
-    def of(cls, rig: Rig, *, series: TrajectorySeries, samples: int, noise: SensorNoise) -> Self:
+    def of(cls, rig: Rig, *, series: TrajectorySeries, samples: int, noise: StationaryNoise) -> Self:
         """Of a rig; InputError when it has no arm or no limits, or the samples are too few for the series."""
         arm, limits = arm_and_limits(rig)
         require_enough_samples(series, samples)

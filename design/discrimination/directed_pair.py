@@ -15,9 +15,9 @@ from design.discrimination.rival_fit import RivalFit, fit_rival, parameter_bound
 from design.discrimination.whitened_prediction import WhitenedPrediction
 from design.information.experiment import Experiment
 from design.information.sensitivity_term import SensitivityTerm, prediction_terms, sensitivity_terms
-from design.information.sensor_noise import SensorNoise
 from modeling.chain.model import WrenchModel
 from modeling.kinematics.arm import Arm
+from modeling.noise.stationary_noise import StationaryNoise
 from modeling.parameter import Parameter
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ class LinearisedRival:
 
 
 def maximin_experiment(
-    blocks: Sequence[LinearisedRival], arm: Arm, noise: SensorNoise
+    blocks: Sequence[LinearisedRival], arm: Arm, noise: StationaryNoise
 ) -> tuple[Experiment, MaximinCriterion]:
     """The experiment of several blocks, and the maximin criterion of their ln lambda."""
     sizes = [block.size for block in blocks]

@@ -17,10 +17,10 @@ from design.discrimination.model_pair import CONFUSABLE_SEPARATION, ModelPair, S
 from design.discrimination.rival_fit import RivalFit
 from design.discrimination.whitened_prediction import WhitenedPrediction
 from design.information.parameter_values import ParameterValues
-from design.information.sensor_noise import SensorNoise
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
+from modeling.noise.stationary_noise import StationaryNoise
 from modeling.rig.rig import Rig
 
 DISCRIMINATION_STARTS = 4
@@ -94,7 +94,7 @@ def tell_apart(
     *,
     series: TrajectorySeries,
     samples: int,
-    noise: SensorNoise,
+    noise: StationaryNoise,
     reference: Trajectory | WhitenedPrediction | None = None,
     runs: int = 1,
     starts: int = DISCRIMINATION_STARTS,

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from design.information.joint_state import signals_along
 from design.information.sampling import CLOCK_SIGNALS, Sampling
 from design.information.sensitivity_term import ModelTransferFunction
-from design.information.sensor_noise import SensorNoise
 from design.trajectories.trajectory import Trajectory
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.kinematics.arm import Arm
+from modeling.noise.stationary_noise import StationaryNoise
 
 Array = NDArray[np.float64]
 
@@ -27,10 +27,10 @@ class WhitenedPrediction:
 
     signals: Mapping[str, Array]
     sampling: Sampling
-    noise: SensorNoise
+    noise: StationaryNoise
 
     @classmethod
-    def along(cls, motion: Trajectory, arm: Arm, *, samples: int, noise: SensorNoise) -> WhitenedPrediction:
+    def along(cls, motion: Trajectory, arm: Arm, *, samples: int, noise: StationaryNoise) -> WhitenedPrediction:
         """One run of a trajectory (one period of a periodic one)."""
         series = motion.series
         signals = signals_along(arm, *motion.evaluate(series.instants(samples)))

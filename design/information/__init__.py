@@ -7,16 +7,12 @@ from design.information.experiment import Experiment
 from design.information.random_sensitivities import noise_equivalent_sizes, unidentifiable_combinations
 from design.information.sampling import Sampling
 from design.information.sensitivity_term import SensitivityTerm, prediction_terms, sensitivity_terms
-from design.information.sensor_noise import ColouredNoise, SensorNoise, WhiteNoise
 
 __all__ = [
-    "ColouredNoise",
     "DiscretePrior",
     "Experiment",
     "Sampling",
     "SensitivityTerm",
-    "SensorNoise",
-    "WhiteNoise",
     "noise_equivalent_sizes",
     "prediction_terms",
     "sensitivity_terms",

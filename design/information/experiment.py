@@ -15,11 +15,12 @@ from design.information.parameter_values import ParameterValues, parameter_vecto
 from design.information.sampling import CLOCK_SIGNALS, Sampling
 from design.information.sensitivity_graph import sensitivity_function, sensitivity_graph, whitened_graph
 from design.information.sensitivity_term import SensitivityTerm, sensitivity_terms
-from design.information.sensor_noise import SensorNoise, WhiteNoise
 from design.trajectories.trajectory import Trajectory
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.stationary_noise import StationaryNoise
 from modeling.parameter import Parameter
 from modeling.space import Space
 
@@ -44,7 +45,7 @@ class Experiment:
     parameters: tuple[Parameter, ...]
     channels: tuple[str, ...]
     arm: Arm | None = None
-    noise: SensorNoise | None = None
+    noise: StationaryNoise | None = None
 
     def __post_init__(self) -> None:
         if self.arm is not None:
@@ -57,7 +58,7 @@ class Experiment:
         arm: Arm | None,
         theta: ParameterValues | Array | None = None,
         *,
-        noise: SensorNoise | None = None,
+        noise: StationaryNoise | None = None,
     ) -> Experiment:
         """The parameters of a model at theta, by name (nominal where not named) or in the model's order.
 
@@ -73,7 +74,7 @@ class Experiment:
         arm: Arm | None,
         thetas: Sequence[ParameterValues | Array | None],
         *,
-        noise: SensorNoise | None = None,
+        noise: StationaryNoise | None = None,
     ) -> Experiment:
         """The parameters at each of m sets of values, side by side: S_t = [S_t(theta_1) .. S_t(theta_m)].
 
@@ -123,7 +124,7 @@ class Experiment:
     @property
     def has_memory(self) -> bool:
         """Whether the columns of a sample depend on other samples, by dynamic effects or by coloured noise."""
-        return any(term.response is not None for term in self.terms) or not isinstance(self.noise, WhiteNoise | None)
+        return any(term.response is not None for term in self.terms) or not (self.noise is None or self.noise.is_white)
 
     @property
     def timed(self) -> bool:
@@ -177,7 +178,7 @@ class Experiment:
         total = sensitivity_function(self._arm, self.terms, (len(self.channels), self.size))(
             state, [0.0] * len(CLOCK_SIGNALS)
         )
-        columns = ca.DM(self.noise.root) @ total if isinstance(self.noise, WhiteNoise) else total
+        columns = ca.DM(self.noise.root) @ total if isinstance(self.noise, NoiseModel) else total
         return ca.Function("sample", [state], [ca.vec(columns)])
 
     def graph(self, states: Any, period: float, *, periodic: bool = True) -> Any:

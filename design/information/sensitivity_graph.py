@@ -11,8 +11,9 @@ import numpy as np
 from design.information.joint_state import signal_names, signals_of_state
 from design.information.sampling import CLOCK_SIGNALS, Sampling
 from design.information.sensitivity_term import SensitivityTerm
-from design.information.sensor_noise import SensorNoise, WhiteNoise
 from modeling.kinematics.arm import Arm
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.stationary_noise import StationaryNoise
 
 SensitivityShape = tuple[int, int]
 
@@ -53,14 +54,14 @@ def sensitivity_graph(
     return rows
 
 
-def whitened_graph(rows: list[Any], noise: SensorNoise | None, sampling: Sampling) -> list[Any]:
+def whitened_graph(rows: list[Any], noise: StationaryNoise | None, sampling: Sampling) -> list[Any]:
     """The whitened columns (k, N) of each channel: by constant weights, or by filters where the noise is coloured."""
     import casadi as ca
 
     if noise is None:
         return rows
     channels = range(len(rows))
-    if isinstance(noise, WhiteNoise):
+    if isinstance(noise, NoiseModel) and noise.is_white:
         return [sum(float(noise.root[c, d]) * rows[d] for d in channels if noise.root[c, d]) for c in channels]
     result: list[Any] = [ca.MX.zeros(*rows[0].shape) for _ in channels]
     for d in channels:

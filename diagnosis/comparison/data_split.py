@@ -55,8 +55,8 @@ def _half_split(noise: RecordingNoise, side: int) -> RecordingNoise:
         harmonic = np.repeat(whole.motion // whole.repeats, per_line)
         kept = np.concatenate([harmonic % 2 == side, np.ones(whole.rows - whole.periodic_rows, dtype=bool)])
         kept[:per_line] = True
-    elif isinstance(whole, AutoregressiveWhitener) and not len(whole.coefficients) and whole.block == 1:
-        kept = index // len(whole.root) % 2 == side
+    elif isinstance(whole, AutoregressiveWhitener) and whole.noise.is_white:
+        kept = index // len(whole.noise.covariance) % 2 == side
     else:
         kept = (index < whole.rows // 2) == (side == 0)
     excited = int(kept[: whole.periodic_rows].sum())

@@ -132,8 +132,8 @@ def event_mean_p_value(fit: Fit, number: int) -> float:
     whitener = fit.noise[number].whitener
     if not isinstance(whitener, AutoregressiveWhitener) or not whitener.events:
         return 1.0
-    rows = whitener.series(fit.residuals[number]).reshape(-1, len(whitener.root))
-    order = len(whitener.coefficients)
+    rows = whitener.series(fit.residuals[number]).reshape(-1, len(whitener.noise.covariance))
+    order = whitener.noise.order
     sums = [
         rows[max(0, s - order) : e - 2 * order].sum(axis=0) / np.sqrt(max(1, e - s - order)) for s, e in whitener.events
     ]

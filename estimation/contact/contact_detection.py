@@ -12,7 +12,7 @@ from scipy.stats import chi2, norm
 
 from estimation.contact.variance_of_means import VarianceOfMeans
 from estimation.noise.autoregression import fit_autoregression
-from estimation.noise.whitening import block_means
+from modeling.noise.whitening import block_means
 
 Array = NDArray[np.float64]
 SampleMask = NDArray[np.bool_]
@@ -195,8 +195,8 @@ class ContactSearch:
 
     def noises(self, quiet: SampleMask) -> tuple[VarianceOfMeans, VarianceOfMeans, VarianceOfMeans]:
         """Noise of the quiet blocks: of an autoregression; at least that of differences; at least their upper limit."""
-        coefficients, innovations = fit_autoregression(self.means - self.means[quiet].mean(axis=0), quiet)
-        autoregressive = VarianceOfMeans.of_autoregression(coefficients, innovations, len(quiet), self.constant)
+        fitted = fit_autoregression(self.means - self.means[quiet].mean(axis=0), quiet)
+        autoregressive = VarianceOfMeans.of_autoregression(fitted, len(quiet), self.constant)
         likely, limit = (
             autoregressive.at_least(VarianceOfMeans.of_differences(self.means, self.constant, quiet, doubt=doubt))
             for doubt in (0.5, NOISE_LIMIT_PROBABILITY)

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from modeling.noise.autoregressive_noise import NoiseModel
+
 Array = NDArray[np.float64]
 
 NORMAL_QUARTILE = float(norm.isf(0.375))
@@ -30,23 +32,14 @@ class VarianceOfMeans:
     constant: Array
 
     @classmethod
-    def of_autoregression(
-        cls, coefficients: Array, innovations: Array, longest: int, constant: Array
-    ) -> VarianceOfMeans:
-        """The noise of an autoregression (order, p) with innovations of covariance (p, p), up to means of `longest`.
+    def of_autoregression(cls, noise: NoiseModel, longest: int, constant: Array) -> VarianceOfMeans:
+        """The means of autoregressive noise over up to `longest` samples.
 
-        With autocovariance g, the mean over L samples has the variance (L g_0 + 2 sum_{k<L} (L - k) g_k) / L²; g is
-        the transform of the spectrum s / |1 - sum a_k exp(-i w k)|² on a grid long enough against wrap-around.
+        With autocovariance g, the mean over L samples has the variance (L g_0 + 2 sum_{k<L} (L - k) g_k) / L².
         """
-        grid = 1 << int(np.ceil(np.log2(max(8 * longest, 4096))))
-        variances = np.diag(innovations)
-        columns = []
-        for a, s in zip(coefficients.T, variances, strict=True):
-            response = 1 / np.fft.rfft(np.concatenate([[1.0], -a]), n=grid)
-            autocovariance = np.fft.irfft(s * np.abs(response) ** 2, n=grid)[:longest]
-            columns.append(_variance_of_means(autocovariance))
-        scale = np.sqrt(variances)
-        return cls(np.stack(columns, axis=1), innovations / np.outer(scale, scale), constant)
+        columns = [_variance_of_means(autocovariance) for autocovariance in noise.autocovariance(longest).T]
+        scale = np.sqrt(np.diag(noise.covariance))
+        return cls(np.stack(columns, axis=1), noise.covariance / np.outer(scale, scale), constant)
 
     @classmethod
     def of_differences(

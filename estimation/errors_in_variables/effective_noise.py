@@ -12,6 +12,7 @@ from estimation.noise.leakage import without_leakage
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.recording import Recording
+from modeling.noise.whitening import FourierLines, inverse_cholesky_factor
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,8 @@ def effective_noise(noise: RecordingNoise, recording: Recording, added: Array) -
         return noise
     if noise.source is NoiseSource.RIG:
         own = cast(AutoregressiveWhitener, noise.whitener)
-        whitener: Whitener = replace(own, root=np.real(_with_added_covariance(own.root, added)))
+        covariance = own.noise.covariance + added
+        whitener: Whitener = replace(own, noise=replace(own.noise, covariance=covariance))
     else:
         whitener = _line_whitener(cast(FourierLineWhitener, noise.whitener), noise, recording, added)
     return replace(noise, floor=np.sqrt(noise.floor**2 + np.diag(added)), whitener=whitener)
@@ -43,8 +45,8 @@ def _line_whitener(
     return without_leakage(plain, noise.spectra, sample_step(recording))
 
 
-def _with_added_covariance(root: NDArray[np.complex128] | Array, added: Array) -> NDArray[np.complex128]:
+def _with_added_covariance(root: FourierLines, added: Array) -> FourierLines:
     """Inverse roots (..., p, p) of C + `added`, for covariances C given by their inverse roots."""
     colouring = np.linalg.inv(root)
     covariance = colouring @ np.conj(np.swapaxes(colouring, -1, -2)) + added
-    return np.asarray(np.tril(np.linalg.inv(np.linalg.cholesky(covariance))), dtype=np.complex128)
+    return inverse_cholesky_factor(covariance.astype(np.complex128))

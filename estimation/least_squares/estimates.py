@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from estimation.least_squares.levenberg_marquardt import MAX_STEPS, NEGLIGIBLE_COLUMN_LENGTH
 from estimation.least_squares.square_root_information import SquareRootInformation
-from estimation.text_table import table as table
 from modeling.identifiability import (
     LeastCertainDirection,
     ScaledSVD,

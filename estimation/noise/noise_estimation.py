@@ -11,6 +11,7 @@ from estimation.noise.recording_noise import NoiseSource, RecordingNoise, repeat
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ def estimate_noise(
         return noise_from_repeats(recording, residual)
     stated = stated_noise_floor(recording)
     if stated is not None:
-        whitener = AutoregressiveWhitener(len(residual), 1, np.zeros((0, len(stated))), np.diag(1 / stated))
+        whitener = AutoregressiveWhitener(len(residual), NoiseModel.white(stated))
         return RecordingNoise(stated, whitener, NoiseSource.RIG, np.zeros(whitener.rows), events=events)
     return noise_from_residual(recording, residual, fitted, events)
 

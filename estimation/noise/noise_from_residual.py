@@ -5,13 +5,17 @@ Such an estimate cannot test the size of that same residual.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
-from estimation.noise.whitening import AutoregressiveWhitener, block_means, inverse_cholesky_factor
+from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.recording import Recording
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.whitening import block_means
 
 Array = NDArray[np.float64]
 
@@ -37,21 +41,15 @@ def noise_from_residual(
     for start, end in ranges:
         event_free[start:end] = False
     if recording.at_rest:
-        coefficients, covariance = np.zeros((0, p)), np.diag(floor**2)
+        noise = NoiseModel.white(floor)
     else:
-        coefficients, covariance = fit_autoregression(residual, event_free)
+        noise = replace(fit_autoregression(residual, event_free), block=block)
     in_events = np.concatenate(
         [residual[start:end] - residual[start:end].mean(axis=0) for start, end in ranges] or [residual]
     )
-    whitener = AutoregressiveWhitener(
-        samples=recording.samples,
-        block=block,
-        coefficients=coefficients,
-        root=np.real(inverse_cholesky_factor(covariance)),
-        events=tuple(ranges),
-        event_root=np.diag(1 / _white_equivalent_std(in_events, floor)),
-    )
-    parameters = coefficients.size + p * (p + 1) / 2
+    event_noise = NoiseModel.white(_white_equivalent_std(in_events, floor))
+    whitener = AutoregressiveWhitener(recording.samples, noise, tuple(ranges), event_noise)
+    parameters = noise.coefficients.size + p * (p + 1) / 2
     doubt = np.full(whitener.rows, 2 * parameters / (n * p))
     return RecordingNoise(floor, whitener, NoiseSource.RESIDUAL, doubt, events=events)
 

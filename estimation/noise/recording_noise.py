@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.noise.noise_source import NoiseSource as NoiseSource
 from estimation.noise.power_spectrum import PowerSpectrum
-from estimation.noise.whitening import Whitener
+from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.recording import Recording
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.stationary_noise import NoiseSource as NoiseSource
+from modeling.noise.whitening import FourierLines
 
 Array = NDArray[np.float64]
 
@@ -39,6 +41,18 @@ class RecordingNoise:
     events: tuple[tuple[float, float], ...] = ()
     frequency: Array = field(default_factory=lambda: np.zeros(0))
     tones: tuple[float, ...] = ()
+
+    @cached_property
+    def autoregression(self) -> NoiseModel:
+        """The noise outside events as an autoregression, for streamed recordings; of a spectrum by Yule-Walker."""
+        if isinstance(self.whitener, AutoregressiveWhitener):
+            found = self.whitener.noise
+        else:
+            assert isinstance(self.whitener, FourierLineWhitener)
+            root = self.whitener.root
+            covariance: FourierLines = np.linalg.inv(root.conj().transpose(0, 2, 1) @ root).astype(np.complex128)
+            found = NoiseModel.of_spectrum(self.frequency, covariance)
+        return replace(found, source=self.source, sample_std=self.floor)
 
     def readings(self, recording: Recording) -> Array:
         """Whitened readings (rows,) of the recording whose noise this is, transformed once."""

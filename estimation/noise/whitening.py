@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self, TypeVar
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
-from scipy.linalg import solve_triangular
 
 from estimation.model_response import ModelResponse
+from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.whitening import FourierLines, block_means, whitened_by_channel
 
 Array = NDArray[np.float64]
-FourierLines = NDArray[np.complex128]
-SeriesOrLines = TypeVar("SeriesOrLines", Array, FourierLines)
 
 TRANSFORM_BATCH = 100_000
 """Numbers per batch of Fourier transforms: with their lines they fit into a core's cache."""
@@ -176,8 +175,8 @@ class FourierLineWhitener(Whitener):
     def _whiten(lines: FourierLines, rows: Array, root: FourierLines) -> None:
         """Real, then imaginary parts of root times lines."""
         into = rows.reshape(len(rows), root.shape[2], 2, len(root))
-        for channel, mixed in _mixed(root, lines):
-            into[:, :, 0, channel], into[:, :, 1, channel] = mixed.real, mixed.imag
+        for channel, white in whitened_by_channel(root, lines):
+            into[:, :, 0, channel], into[:, :, 1, channel] = white.real, white.imag
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,26 +215,22 @@ class _ColumnBatches:
 
 @dataclass(frozen=True, eq=False)
 class AutoregressiveWhitener(Whitener):
-    """Rows are the innovations of an autoregression, for a single run; order 0 for static poses.
+    """Rows are the innovations of autoregressive noise, for a single run; order 0 for static poses.
 
-    block         samples averaged into one first; a tool's motion is slow against the sample rate
-    coefficients  (order, p) of each channel: noise[t] = sum_i a_i noise[t-i] + innovation
-    root          (p, p) inverse Cholesky factor of the innovations' covariance
-    events        ranges of blocks with a noise of their own, white, with the inverse factor `event_root`; the `order`
-                  samples after each, which would be predicted from it, get weight zero
+    noise   of the record, of averages over its blocks: a tool's motion is slow against the sample rate
+    events  ranges of blocks with a noise of their own, `event_noise`, taken as white; the `order` samples after each,
+            which would be predicted from it, get weight zero
     """
 
     samples: int
-    block: int
-    coefficients: Array
-    root: Array
+    noise: NoiseModel
     events: tuple[tuple[int, int], ...] = ()
-    event_root: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    event_noise: NoiseModel | None = None
 
     @property
     def rows(self) -> int:  # type: ignore[override]
         """One row per block and channel after the first `order` blocks."""
-        return (self.samples // self.block - len(self.coefficients)) * len(self.root)
+        return (self.samples // self.noise.block - self.noise.order) * len(self.noise.covariance)
 
     @property
     def periodic_rows(self) -> int:  # type: ignore[override]
@@ -244,23 +239,22 @@ class AutoregressiveWhitener(Whitener):
 
     def series(self, values: Array) -> Array:
         """Rows of a series over the whole record."""
-        columns = _ColumnBatches.of(block_means(values, self.block), self.rows)
+        columns = _ColumnBatches.of(block_means(values, self.noise.block), self.rows)
         for part, selection in columns.parts():
-            self._whiten(part, columns.rows[selection].reshape(len(part), -1, len(self.root)))
+            self._whiten(part, columns.rows[selection].reshape(len(part), -1, part.shape[1]))
         return columns.result
 
     def _whiten(self, means: Array, rows: Array) -> None:
         """Write the whitened innovations of block means (c, p, blocks) into rows (c, blocks - order, p)."""
-        order, blocks = len(self.coefficients), means.shape[2]
-        innovation = means[:, :, order:].copy()
-        for lag, past in enumerate(self.coefficients, start=1):
-            innovation -= past[:, None] * means[:, :, order - lag : blocks - lag]
-        for channel, mixed in _mixed(self.root, innovation):
-            rows[:, :, channel] = mixed
+        order = self.noise.order
+        for channel, white in whitened_by_channel(self.noise.root, self.noise.innovations(means)):
+            rows[:, :, channel] = white
+        if self.event_noise is None:
+            return
         for start, end in self.events:
             first, last = max(start, order), max(end, order)
-            for channel, mixed in _mixed(self.event_root, means[:, :, first:last]):
-                rows[:, first - order : last - order, channel] = mixed
+            for channel, white in whitened_by_channel(self.event_noise.root, means[:, :, first:last]):
+                rows[:, first - order : last - order, channel] = white
             rows[:, last - order : end] = 0.0
 
     def steady(self, values: Array) -> Array:
@@ -269,30 +263,5 @@ class AutoregressiveWhitener(Whitener):
 
     def alone(self, channel: int) -> AutoregressiveWhitener:
         """The whitener of one channel, for a series that is zero in the others."""
-        own = slice(channel, channel + 1)
-        root, event_root = self.root[own, own], self.event_root[own, own]
-        return replace(self, coefficients=self.coefficients[:, own], root=root, event_root=event_root)
-
-
-def _mixed(root: SeriesOrLines, series: SeriesOrLines) -> Iterator[tuple[int, SeriesOrLines]]:
-    """Each channel (c, n) of a lower triangular root (p, p, ...) times series (c, p, n), with its number."""
-    for channel in range(len(root)):
-        mixed = root[channel, 0] * series[:, 0]
-        for other in range(1, channel + 1):
-            mixed += root[channel, other] * series[:, other]
-        yield channel, mixed
-
-
-def block_means(values: Array, block: int) -> Array:
-    """Means (n // block, ...) of successive blocks of samples; an incomplete last block is left out."""
-    if block == 1:
-        return values
-    count = len(values) // block
-    parts = values[: count * block].T.reshape(*values.shape[:0:-1], count, block)
-    return np.asarray((parts @ np.full(block, 1 / block)).T)
-
-
-def inverse_cholesky_factor(covariance: Array | FourierLines) -> Array | FourierLines:
-    """Inverse Cholesky factor W of a covariance, W C W^H = 1."""
-    factor = np.linalg.cholesky(covariance)
-    return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True))
+        in_events = None if self.event_noise is None else self.event_noise.of_channel(channel)
+        return replace(self, noise=self.noise.of_channel(channel), event_noise=in_events)

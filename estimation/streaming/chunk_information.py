@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.square_root_information import SquareRootInformation
-from estimation.noise.autoregression import NoiseModel
 from estimation.recordings.recording import Recording
 from estimation.streaming.chunk import Chunk, chunks
 from estimation.streaming.regressor_map import RegressorMap, linear_regressor_map
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
 
 Array = NDArray[np.float64]
 RecordingOrChunk = Recording | Chunk
@@ -39,7 +39,7 @@ def information_from(
             total = total + map_.information(run.signals, run.wrench, noise.root)
     else:
         for rows, history in _series(part, model, noise, theta, map_):
-            white = noise.whitened(rows, history)
+            white = noise.whitened_chunk(rows, history)
             if white.shape[-1]:
                 total = total + SquareRootInformation.of(white[:-1].reshape(len(white) - 1, -1).T, white[-1].ravel())
     if not np.isfinite(total.cost + total.root.sum()):

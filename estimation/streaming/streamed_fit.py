@@ -17,7 +17,6 @@ from estimation.least_squares.estimates import Estimates
 from estimation.least_squares.levenberg_marquardt import levenberg_marquardt
 from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
-from estimation.noise.autoregression import NoiseModel
 from estimation.recordings.recording import Recording
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunk_information import RecordingOrChunk, information_from, run_name
@@ -25,6 +24,7 @@ from estimation.streaming.long_log import LongLog, read_chunks
 from estimation.streaming.regressor_map import linear_regressor_map, required_signals
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.parameter import Parameter
 from modeling.rig.rig import PLANAR_CHANNELS, Convention, Rig
 
@@ -251,10 +251,4 @@ def fit_long_log(path: Path, rig: Rig | None, changed: Callable[[WrenchModel], W
     log = read_chunks(path, rig=rig)
     channels = log.channels
     model = changed((planar if channels == PLANAR_CHANNELS else spatial)(rig))
-    stated = {} if rig is None or rig.sensor.noise is None else rig.sensor.noise
-    unstated = [channel for channel in channels if channel not in stated]
-    if unstated:
-        what = f"the noise of {', '.join(unstated)} is not stated, and a streamed fit needs it for its weights"
-        remedy = f"state noise = {{ {', '.join(f'{c} = ..' for c in channels)} }} under [sensor] in the rig"
-        raise InputError(what=what, where="rig", remedy=remedy)
-    return fit_streamed(model, log, NoiseModel.white([stated[channel] for channel in channels]))
+    return fit_streamed(model, log, NoiseModel.of_rig(rig, channels))

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from design.criteria import AOptimal, Criterion, DOptimal, EOptimal
-from design.information import DiscretePrior, Experiment, SensorNoise, WhiteNoise, noise_equivalent_sizes
+from design.information import DiscretePrior, Experiment, noise_equivalent_sizes
 from design.limits.rig_limits import arm_and_limits
 from design.trajectories.fourier import FreeSeries, PaperSeries
 from design.trajectories.rest_to_rest import RestToRest
@@ -24,6 +24,7 @@ from diagnosis.parallel.workers import available_cores
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
 from truewrench.files.model_file import ModelFile
@@ -86,14 +87,14 @@ class DesignRequest:
         return DiscretePrior.around(self.model, self.values, self.saved.covariance[np.ix_(index, index)])
 
     @property
-    def noise(self) -> SensorNoise:
+    def noise(self) -> NoiseModel:
         """Sensor noise of the model file, else of the rig file."""
         if self.saved is not None:
-            return WhiteNoise.of_std([self.saved.noise_floor[channel] for channel in self.model.channels])
-        return WhiteNoise.of_rig(self.rig, self.model.channels)
+            return NoiseModel.white([self.saved.noise_floor[channel] for channel in self.model.channels])
+        return NoiseModel.of_rig(self.rig, self.model.channels)
 
     @property
-    def weight(self) -> SensorNoise | None:
+    def weight(self) -> NoiseModel | None:
         """Sensor noise that weights the readings, with --weighted."""
         return self.noise if self.options.weighted else None
 

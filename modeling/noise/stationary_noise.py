@@ -1,71 +1,47 @@
-"""White and coloured sensor noise as whitening of readings."""
+"""Stationary Gaussian noise of the readings, and such noise given by its spectrum."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.noise.whitening import inverse_cholesky_factor, require_positive_definite, whitened_channels
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-class SensorNoise(ABC):
+class NoiseSource(Enum):
+    """What a noise estimate rests on: the repeats, the std stated in the rig, or the residual of a fit."""
+
+    REPEATS = "repeats"
+    RIG = "rig"
+    RESIDUAL = "residual"
+
+
+class StationaryNoise(ABC):
     """Stationary noise of p channels, by the linear map that makes it white and of unit variance."""
+
+    @property
+    def is_white(self) -> bool:
+        """Whether every sample is whitened by itself."""
+        return False
 
     @abstractmethod
     def whitened(self, series: Array, step: float) -> Array:
-        """The whitened series (N, p, ...), samples `step` (s) apart: sums of its squares are information."""
+        """The whitened series (N, p, ...), samples `step` (s) apart: sums of its squares are information.
+
+        The series is one period, and the noise stationary over it.
+        """
 
 
 @dataclass(frozen=True, eq=False)
-class WhiteNoise(SensorNoise):
-    """White noise: `covariance` (p, p) of one sample, in products of the channels' units."""
-
-    covariance: Array
-
-    def __post_init__(self) -> None:
-        _check(np.asarray(self.covariance)[None])
-
-    @classmethod
-    def of_std(cls, std: Sequence[float] | Array) -> WhiteNoise:
-        """Independent channels, by the std of one sample (p,) of each, in its unit."""
-        return cls(np.diag(np.asarray(std, dtype=float) ** 2))
-
-    @classmethod
-    def of_rig(cls, rig: Rig, channels: Sequence[str]) -> WhiteNoise:
-        """Of the rig's sensor.noise; InputError unless it states every channel."""
-        stated = rig.sensor.noise or {}
-        missing = [channel for channel in channels if channel not in stated]
-        if missing:
-            raise InputError(
-                what=f"sensor.noise does not state {', '.join(missing)}",
-                where=f"rig {rig.name}".strip(),
-                remedy="add its std to the rig, or design without weights",
-            )
-        return cls.of_std([stated[channel] for channel in channels])
-
-    @cached_property
-    def root(self) -> Array:
-        """W (p, p) with W C W' = 1, lower triangular."""
-        factor = np.linalg.cholesky(self.covariance)
-        return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True))
-
-    def whitened(self, series: Array, step: float) -> Array:
-        """W times every sample."""
-        return np.asarray(np.einsum("cd,nd...->nc...", self.root, series))
-
-
-@dataclass(frozen=True, eq=False)
-class ColouredNoise(SensorNoise):
+class ColouredNoise(StationaryNoise):
     """Noise with a spectrum: `covariance` (F, p, p), Hermitian, at the frequencies (F,) in Hz, increasing from zero.
 
     Normalised so that white noise has the covariance of one sample at every frequency: the two-sided spectral density
@@ -88,7 +64,7 @@ class ColouredNoise(SensorNoise):
                 where="noise spectrum",
                 remedy="give one covariance matrix of the channels at each frequency",
             )
-        _check(covariance)
+        require_positive_definite(covariance)
 
     @classmethod
     def of_spectra(cls, frequency: Array, power: Array) -> ColouredNoise:
@@ -108,16 +84,6 @@ class ColouredNoise(SensorNoise):
         covariance[0] = covariance[0].real
         if count % 2 == 0:
             covariance[-1] = covariance[-1].real
-        root = np.linalg.inv(np.linalg.cholesky(covariance))
-        lines = np.einsum("lcd,ld...->lc...", root, np.fft.rfft(series, axis=0))
-        return np.asarray(np.fft.irfft(lines, n=count, axis=0), dtype=float)
-
-
-def _check(covariance: NDArray[np.inexact]) -> None:
-    hermitian = np.allclose(covariance, covariance.conj().swapaxes(-1, -2), rtol=1e-9, atol=0)  # rounding of a file
-    if not (np.isfinite(covariance).all() and hermitian and (np.linalg.eigvalsh(covariance) > 0).all()):
-        raise InputError(
-            what="the covariance of the channels is not symmetric and positive definite",
-            where="noise",
-            remedy="give the std of every channel, above zero",
-        )
+        root = inverse_cholesky_factor(covariance).transpose(1, 2, 0)
+        lines = whitened_channels(root, np.fft.rfft(series.T))
+        return np.asarray(np.fft.irfft(lines, n=count).T, dtype=float)

@@ -1,0 +1,165 @@
+"""Gaussian autoregressive noise, white at order 0: stated, fitted to a residual, or from a spectrum by Yule-Walker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+
+from modeling.errors import InputError
+from modeling.noise.stationary_noise import NoiseSource, StationaryNoise
+from modeling.noise.whitening import (
+    block_means,
+    inverse_cholesky_factor,
+    require_positive_definite,
+    whitened_channels,
+)
+from modeling.rig.rig import Rig
+
+Array = NDArray[np.float64]
+
+SPECTRUM_ORDER = 30
+"""Order of the autoregression that approximates a spectrum: the highest tried on a residual."""
+SPECTRUM_POINTS = 4096
+"""Frequencies at which a spectrum is transformed to autocovariances: the longest lag is a hundred times
+`SPECTRUM_ORDER`."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel(StationaryNoise):
+    """Gaussian autoregressive noise of p channels: noise[t] = sum_i a_i noise[t-i] + innovation.
+
+    covariance    (p, p) of the innovations, in the products of the channels' units
+    coefficients  (order, p) a_i of each channel; (0, p) for white noise
+    block         samples averaged into one first; the autoregression is that of these averages
+    source        what the estimate rests on
+    sample_std    (p,) of one sample, where that does not follow from the other fields
+    Raises InputError for a covariance that is not positive definite.
+    """
+
+    covariance: Array
+    coefficients: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    block: int = 1
+    source: NoiseSource = NoiseSource.RIG
+    sample_std: Array | None = None
+
+    def __post_init__(self) -> None:
+        if not self.coefficients.size:
+            object.__setattr__(self, "coefficients", np.zeros((0, len(self.covariance))))
+        if self.coefficients.shape[1:] != self.covariance.shape[1:]:
+            what = f"coefficients of {self.coefficients.shape[1]} channels and a covariance {self.covariance.shape}"
+            raise InputError(what=what, where="noise", remedy="give one column of coefficients per channel")
+        require_positive_definite(self.covariance)
+
+    @classmethod
+    def white(cls, std: Sequence[float] | Array) -> Self:
+        """White noise of the channels' std (p,), in their units, independent of each other."""
+        return cls(np.diag(np.square(np.asarray(std, dtype=float))))
+
+    @classmethod
+    def of_rig(cls, rig: Rig | None, channels: Sequence[str]) -> Self:
+        """White noise of the rig's sensor.noise; InputError unless it states every channel."""
+        stated = (None if rig is None else rig.sensor.noise) or {}
+        missing = [channel for channel in channels if channel not in stated]
+        if missing:
+            what = f"the noise of {', '.join(missing)} is not stated, and the readings are weighted by it"
+            remedy = f"state noise = {{ {', '.join(f'{c} = ..' for c in channels)} }} under [sensor] in the rig"
+            raise InputError(what=what, where=f"rig {'' if rig is None else rig.name}".strip(), remedy=remedy)
+        return cls.white([stated[channel] for channel in channels])
+
+    @classmethod
+    def of_spectrum(cls, frequency: Array, covariance: NDArray[np.complex128]) -> Self:
+        """The autoregression with the first autocovariances of a spectrum (Yule-Walker).
+
+        The spectrum is `covariance` (F, p, p) per sample at frequencies (F,), Hz, up to half the sampling rate. The
+        autocovariances are the integral of its diagonal times cos(w t); the innovations keep the mean coherence.
+        """
+        levels = np.real(np.einsum("kii->ki", covariance))
+        coherence = np.real(covariance / np.sqrt(levels[:, :, None] * levels[:, None, :])).mean(axis=0)
+        solutions = [_yule_walker(_interpolated_spectrum(frequency, level)) for level in levels.T]
+        spread = np.sqrt([variance for _, variance in solutions])
+        return cls(coherence * np.outer(spread, spread), np.stack([a for a, _ in solutions], axis=1))
+
+    @property
+    def order(self) -> int:
+        """Order of the autoregression."""
+        return len(self.coefficients)
+
+    @property
+    def memory(self) -> int:
+        """Samples of history that a chunk needs before its first row: order times block."""
+        return self.order * self.block
+
+    @property
+    def is_white(self) -> bool:
+        """Whether every sample is a row by itself: order 0 and no averaging."""
+        return not self.order and self.block == 1
+
+    @cached_property
+    def root(self) -> Array:
+        """Inverse Cholesky factor (p, p) of the innovations' covariance."""
+        return inverse_cholesky_factor(self.covariance)
+
+    @cached_property
+    def floor(self) -> Array:
+        """Std (p,) of one sample: root of the autocovariance at lag 0, unless given."""
+        return np.sqrt(self.autocovariance(1)[0]) if self.sample_std is None else self.sample_std
+
+    def autocovariance(self, lags: int) -> Array:
+        """Autocovariance (lags, p) of each channel at lags 0 .. lags - 1.
+
+        The transform of the spectrum s / |1 - sum a_k exp(-i w k)|² on a grid long enough against wrap-around.
+        """
+        grid = 1 << int(np.ceil(np.log2(max(8 * lags, SPECTRUM_POINTS))))
+        response = 1 / np.fft.rfft(np.concatenate([np.ones((1, len(self.covariance))), -self.coefficients]), grid, 0)
+        power = np.diag(self.covariance) * np.abs(response) ** 2
+        return np.asarray(np.fft.irfft(power, grid, 0)[:lags])
+
+    def of_channel(self, channel: int) -> NoiseModel:
+        """The noise of one channel, given that there is none in the others."""
+        variance = np.full((1, 1), self.root[channel, channel] ** -2)
+        return replace(self, covariance=variance, coefficients=self.coefficients[:, channel : channel + 1])
+
+    def innovations(self, series: Array, first: int | None = None) -> Array:
+        """Innovations (..., p, n - first) of a series (..., p, n) from sample `first`, by default the order, on."""
+        first, count = self.order if first is None else first, series.shape[-1]
+        innovation = series[..., first:].copy()
+        for lag, past in enumerate(self.coefficients, start=1):
+            innovation -= past[:, None] * series[..., first - lag : max(count - lag, 0)]
+        return innovation
+
+    def whitened_chunk(self, series: Array, history: int = 0) -> Array:
+        """Innovations of unit variance (..., p, rows) of a series (..., p, n) after its first `history` samples.
+
+        At the start of a run, where there is no history, the first `memory` samples serve as history and give no row.
+        Samples at the end that do not fill a block are left out.
+        """
+        means = block_means(series.T, self.block).T
+        return whitened_channels(self.root, self.innovations(means, max(history // self.block, self.order)))
+
+    def whitened(self, series: Array, step: float) -> Array:
+        """Innovations of unit variance of a periodic series (N, p, ...), one period; InputError for block averages."""
+        if self.block > 1:
+            remedy = "give the noise of single samples"
+            raise InputError(what="it is the noise of averages over blocks", where="noise", remedy=remedy)
+        past = series[len(series) - self.order :]
+        return whitened_channels(self.root, self.innovations(np.concatenate([past, series]).T)).T
+
+
+def _interpolated_spectrum(frequency: Array, level: Array) -> Array:
+    """A spectrum on a uniform grid from 0 to the highest frequency, (SPECTRUM_POINTS,), by log-linear interpolation."""
+    order = np.argsort(frequency)
+    grid = np.linspace(0.0, frequency.max(), SPECTRUM_POINTS)
+    return np.asarray(np.exp(np.interp(grid, frequency[order], np.log(level[order]))))
+
+
+def _yule_walker(spectrum: Array) -> tuple[Array, float]:
+    """Coefficients (SPECTRUM_ORDER,) and innovations' variance with a spectrum's first autocovariances."""
+    autocovariance = np.fft.irfft(spectrum)
+    coefficients = solve_toeplitz(autocovariance[:SPECTRUM_ORDER], autocovariance[1 : SPECTRUM_ORDER + 1])
+    return coefficients, float(autocovariance[0] - coefficients @ autocovariance[1 : SPECTRUM_ORDER + 1])
