@@ -13,13 +13,12 @@ from scipy.linalg import toeplitz
 
 from estimation.contact.contact_detection import (
     BlockMeans,
-    CandidateWindows,
     ContactDetection,
-    RangeMaximum,
-    _best_disjoint,
+    ContactSearch,
     detect_contacts,
 )
 from estimation.contact.variance_of_means import VarianceOfMeans
+from estimation.noise.disturbances.transient_windows import largest_samples
 from modeling.noise.autoregressive_noise import NoiseModel
 from truewrench.simulated_rig import NOISE_MODELS
 
@@ -126,21 +125,23 @@ def test_variance_of_means_from_differences(robust: bool) -> None:
 
 
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=40), st.data())
-def test_range_maximum(values: list[float], data: st.DataObject) -> None:
-    first = data.draw(st.integers(0, len(values) - 1))
-    length = data.draw(st.integers(1, len(values) - first))
-    series = np.array(values)
-    (place,) = RangeMaximum.of(series).between(np.array([first]), length)
-    assert first <= place < first + length
-    assert series[place] == series[first : first + length].max()
+def test_largest_sample_of_each_window(values: list[float], data: st.DataObject) -> None:
+    length = data.draw(st.integers(1, len(values)))
+    series = np.array(values)[:, None]
+    found = largest_samples(series, length)
+    assert found.shape == (len(values) - length + 1, 1)
+    for first, value in enumerate(found[:, 0]):
+        window = series[first : first + length, 0]
+        assert value in window
+        assert abs(value) == np.abs(window).max()
 
 
 @given(st.integers(4, 9), st.integers(0, 1000))
 def test_the_best_disjoint_windows_are_the_best(blocks: int, seed: int) -> None:
     """Against every subset of the windows."""
-    windows = CandidateWindows.over(blocks)
+    windows = ContactSearch(np.zeros((blocks, 1)), np.zeros(1), 0.01).windows
     gain = np.random.default_rng(seed).standard_normal(len(windows.first))
-    chosen = _best_disjoint(windows, gain)
+    chosen = windows.best_disjoint(gain)
     spans = sorted((windows.first[i], windows.last[i]) for i in chosen)
     assert all(a[1] <= b[0] for a, b in pairwise(spans))
 

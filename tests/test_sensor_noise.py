@@ -61,7 +61,7 @@ def test_coloured_information_is_the_sum_over_lines(samples: int) -> None:
 def test_an_autoregression_weights_as_its_spectrum() -> None:
     """Stationary over the period: the innovations of a periodic series are its lines times 1 - sum a exp(-i w)."""
     coefficients, innovations = np.array([[0.6, 0.3, -0.2], [0.2, 0.1, 0.3]]), np.diag(STD) @ CORRELATION @ np.diag(STD)
-    frequency = np.fft.rfftfreq(SAMPLES, PERIOD / SAMPLES)
+    frequency = np.fft.rfftfreq(SAMPLES, PERIOD / SAMPLES).astype(np.float64)
     shift = np.exp(-2j * np.pi * np.outer(np.arange(SAMPLES // 2 + 1), [1, 2]) / SAMPLES)
     response = 1 / (1 - shift @ coefficients)
     spectrum = response[:, :, None] * innovations * response[:, None, :].conj()

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, median_filter
-from scipy.stats import chi2, norm
 
 from estimation.contact.variance_of_means import VarianceOfMeans
+from estimation.distributions import chi2_isf, normal_cdf, normal_isf
 from estimation.noise.autoregression import fit_autoregression
+from estimation.noise.disturbances.transient_windows import Windows, cumulative_sums, inside, largest_samples
 from modeling.noise.whitening import block_means
 
 Array = NDArray[np.float64]
@@ -116,12 +118,12 @@ def detect_contacts(
     """
     blocks = BlockMeans.of(residual, dt)
     means = blocks.means
-    search = ContactSearch(means, CandidateWindows.over(len(means)), remainder**2, false_alarms)
+    search = ContactSearch(means, remainder**2, false_alarms)
     states = [search.converged(start) for start in search.starts(floor**2 / blocks.size)]
-    _, noise, quiet, found = max(states, key=lambda s: (bool(s.found), s.quiet.sum()))
+    noise, quiet, found = max(states, key=lambda s: (bool(s.found), s.quiet.sum()))
     guarded = blocks.samples(binary_erosion(quiet, iterations=GUARD_BLOCKS, border_value=1))
     if zero is not None:  # contact-free about its own mean need not be free about the given zero
-        found = search.about(zero, quiet)
+        found = search.state(quiet, zero).found
         quiet = _outside(found, np.zeros(len(means), dtype=bool))
     free = guarded if zero is None else blocks.samples(quiet)
     return ContactDetection(
@@ -143,9 +145,8 @@ def _in_samples(interval: ContactInterval, blocks: BlockMeans, count: int) -> Co
 
 
 class DetectionState(NamedTuple):
-    """A zero (p,), the noise about it, the quiet blocks (b,) that both are estimated from, and the intervals found."""
+    """The noise about a zero, the quiet blocks (b,) that both are estimated from, and the intervals found."""
 
-    zero: Array
     noise: VarianceOfMeans
     quiet: SampleMask
     found: tuple[ContactInterval, ...]
@@ -156,9 +157,16 @@ class ContactSearch:
     """The search for intervals in the block means (b, p) of a record; `constant` (p,) is the systematic variance."""
 
     means: Array
-    windows: CandidateWindows
     constant: Array
     false_alarms: float
+
+    @cached_property
+    def windows(self) -> Windows:
+        """Every window of three blocks up to half of the record, of lengths that grow by `WINDOW_LENGTH_RATIO`."""
+        longest = max(3, len(self.means) // 2)
+        count = 2 + int(np.log(longest / 3) / np.log(WINDOW_LENGTH_RATIO))
+        lengths = np.unique(np.round(np.geomspace(3, longest, count)).astype(np.intp))
+        return Windows.of_lengths(lengths, len(self.means))
 
     def starts(self, floor: Array) -> tuple[SampleMask, SampleMask]:
         """Two initial sets of free blocks, from methods that fail in different cases.
@@ -171,57 +179,76 @@ class ContactSearch:
     def undisturbed(self) -> SampleMask:
         """Blocks outside the intervals about the majority mean, by the noise of the quieter differences."""
         noise = VarianceOfMeans.of_differences(self.means, self.constant)
-        quiet = np.ones(len(self.means), dtype=bool)
-        zero = majority_mean(self.means, noise)
+        quiet, zero = np.ones(len(self.means), dtype=bool), majority_mean(self.means, noise)
         for _ in range(DETECTION_ROUNDS):
-            found = self.windows.exceeding(self.means - zero, noise, quiet, self.false_alarms)
-            remaining = _outside(found, quiet)
+            remaining = _outside(self.exceeding(zero, noise, quiet), quiet)
             if (remaining == quiet).all():
                 break
             quiet = remaining
             zero = self.means[quiet].mean(axis=0)
         return quiet
 
-    def of(self, quiet: SampleMask) -> DetectionState:
-        """Zero, noise and intervals estimated from the quiet blocks."""
-        zero = self.means[quiet].mean(axis=0)
-        autoregressive, likely, limit = self.noises(quiet)
-        return DetectionState(zero, likely, quiet, self.intervals(zero, quiet, autoregressive, limit))
+    def state(self, quiet: SampleMask, zero: Array | None = None) -> DetectionState:
+        """Noise of the quiet blocks about their own mean, and the intervals about that mean or a given zero.
 
-    def about(self, zero: Array, quiet: SampleMask) -> tuple[ContactInterval, ...]:
-        """Intervals about a given zero, by the noise of quiet blocks about their own mean."""
-        autoregressive, _, limit = self.noises(quiet)
-        return self.intervals(zero, quiet, autoregressive, limit)
-
-    def noises(self, quiet: SampleMask) -> tuple[VarianceOfMeans, VarianceOfMeans, VarianceOfMeans]:
-        """Noise of the quiet blocks: of an autoregression; at least that of differences; at least their upper limit."""
-        fitted = fit_autoregression(self.means - self.means[quiet].mean(axis=0), quiet)
+        The noise is that of an autoregression, but at least that of differences. Intervals are significant against the
+        upper limit of the latter; their edges are those by the autoregression alone.
+        """
+        mean = self.means[quiet].mean(axis=0)
+        fitted = fit_autoregression(self.means - mean, quiet)
         autoregressive = VarianceOfMeans.of_autoregression(fitted, len(quiet), self.constant)
         likely, limit = (
-            autoregressive.at_least(VarianceOfMeans.of_differences(self.means, self.constant, quiet, doubt=doubt))
-            for doubt in (0.5, NOISE_LIMIT_PROBABILITY)
+            autoregressive.at_least(VarianceOfMeans.of_differences(self.means, self.constant, quiet, exceedance=share))
+            for share in (0.5, NOISE_LIMIT_PROBABILITY)
         )
-        return autoregressive, likely, limit
-
-    def intervals(
-        self, zero: Array, quiet: SampleMask, autoregressive: VarianceOfMeans, limit: VarianceOfMeans
-    ) -> tuple[ContactInterval, ...]:
-        """Intervals significant against the upper limit of the noise, with the edges by the autoregression."""
-        significant, candidates = (
-            self.windows.exceeding(self.means - zero, noise, quiet, self.false_alarms)
-            for noise in (limit, autoregressive)
-        )
-        return _refined_intervals(significant, candidates)
+        zero = mean if zero is None else zero
+        significant, candidates = (self.exceeding(zero, noise, quiet) for noise in (limit, autoregressive))
+        return DetectionState(likely, quiet, _refined_intervals(significant, candidates))
 
     def converged(self, quiet: SampleMask) -> DetectionState:
         """The fixed point: the state whose quiet blocks are those outside its intervals."""
-        state = self.of(quiet)
+        state = self.state(quiet)
         for _ in range(DETECTION_ROUNDS):
             remaining = _outside(state.found, state.quiet)
             if (remaining == state.quiet).all():
                 break
-            state = self.of(remaining)
+            state = self.state(remaining)
         return state
+
+    def exceeding(self, zero: Array, noise: VarianceOfMeans, quiet: SampleMask) -> tuple[ContactInterval, ...]:
+        """The disjoint windows whose statistics exceed the threshold by the largest sum, close ones merged.
+
+        The statistic is the squared mean over its variance, twice the logarithm of the likelihood ratio; the threshold
+        is Bonferroni-corrected for windows and channels.
+        """
+        size = standardised_means(self.windows, self.means - zero, noise, int(quiet.sum()))
+        limit = normal_isf(self.false_alarms / size.size / 2)
+        merged: list[ContactInterval] = []
+        for index in self.windows.best_disjoint((size**2).max(axis=1) - limit**2):
+            first, last = int(self.windows.first[index]), int(self.windows.last[index])
+            p_value = float(min(1.0, size.size * 2 * normal_cdf(-size[index].max())))
+            if merged and merged[-1].last + MERGE_GAP > first:
+                before = merged.pop()
+                first, p_value = before.first, min(before.p_value, p_value)
+            merged.append(ContactInterval(first, last, p_value))
+        return tuple(merged)
+
+
+def standardised_means(windows: Windows, deviation: Array, noise: VarianceOfMeans, quiet: int) -> Array:
+    """Mean of each window and channel over its std (w, p), the zero's own error included, as absolute values.
+
+    The smaller of the whole window's and of that without its largest block, a mean over one block less. The zero is the
+    mean of `quiet` blocks.
+    """
+    zero, sums = noise.variance[max(1, quiet) - 1], cumulative_sums(deviation)
+    lengths, size = windows.last - windows.first, np.empty((len(windows), deviation.shape[1]))
+    for length in map(int, np.unique(lengths)):
+        these = np.flatnonzero(lengths == length)
+        total = sums[windows.last[these]] - sums[windows.first[these]]
+        reduced = total - largest_samples(deviation, length)[windows.first[these]]
+        whole, without = (np.sqrt(noise.variance[n - 1] + noise.constant + zero) for n in (length, length - 1))
+        size[these] = np.minimum(np.abs(total / length) / whole, np.abs(reduced / (length - 1)) / without)
+    return size
 
 
 def _refined_intervals(
@@ -232,15 +259,13 @@ def _refined_intervals(
     for interval in candidates:
         overlapping = [s.p_value for s in significant if s.first < interval.last and s.last > interval.first]
         if overlapping:
-            found.append(ContactInterval(interval.first, interval.last, min(overlapping)))
+            found.append(replace(interval, p_value=min(overlapping)))
     return tuple(found)
 
 
 def _outside(found: tuple[ContactInterval, ...], quiet: SampleMask) -> SampleMask:
     """Blocks outside all intervals; `quiet` unchanged where fewer than 2 % would remain."""
-    outside = np.ones(len(quiet), dtype=bool)
-    for interval in found:
-        outside[interval.first : interval.last] = False
+    outside = ~inside([(i.first, i.last) for i in found], len(quiet))
     return outside if outside.sum() > 0.02 * len(outside) else quiet
 
 
@@ -250,7 +275,7 @@ def majority_mean(means: Array, noise: VarianceOfMeans) -> Array:
     segments = block_means(means, length)
     scale = np.sqrt(noise.variance[length - 1] + noise.constant)
     distance = (((segments[None] - segments[:, None]) / scale) ** 2).sum(axis=2)
-    near = distance < chi2.isf(OUTSIDE_CLUSTER_PROBABILITY, means.shape[1])
+    near = distance < chi2_isf(OUTSIDE_CLUSTER_PROBABILITY, means.shape[1])
     return np.asarray(segments[near[near.sum(axis=1).argmax()]].mean(axis=0))
 
 
@@ -265,7 +290,7 @@ def largest_cluster(means: Array, floor: Array, constant: Array) -> SampleMask:
     steps = np.diff(means, axis=0)
     fast = (1.4826 * np.median(np.abs(steps), axis=0)) ** 2 / 2 if len(steps) else np.zeros(means.shape[1])
     scale = np.sqrt(np.maximum(np.maximum(floor, fast) + constant, 1e-300))
-    limit = chi2.isf(OUTSIDE_CLUSTER_PROBABILITY, means.shape[1])
+    limit = chi2_isf(OUTSIDE_CLUSTER_PROBABILITY, means.shape[1])
     candidates = means[:: max(1, len(means) // (2 * ZERO_SEGMENTS))]
     distance = (((means[None] - candidates[:, None]) / scale) ** 2).sum(axis=2)
     centre = candidates[int((distance < limit).sum(axis=1).argmax())]
@@ -282,109 +307,3 @@ def largest_cluster(means: Array, floor: Array, constant: Array) -> SampleMask:
         members = grown
     smoothed = median_filter(members.astype(np.uint8), size=MERGE_GAP + 1, mode="nearest") > 0
     return smoothed if smoothed.sum() > 2 * means.shape[1] else np.ones(len(means), dtype=bool)
-
-
-# ---------------------------------------------------------------------------------------- the windows
-
-
-@dataclass(frozen=True, eq=False)
-class CandidateWindows:
-    """Every window over b blocks of lengths 3 and more that grow by `WINDOW_LENGTH_RATIO`: first <= t < last, sorted by
-    their end."""
-
-    first: NDArray[np.intp]
-    last: NDArray[np.intp]
-    blocks: int
-
-    @classmethod
-    def over(cls, blocks: int) -> CandidateWindows:
-        """Windows of three blocks up to half of the record."""
-        longest = max(3, blocks // 2)
-        count = 2 + int(np.log(longest / 3) / np.log(WINDOW_LENGTH_RATIO))
-        lengths = np.unique(np.round(np.geomspace(3, longest, count)).astype(np.intp))
-        last = np.concatenate([np.arange(length, blocks + 1) for length in lengths])
-        length = np.repeat(lengths, [blocks + 1 - n for n in lengths])
-        order = np.argsort(last, kind="stable")
-        return cls((last - length)[order], last[order], blocks)
-
-    def exceeding(
-        self, deviation: Array, noise: VarianceOfMeans, quiet: SampleMask, false_alarms: float
-    ) -> tuple[ContactInterval, ...]:
-        """The disjoint windows whose statistics exceed the threshold by the largest sum, close ones merged.
-
-        The statistic is the squared mean over its variance, twice the logarithm of the likelihood ratio; the threshold
-        is Bonferroni-corrected for windows and channels.
-        """
-        size = self.standardised(deviation, noise, int(quiet.sum()))
-        limit = norm.isf(false_alarms / size.size / 2)
-        merged: list[tuple[int, int, float]] = []
-        for index in _best_disjoint(self, (size**2).max(axis=1) - limit**2):
-            first, last = int(self.first[index]), int(self.last[index])
-            p_value = float(min(1.0, size.size * 2 * norm.sf(size[index].max())))
-            if merged and merged[-1][1] + MERGE_GAP > first:
-                before = merged.pop()
-                first, p_value = before[0], min(before[2], p_value)
-            merged.append((first, last, p_value))
-        return tuple(ContactInterval(*window) for window in merged)
-
-    def standardised(self, deviation: Array, noise: VarianceOfMeans, quiet: int) -> Array:
-        """Mean of each window and channel over its std (windows, p), the zero's own error included, as absolute values.
-
-        The smaller of the whole window's and of that without its largest block, a mean over one block less.
-        """
-        sums = np.concatenate([np.zeros((1, deviation.shape[1])), np.cumsum(deviation, axis=0)])
-        zero = noise.variance[max(1, quiet) - 1]
-        largest = [RangeMaximum.of(np.abs(column)) for column in deviation.T]
-        size = np.empty((len(self.first), deviation.shape[1]))
-        for length in map(int, np.unique(self.last - self.first)):
-            these = self.last - self.first == length
-            total = sums[self.last[these]] - sums[self.first[these]]
-            places = np.stack([one.between(self.first[these], length) for one in largest], axis=1)
-            reduced = total - np.take_along_axis(deviation, places, axis=0)
-            whole, without = (np.sqrt(noise.variance[n - 1] + noise.constant + zero) for n in (length, length - 1))
-            size[these] = np.minimum(np.abs(total / length) / whole, np.abs(reduced / (length - 1)) / without)
-        return size
-
-
-@dataclass(frozen=True, eq=False)
-class RangeMaximum:
-    """Index of the maximum of a series (b,) in a range: `tables[k]` for the 2^k values from each index on."""
-
-    series: Array
-    tables: tuple[NDArray[np.intp], ...]
-
-    @classmethod
-    def of(cls, series: Array) -> RangeMaximum:
-        """Each table from the one before it: the larger of two adjacent maxima."""
-        tables = [np.arange(len(series))]
-        while 2 ** len(tables) <= len(series):
-            half = 2 ** (len(tables) - 1)
-            left, right = tables[-1][:-half], tables[-1][half:]
-            tables.append(np.where(series[left] >= series[right], left, right))
-        return cls(series, tuple(tables))
-
-    def between(self, first: NDArray[np.intp], length: int) -> NDArray[np.intp]:
-        """Index of the largest value in `length` values from each index `first` on."""
-        level = length.bit_length() - 1
-        left, right = self.tables[level][first], self.tables[level][first + length - 2**level]
-        return np.where(self.series[left] >= self.series[right], left, right)
-
-
-def _best_disjoint(windows: CandidateWindows, gain: Array) -> list[int]:
-    """Disjoint windows of the largest sum of gains: best[t] = max(best[t - 1], best[first] + gain of those to t)."""
-    best, choice = np.zeros(windows.blocks + 1), np.full(windows.blocks + 1, -1)
-    edges = np.searchsorted(windows.last, np.arange(windows.blocks + 2))
-    for end in range(1, windows.blocks + 1):
-        best[end] = best[end - 1]
-        part = slice(edges[end], edges[end + 1])
-        total = best[windows.first[part]] + gain[part]
-        if len(total) and total.max() > best[end]:
-            best[end], choice[end] = total.max(), part.start + int(total.argmax())
-    chosen, end = [], windows.blocks
-    while end > 0:
-        if choice[end] < 0:
-            end -= 1
-        else:
-            chosen.append(int(choice[end]))
-            end = int(windows.first[choice[end]])
-    return chosen[::-1]

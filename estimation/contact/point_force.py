@@ -11,13 +11,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from modeling.expressions.compilation import numpy_function
 
 Array = NDArray[np.float64]
-
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,25 +73,6 @@ class PointForce:
         """Whether the size is at least twice its standard deviation: only then is its direction defined."""
         return np.asarray(self.magnitude >= 2 * self.magnitude_std)
 
-    def direction_interval(self, confidence: float = CONFIDENCE) -> Array:
-        """Half-width (n,), rad, of the direction's interval: what the confidence ellipse subtends at the origin.
-
-        A direction u is inside if some force along it is: with force s and covariance S the cone of u for which
-        (s' S^-1 u)² >= (u' S^-1 u)(s' S^-1 s - c). In coordinates where S = 1 the circle of radius sqrt(c) around s,
-        |s| > sqrt(c), subtends asin(sqrt(c) / |s|) on either side; its tangents are transformed back. Where the origin
-        lies in the ellipse every direction is possible: pi.
-        """
-        root = np.linalg.cholesky(self.covariance)
-        white = np.linalg.solve(root, self.force[..., None])[..., 0]
-        ratio = np.sqrt(chi2.ppf(confidence, 2)) / np.maximum(np.linalg.norm(white, axis=1), 1e-300)
-        half = np.arcsin(np.minimum(ratio, 1.0))
-        widest = np.zeros(len(white))
-        for turn in (half, -half):
-            tangent = (root @ _rotated(white, turn)[..., None])[..., 0]
-            angle = np.arctan2(tangent[:, 0], tangent[:, 1]) - self.direction
-            widest = np.maximum(widest, np.abs((angle + np.pi) % (2 * np.pi) - np.pi))
-        return np.asarray(np.where(ratio < 1, widest, np.pi))
-
     @cached_property
     def _unit(self) -> Array:
         size = np.maximum(self.magnitude, 1e-300)[:, None]
@@ -102,12 +80,6 @@ class PointForce:
 
     def _along(self, direction: Array) -> Array:
         return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, self.covariance, direction)))
-
-
-def _rotated(vectors: Array, angle: Array) -> Array:
-    cosine, sine = np.cos(angle), np.sin(angle)
-    x, y = vectors.T
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
 
 
 def printed_direction(wrench: Array, distance: float) -> Array:

@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
 
+from estimation.distributions import chi2_isf, normal_isf
+from estimation.noise.disturbances.transient_windows import cumulative_sums
 from modeling.noise.autoregressive_noise import NoiseModel
 
 Array = NDArray[np.float64]
 
-NORMAL_QUARTILE = float(norm.isf(0.375))
+NORMAL_QUARTILE = float(normal_isf(0.375))
 """Lower quartile of the absolute value of a standard normal variable."""
 MIN_DIFFERENCES = 4
 """Least number of independent differences that the power at a scale is estimated from."""
@@ -43,7 +44,7 @@ class VarianceOfMeans:
 
     @classmethod
     def of_differences(
-        cls, series: Array, constant: Array, quiet: NDArray[np.bool_] | None = None, *, doubt: float = 0.5
+        cls, series: Array, constant: Array, quiet: NDArray[np.bool_] | None = None, *, exceedance: float = 0.5
     ) -> VarianceOfMeans:
         """The noise of a series' (n, p) `quiet` (contact-free) samples, or of its quieter part, from successive means.
 
@@ -52,11 +53,11 @@ class VarianceOfMeans:
         to a factor). No noise model is needed. D_L is the mean square of the differences between means over quiet
         samples. Where those are unknown it comes from the lower quartile of the absolute differences, which a contact
         in less than three quarters of the record does not affect. Few differences leave D uncertain: from quiet ones
-        it is the limit that D exceeds with probability `doubt`, by default its median. At the largest scales D is
+        it is the limit that D exceeds with probability `exceedance`, by default its median. At the largest scales D is
         extrapolated as constant, as for 1/f noise.
         """
-        sums = np.concatenate([np.zeros((1, series.shape[1])), np.cumsum(series, axis=0)])
-        disturbed = np.concatenate([[0], np.cumsum(np.zeros(len(series)) if quiet is None else ~quiet)])
+        sums = cumulative_sums(series)
+        disturbed = cumulative_sums(np.zeros(len(series)) if quiet is None else 1.0 - quiet)
         scales = 2 ** np.arange(int(np.log2(max(len(series), 2))) + 1)
         powers: list[Array] = []
         for scale in map(int, scales):
@@ -67,7 +68,8 @@ class VarianceOfMeans:
                 powers.append(powers[-1])
                 continue
             difference = (sums[start + 2 * scale] - 2 * sums[start + scale] + sums[start]) / scale
-            factor = max(independent, 1.0) / chi2.isf(1 - doubt, max(independent, 1.0)) if quiet is not None else None
+            freedom = max(independent, 1.0)
+            factor = None if quiet is None else freedom / chi2_isf(1 - exceedance, freedom)
             powers.append(_difference_power(difference, factor))
         levels = np.cumsum(np.stack(powers)[::-1], axis=0)[::-1] / 4 + 1e-300
         length = np.log(np.arange(1, len(series) + 1))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.noise.autoregression import fit_autoregression
+from estimation.noise.disturbances.transient_windows import inside, samples_of
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.recording import Recording
@@ -36,14 +37,11 @@ def noise_from_residual(
     floor = _floor(recording, residual, fitted, events)
     residual = block_means(residual, block)
     n, p = residual.shape
-    ranges = [_indices(event, sample_step(recording) * block, n) for event in events]
-    event_free = np.ones(n, dtype=bool)
-    for start, end in ranges:
-        event_free[start:end] = False
+    ranges = [samples_of(event, sample_step(recording) * block, n) for event in events]
     if recording.at_rest:
         noise = NoiseModel.white(floor)
     else:
-        noise = replace(fit_autoregression(residual, event_free), block=block)
+        noise = replace(fit_autoregression(residual, ~inside(ranges, n)), block=block)
     in_events = np.concatenate(
         [residual[start:end] - residual[start:end].mean(axis=0) for start, end in ranges] or [residual]
     )
@@ -56,17 +54,10 @@ def noise_from_residual(
 
 def _floor(recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]) -> Array:
     """Std of one sample (p,) outside events."""
-    event_free = np.ones(len(residual), dtype=bool)
-    for event in events:
-        start, end = _indices(event, sample_step(recording), len(residual))
-        event_free[start:end] = False
+    ranges = [samples_of(event, sample_step(recording), len(residual)) for event in events]
+    event_free = ~inside(ranges, len(residual))
     floor = np.sqrt((residual[event_free] ** 2).sum(axis=0) / max(1.0, event_free.sum() - fitted / residual.shape[1]))
     return np.asarray(np.maximum(floor, 1e-12 * max(floor.max(), 1e-300)))
-
-
-def _indices(event: tuple[float, float], step: float, count: int) -> tuple[int, int]:
-    start, end = (int(np.clip(round(edge / step), 0, count)) for edge in event)
-    return start, max(end, start + 2)
 
 
 def _white_equivalent_std(in_events: Array, floor: Array) -> Array:

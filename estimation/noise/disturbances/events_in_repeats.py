@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimation.distributions import chi2_isf
 from estimation.noise.disturbances.disturbance_basis import disturbance_basis
+from estimation.noise.disturbances.transient_windows import Window, Windows, cumulative_sums
 from estimation.noise.leakage import LEAKAGE_SAMPLES, impulse_responses
 from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
 from estimation.noise.recording_noise import sample_step
@@ -21,6 +22,8 @@ from estimation.recordings.recording import Recording
 Array = NDArray[np.float64]
 
 MAX_EVENTS = 3
+EVENT_FALSE_ALARM = 1e-3
+"""Probability of finding an event in a recording without one."""
 
 
 def find_events_in_repeats(recording: Recording, residual: Array) -> tuple[tuple[float, float], ...]:
@@ -58,12 +61,13 @@ class _WindowScores:
     nuisance: Array
     information: Array
 
-    def scores(self, start: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
-        """Chi-square of pulses over samples start <= t < end, with as many degrees of freedom as channels."""
-        product = self.product[end] - self.product[start]
-        explained = ((self.nuisance[end] - self.nuisance[start]) ** 2).sum(axis=2)
-        information = self.information[end - start]
-        return np.asarray((product**2 / np.maximum(information - explained, 1e-3 * information)).sum(axis=1))
+    def scores(self, windows: Windows) -> Array:
+        """Chi-square of pulses over windows, with as many degrees of freedom as channels."""
+        explained = (windows.sums(self.nuisance) ** 2).sum(axis=2)
+        information = self.information[windows.last - windows.first]
+        return np.asarray(
+            (windows.sums(self.product) ** 2 / np.maximum(information - explained, 1e-3 * information)).sum(axis=1)
+        )
 
     def share_without_largest_sample(self, start: int, end: int) -> float:
         """Share of the pulse's product b' M r in its strongest channel without the largest sample."""
@@ -91,14 +95,15 @@ def _window_scores(recording: Recording, residual: Array, found: Sequence[tuple[
         orthonormal = weighted @ (vectors[:, independent] / np.sqrt(values[independent]))
         plain = np.fft.irfft(np.fft.rfft(residual[:, c]) * weight[:, c], n=n)
         product.append(plain - orthonormal @ (orthonormal.T @ residual[:, c]))
-        nuisance.append(np.cumsum(np.vstack([np.zeros(orthonormal.shape[1]), orthonormal]), axis=0))
+        nuisance.append(cumulative_sums(orthonormal))
         correlation = np.fft.irfft(weight[:, c], n=n)
         sums = np.cumsum(correlation)
         information.append(np.concatenate([[0.0], 2 * np.cumsum(sums) - np.arange(1, n + 1) * correlation[0]]))
     size = max(d.shape[1] for d in nuisance)
     nuisance = [np.pad(d, ((0, 0), (0, size - d.shape[1]))) for d in nuisance]
-    cumulative = np.cumsum(np.vstack([np.zeros(len(product)), np.stack(product, axis=1)]), axis=0)
-    return _WindowScores(cumulative, np.stack(nuisance, axis=1), np.stack(information, axis=1))
+    return _WindowScores(
+        cumulative_sums(np.stack(product, axis=1)), np.stack(nuisance, axis=1), np.stack(information, axis=1)
+    )
 
 
 def _event_free_spectra(recording: Recording, residual: Array) -> tuple[PowerSpectrum, ...]:
@@ -129,29 +134,24 @@ def _most_significant_window(
     recording: Recording, residual: Array, found: Sequence[tuple[float, float]]
 ) -> tuple[float, float] | None:
     n, p = residual.shape
-    windows = _window_scores(recording, residual, found)
+    tests = _window_scores(recording, residual, found)
     lengths = np.unique(np.geomspace(max(8, n // 400), n // 2, 24).astype(int))
-    starts = [np.arange(0, n - length, max(1, length // 8)) for length in lengths]
-    start = np.concatenate(starts)
-    end = start + np.repeat(lengths, [len(s) for s in starts])
-    score = windows.scores(start, end)
-    best = int(score.argmax())
-    limit = chi2_isf(0.001 / len(start), p)
-    first, last = _refined_window(windows, int(start[best]), int(end[best]), n)
-    if score[best] * windows.share_without_largest_sample(first, last) ** 2 < limit:
+    windows = Windows.of_lengths(lengths, n - 1, np.maximum(1, lengths // 8))
+    score = tests.scores(windows)
+    first, last = _refined_window(tests, windows.best(score), n)
+    limit = chi2_isf(EVENT_FALSE_ALARM / len(windows), p)
+    if score.max() * tests.share_without_largest_sample(first, last) ** 2 < limit:
         return None
     return first * sample_step(recording), last * sample_step(recording)
 
 
-def _refined_window(windows: _WindowScores, start: int, end: int, n: int) -> tuple[int, int]:
+def _refined_window(tests: _WindowScores, window: Window, n: int) -> Window:
     """The window moved at both ends, by ever smaller steps, to where its score is largest."""
-    step = max(1, (end - start) // 8)
+    step = max(1, (window[1] - window[0]) // 8)
     while True:
-        moves = np.array([(start + i * step, end + j * step) for i in range(-4, 5) for j in range(-4, 5)])
-        moves = moves[(moves[:, 0] >= 0) & (moves[:, 1] <= n) & (moves[:, 1] - moves[:, 0] >= 4)]
-        best = moves[windows.scores(moves[:, 0], moves[:, 1]).argmax()]
-        if (best == (start, end)).all():
-            if step == 1:
-                return start, end
-            step = max(1, step // 2)
-        start, end = int(best[0]), int(best[1])
+        near = Windows.near(window, n, step=step, reach=4, shortest=4)
+        best = near.best(tests.scores(near))
+        if best == window and step == 1:
+            return window
+        step = max(1, step // 2) if best == window else step
+        window = best

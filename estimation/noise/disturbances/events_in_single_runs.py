@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from estimation.distributions import student_isf
 from estimation.model_response import model_response
+from estimation.noise.disturbances.transient_windows import Window, Windows, inside
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 
 BLOCKS_PER_RUN = 120
 """Blocks that a run is averaged into; an event lasts at least two of them."""
+COARSE_STEP = 6
+"""Blocks between the ends of the windows that are tried first."""
 EVENT_FALSE_ALARM = 0.01
 """Probability of finding an event in a run without one."""
 
@@ -119,43 +122,38 @@ def _block_averages(model: WrenchModel, recordings: Sequence[Recording]) -> Bloc
     return BlockAverages(unknowns, np.array(readings), np.array(regressors), owner, np.array(spreads))
 
 
-def _event_window(averages: BlockAverages, number: int) -> tuple[int, int] | None:
+def _event_window(averages: BlockAverages, number: int) -> Window | None:
     in_run = np.flatnonzero(averages.owner == number)
-    coarse = [(i, j) for i in range(0, BLOCKS_PER_RUN, 6) for j in range(i + 6, BLOCKS_PER_RUN + 1, 6)]
-    best = _best_window(averages, in_run, coarse)
-    fine = range(-5, 6)
-    near = [(best[0] + i, best[1] + j) for i in fine for j in fine]
-    start, end = _best_window(averages, in_run, [(i, j) for i, j in near if 0 <= i < j - 1 and j <= BLOCKS_PER_RUN])
-    inside = np.zeros(len(averages.owner), dtype=bool)
-    inside[in_run[start:end]] = True
-    residual = averages.residual_without(inside)
-    outside = residual[np.setdiff1d(in_run, in_run[start:end])]
-    wrench, inflation = averages.constant_wrench(inside)
-    windows = len(coarse) + len(near)
+    coarse = Windows.of_lengths(np.arange(COARSE_STEP, BLOCKS_PER_RUN + 1, COARSE_STEP), BLOCKS_PER_RUN, COARSE_STEP)
+    best = coarse.best(_log_likelihoods(averages, in_run, coarse))
+    near = Windows.near(best, BLOCKS_PER_RUN, step=1, reach=COARSE_STEP - 1, shortest=2)
+    first, last = near.best(_log_likelihoods(averages, in_run, near))
+    event = inside([(in_run[0] + first, in_run[0] + last)], len(averages.owner))
+    outside = averages.residual_without(event)[in_run][~event[in_run]]
+    wrench, inflation = averages.constant_wrench(event)
+    tried = len(coarse) + (2 * COARSE_STEP - 1) ** 2
     raw_spread = averages.raw_spread[number]
-    return (start, end) if _is_significant(wrench, inflation, outside, raw_spread, windows) else None
+    return (first, last) if _is_significant(wrench, inflation, outside, raw_spread, tried) else None
 
 
-def _best_window(averages: BlockAverages, in_run: NDArray[np.intp], windows: list[tuple[int, int]]) -> tuple[int, int]:
-    """The window of largest likelihood: the fit to the blocks outside, each block inside with a wrench of its own."""
-    scores = []
-    for start, end in windows:
-        inside = np.zeros(len(averages.owner), dtype=bool)
-        inside[in_run[start:end]] = True
-        outside = (averages.residual_without(inside) / averages.scale)[in_run][~inside[in_run]]
-        count = len(outside)
-        scores.append(
-            np.inf if count < BLOCKS_PER_RUN // 5 else float(count * np.log((outside**2).mean(axis=0) + 1e-12).sum())
-        )
-    # Inside the window every block has a wrench of its own; its likelihood counts as that of the whole run's residual.
-    spread = np.log(
-        ((averages.residual_without(np.zeros(len(averages.owner), dtype=bool)) / averages.scale)[in_run] ** 2).mean(
-            axis=0
-        )
-        + 1e-12
-    ).sum()
-    totals = [s + (end - start) * spread for s, (start, end) in zip(scores, windows, strict=True)]
-    return windows[int(np.argmin(totals))]
+def _log_likelihoods(averages: BlockAverages, in_run: NDArray[np.intp], windows: Windows) -> Array:
+    """Log likelihood (w,) of the fit to the blocks outside each window, each block inside with a wrench of its own.
+
+    Inside the window its likelihood counts as that of the whole run's residual.
+    """
+
+    def surprise(left_out: NDArray[np.bool_]) -> float:
+        residual = (averages.residual_without(left_out) / averages.scale)[in_run][~left_out[in_run]]
+        return float(np.log((residual**2).mean(axis=0) + 1e-12).sum())
+
+    found, blocks = np.full(len(windows), -np.inf), len(averages.owner)
+    per_block = surprise(np.zeros(blocks, dtype=bool))
+    for number, (first, last) in enumerate(zip(windows.first, windows.last, strict=True)):
+        count = BLOCKS_PER_RUN - (last - first)
+        if count >= BLOCKS_PER_RUN // 5:
+            event = inside([(in_run[0] + first, in_run[0] + last)], blocks)
+            found[number] = -count * surprise(event) - (last - first) * per_block
+    return found
 
 
 def _is_significant(wrench: Array, inflation: Array, outside: Array, raw_spread: Array, windows: int) -> bool:
