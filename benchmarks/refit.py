@@ -108,7 +108,7 @@ class Task:
         )
         value = model.load.value(signals, theta, once) + model.zero.value(signals, theta, once)
         steady = noise.whitener.periodic_rows
-        return np.asarray(self.problem.measured[0][:steady] - noise.whitener.steady(value))
+        return np.asarray(self.problem.measured[0][:steady] - noise.whitener.steady_state(value))
 
     def jacobian(self, theta: Array) -> Array:
         """Exact derivative of `residual`."""

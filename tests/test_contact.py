@@ -148,7 +148,7 @@ def test_parameters_doubt_is_the_derivative(space: Space) -> None:
     moved = [replace(known, theta=known.theta + sign * along) for sign in (1, -1)]
     up, down = (compensate(m, recording, keep_zero=True).wrench for m in moved)
     expected = np.einsum("ni,nj->nij", (up - down) / 2, (up - down) / 2)
-    assert kept.doubt == pytest.approx(expected, rel=1e-3, abs=1e-5 * expected.max())
+    assert kept.systematic_covariance == pytest.approx(expected, rel=1e-3, abs=1e-5 * expected.max())
 
 
 def test_a_zero_that_moved_is_a_zero_that_moved() -> None:

@@ -280,7 +280,7 @@ def test_effective_noise_is_the_sum_at_the_lines_of_the_motion() -> None:
     wide = effective_noise(own, recording, added).whitener
     assert isinstance(wide, FourierLineWhitener)
     assert isinstance(own.whitener, FourierLineWhitener)
-    motion = len(own.whitener.motion)
+    motion = len(own.whitener.excited_lines)
     for old, new in zip(own.whitener.root[:motion], wide.root[:motion], strict=True):
         expected = np.linalg.inv(old.conj().T @ old) + added
         np.testing.assert_allclose(new @ expected @ new.conj().T, np.eye(3), atol=1e-9)

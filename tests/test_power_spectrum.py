@@ -49,7 +49,7 @@ class Draws:
 
     def scores(self) -> Array:
         """The errors in units of their own doubt."""
-        return self.errors() / np.sqrt(np.stack([curve.doubt(FREQUENCY) for curve in self.curves]))
+        return self.errors() / np.sqrt(np.stack([curve.log_variance(FREQUENCY) for curve in self.curves]))
 
 
 @pytest.fixture(scope="module", params=[(law, shape) for law in LAWS for shape in (1.0, 7.0)], ids=str)
@@ -100,8 +100,8 @@ def test_doubt_does_not_shrink_below_the_ordinates() -> None:
     curve = smooth_power_spectrum(FREQUENCY[20:], rng.exponential(size=len(FREQUENCY) - 20), start=float(FREQUENCY[0]))
     below = FREQUENCY[:21][::-1]
     assert (curve(below) >= curve(below[:1]) * (1 - 1e-12)).all()  # rounding
-    assert (np.diff(curve.doubt(below)) >= -1e-12).all()
-    assert curve.doubt(below[-1:]) > 2 * curve.doubt(FREQUENCY[200:201])
+    assert (np.diff(curve.log_variance(below)) >= -1e-12).all()
+    assert curve.log_variance(below[-1:]) > 2 * curve.log_variance(FREQUENCY[200:201])
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -142,7 +142,7 @@ def test_tones_are_found_and_left_out(draws: Draws) -> None:
     np.testing.assert_array_equal(found, np.sort(np.concatenate([lines - 1, lines, lines + 1])))
     # Six lines fewer than the undisturbed fit had: their share of what is known there.
     change = np.log(curve(FREQUENCY) / undisturbed(FREQUENCY))
-    assert (np.abs(change) < 0.5 * np.sqrt(undisturbed.doubt(FREQUENCY))).all()
+    assert (np.abs(change) < 0.5 * np.sqrt(undisturbed.log_variance(FREQUENCY))).all()
 
 
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])

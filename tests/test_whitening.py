@@ -168,7 +168,9 @@ def test_a_channel_by_itself_is_whitened_as_among_others_that_are_silent() -> No
         among = np.zeros((samples, P, 4))
         among[:, channel] = values
         expected = whitener.series(among).reshape(-1, P, 4)[:, channel]
-        np.testing.assert_allclose(whitener.alone(channel).series(values[:, None]), expected, atol=1e-14)  # rounding
+        np.testing.assert_allclose(
+            whitener.of_channel(channel).series(values[:, None]), expected, atol=1e-14
+        )  # rounding
 
 
 # --------------------------------------------------------------- repeats of one motion, and responses
@@ -184,7 +186,7 @@ def test_steady_rows_are_those_of_the_tiled_series(once: int, repeats: int) -> N
     whitener, _ = line_whitener(once * repeats, repeats)
     for part in (motion_only(once), motion_only(once, 4)):
         rows = whitener.series(np.concatenate([part] * repeats))
-        steady = whitener.steady(part)
+        steady = whitener.steady_state(part)
         assert len(steady) == whitener.periodic_rows
         np.testing.assert_allclose(rows[: whitener.periodic_rows], steady, atol=1e-12)  # rounding
         np.testing.assert_allclose(rows[whitener.periodic_rows :], 0.0, atol=1e-12)
@@ -311,8 +313,8 @@ def test_a_transfer_function_is_a_factor_of_the_lines(samples: int, repeats: int
         lines *= lag(omega)[:, None]
         return np.asarray(np.fft.irfft(lines, n=len(series), axis=0), dtype=np.float64)
 
-    behind, random = whitener.behind(lag, dt), np.random.default_rng(2)
+    filtering, random = whitener.with_filter(lag, dt), np.random.default_rng(2)
     whole, once = random.normal(size=(samples, P)), random.normal(size=(samples // repeats, P))
-    np.testing.assert_allclose(behind.series(whole), whitener.series(filtered(whole)), atol=1e-12)  # rounding
-    np.testing.assert_allclose(behind.rest(whole), whitener.rest(filtered(whole)), atol=1e-12)
-    np.testing.assert_allclose(behind.steady(once), whitener.steady(filtered(once)), atol=1e-12)
+    np.testing.assert_allclose(filtering.series(whole), whitener.series(filtered(whole)), atol=1e-12)  # rounding
+    np.testing.assert_allclose(filtering.non_excited(whole), whitener.non_excited(filtered(whole)), atol=1e-12)
+    np.testing.assert_allclose(filtering.steady_state(once), whitener.steady_state(filtered(once)), atol=1e-12)

@@ -186,10 +186,10 @@ def frequency_bands(noise: RecordingNoise) -> list[NDArray[np.bool_]]:
     everything = np.arange(whitener.rows)
     if not isinstance(whitener, FourierLineWhitener):
         return [everything >= 0]
-    per_line = whitener.rows // (len(whitener.motion) + len(whitener.between))
-    harmonic = whitener.motion // whitener.repeats
+    per_line = whitener.rows // (len(whitener.excited_lines) + len(whitener.non_excited_lines))
+    harmonic = whitener.excited_lines // whitener.repeats
     octave = np.maximum(0, np.ceil(np.log2(np.maximum(harmonic, 1) / 8))).astype(int)
-    slow = np.where(whitener.between < whitener.repeats, -1, -2)
+    slow = np.where(whitener.non_excited_lines < whitener.repeats, -1, -2)
     label = np.repeat(np.concatenate([octave, slow]), per_line)
     return [label == o for o in np.unique(label) if o != -2]
 

@@ -36,9 +36,9 @@ class RowSubsetWhitener(Whitener):
         """The subset's rows of a series over the whole record."""
         return np.asarray(self.whole.series(values)[self.part])
 
-    def steady(self, values: Array) -> Array:
+    def steady_state(self, values: Array) -> Array:
         """The subset's rows of a series over one repeat."""
-        return np.asarray(self.whole.steady(values)[self.part[: self.excited_row_count]])
+        return np.asarray(self.whole.steady_state(values)[self.part[: self.excited_row_count]])
 
 
 def half_splits(fitted: Fit) -> list[tuple[RecordingNoise, ...]]:
@@ -51,8 +51,8 @@ def _half_split(noise: RecordingNoise, side: int) -> RecordingNoise:
     whole = noise.whitener
     index = np.arange(whole.rows)
     if isinstance(whole, FourierLineWhitener):
-        per_line = whole.periodic_rows // len(whole.motion)
-        harmonic = np.repeat(whole.motion // whole.repeats, per_line)
+        per_line = whole.periodic_rows // len(whole.excited_lines)
+        harmonic = np.repeat(whole.excited_lines // whole.repeats, per_line)
         kept = np.concatenate([harmonic % 2 == side, np.ones(whole.rows - whole.periodic_rows, dtype=bool)])
         kept[:per_line] = True
     elif isinstance(whole, AutoregressiveWhitener) and whole.noise.is_white:
@@ -61,14 +61,19 @@ def _half_split(noise: RecordingNoise, side: int) -> RecordingNoise:
         kept = (index < whole.rows // 2) == (side == 0)
     excited = int(kept[: whole.periodic_rows].sum())
     part = RowSubsetWhitener(whole, np.flatnonzero(kept), excited)
-    return replace(noise, whitener=part, doubt=noise.doubt[kept])
+    return replace(noise, whitener=part, log_power_variance=noise.log_power_variance[kept])
 
 
 def non_excited_noise(noise: RecordingNoise) -> RecordingNoise | None:
     """Noise restricted to the non-excited lines, on which nothing periodic acts; None where there are none."""
     whole = noise.whitener
-    if not isinstance(whole, FourierLineWhitener) or not len(whole.between):
+    if not isinstance(whole, FourierLineWhitener) or not len(whole.non_excited_lines):
         return None
     rows = np.arange(whole.periodic_rows, whole.rows)
-    lines = noise.frequency[len(whole.motion) :]
-    return replace(noise, whitener=RowSubsetWhitener(whole, rows, 0), doubt=noise.doubt[rows], frequency=lines)
+    lines = noise.frequency[len(whole.excited_lines) :]
+    return replace(
+        noise,
+        whitener=RowSubsetWhitener(whole, rows, 0),
+        log_power_variance=noise.log_power_variance[rows],
+        frequency=lines,
+    )

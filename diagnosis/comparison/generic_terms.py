@@ -101,7 +101,7 @@ def cross_validated_gain(fit: Fit, number: int) -> CrossValidatedGain:
     blocks = np.array_split(np.arange(len(residual)), min(FOLDS, len(residual)))
     pairs = np.zeros((len(blocks), len(blocks)))
     for channel in range(p):
-        white = whitener.alone(channel).series(columns[:, None])
+        white = whitener.of_channel(channel).series(columns[:, None])
         pairs += _gain_of_pairs(white, residual[:, channel], blocks)
     signs = np.array(list(product((1.0, -1.0), repeat=len(blocks) - 1)))
     signs = np.column_stack([np.ones(len(signs)), signs])

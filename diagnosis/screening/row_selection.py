@@ -40,14 +40,14 @@ class RowSet(Enum):
             return np.zeros((0, *series.shape[2:]))
         if periodic:
             if self is RowSet.EXCITED:
-                return whitener.steady(series)
+                return whitener.steady_state(series)
             first, last = self.within(whitener)
             found = np.zeros((last - first, *series.shape[2:]), order="F")
             if self is RowSet.WHOLE:
-                found[: whitener.periodic_rows] = whitener.steady(series)
+                found[: whitener.periodic_rows] = whitener.steady_state(series)
             return found
         if self is RowSet.NON_EXCITED:
-            return whitener.rest(series)
+            return whitener.non_excited(series)
         first, last = self.within(whitener)
         return whitener.series(series)[first:last]
 

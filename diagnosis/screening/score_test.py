@@ -137,7 +137,7 @@ def _missing_inputs(alone: WrenchModel, effect: Effect, recording: Recording, no
     """What a recording lacks for an effect: signals, or repeats where without them it is aliased."""
     missing = missing_inputs(alone, recording)
     whitener = noise.whitener
-    nonperiodic_lines = isinstance(whitener, FourierLineWhitener) and len(whitener.between)
+    nonperiodic_lines = isinstance(whitener, FourierLineWhitener) and len(whitener.non_excited_lines)
     if effect.has_role(Role.FREQUENCY, alone.space) and not nonperiodic_lines:
         return (*missing, "repeats without pause, whose non-excited lines would show a tone")
     if recording.repeats > 1 or recording.at_rest:

@@ -71,14 +71,14 @@ def strongest_tones(null_model: NullModel, number: int) -> tuple[float, ...]:
     fit = null_model.fit
     recording, noise = fit.recordings[number], fit.noise[number]
     whitener = noise.whitener
-    if not isinstance(whitener, FourierLineWhitener) or not len(whitener.between) or len(noise.spectra) == 0:
+    if not isinstance(whitener, FourierLineWhitener) or not len(whitener.non_excited_lines) or len(noise.spectra) == 0:
         return ()
     start = sum(n.whitener.rows for n in fit.noise[:number]) + whitener.periodic_rows
     rows = null_model.residual[start : start + whitener.rows - whitener.periodic_rows]
-    power = (rows.reshape(len(whitener.between), -1) ** 2).sum(axis=1)
-    power[whitener.between < whitener.repeats] = -inf
+    power = (rows.reshape(len(whitener.non_excited_lines), -1) ** 2).sum(axis=1)
+    power[whitener.non_excited_lines < whitener.repeats] = -inf
     between = NonperiodicResidual(recording, fit.residuals[number])
-    lines = whitener.between[np.argsort(power)[::-1][:MAX_TONES]]
+    lines = whitener.non_excited_lines[np.argsort(power)[::-1][:MAX_TONES]]
     duration = recording.samples * (recording.dt or 1.0)
     weights = [1 / np.array([s(np.array([line / duration]))[0] for s in noise.spectra]) for line in lines]
     return tuple(between.sharpened(float(line), w) for line, w in zip(lines, weights, strict=True))

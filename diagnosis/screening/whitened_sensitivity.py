@@ -92,7 +92,7 @@ def _whitened_derivatives(
     ):
         found = np.zeros((last - first, len(theta), len(which)))
         for place, row in enumerate(theta):
-            reached = whitener.reached(model_response(model, recording, row))[first:, 1:]
+            reached = whitener.nonzero_rows(model_response(model, recording, row))[first:, 1:]
             found[: len(reached), place] = reached[: last - first, list(which)]
         return found
     parts = [summand.whitened(rows, whitener) for summand in sensitivity_series(model, recording, theta, which)]
@@ -131,7 +131,7 @@ def _whitener_with_transfer(passage: SensorDynamics, whitener: Whitener) -> Whit
         return whitener
     if not (isinstance(whitener, FourierLineWhitener) and recording.repeats > 1 and recording.continuous):
         return None
-    return whitener.behind(lambda omega: prediction.transfer(omega, passage.theta)[0], recording.dt)
+    return whitener.with_filter(lambda omega: prediction.transfer(omega, passage.theta)[0], recording.dt)
 
 
 def sensitivity_series(

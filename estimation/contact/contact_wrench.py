@@ -35,7 +35,7 @@ class ContactWrench(Tabular):
 
     wrench      (n, p) of the environment on the tool, whatever the readings' signs: fcx, fcy, tauc in the plane (x',
                 y', clockwise), fcx .. tcz in the sensor frame in six axes; N and N m, about the sensor origin
-    noise       (p, p) covariance of one sample's noise; `doubt` (n, p, p) that from parameters and zero
+    noise       (p, p) covariance of one sample's noise; `systematic_covariance` (n, p, p) that from parameters and zero
     zero_shift  (p,) zero of the readings less that of the calibration, in the channels' units
     late        s, group delay of the sensor's dynamics at low frequency
     unknown     per unidentifiable parameter of the calibration, the largest change of the contact wrench per unit of it
@@ -46,7 +46,7 @@ class ContactWrench(Tabular):
     detection: ContactDetection
     wrench: Array
     noise: Array
-    doubt: Array
+    systematic_covariance: Array
     zero_shift: Array
     late: float
     unknown: Mapping[str, float]
@@ -65,7 +65,7 @@ class ContactWrench(Tabular):
     @cached_property
     def covariance(self) -> Array:
         """Covariance (n, p, p) of each sample: noise, parameters and zero."""
-        return self.noise + self.doubt
+        return self.noise + self.systematic_covariance
 
     @property
     def floor(self) -> Array:
@@ -193,14 +193,14 @@ def compensate(
     tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
     unidentifiable = np.abs(tangent[:, :, ~known.known]).max(axis=(0, 1), initial=0.0)
     tangent, covariance = tangent[:, :, known.known], known.covariance[np.ix_(known.known, known.known)]
-    doubt = np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True)
+    systematic = np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True)
     return ContactWrench(
         recording=recording,
         calibration=known,
         detection=found,
         wrench=wrench,
         noise=inverse @ found.covariance @ inverse.T,
-        doubt=doubt + inverse @ found.zero_covariance @ inverse.T,
+        systematic_covariance=systematic + inverse @ found.zero_covariance @ inverse.T,
         zero_shift=found.zero,
         late=group_delay(known.model, known.theta),
         unknown=_unidentified_parameters(known, unidentifiable),

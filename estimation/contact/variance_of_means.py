@@ -57,7 +57,7 @@ class VarianceOfMeans:
         extrapolated as constant, as for 1/f noise.
         """
         sums = cumulative_sums(series)
-        disturbed = cumulative_sums(np.zeros(len(series)) if quiet is None else 1.0 - quiet)
+        disturbed = cumulative_sums(np.zeros(len(series)) if quiet is None else (~quiet).astype(float))
         scales = 2 ** np.arange(int(np.log2(max(len(series), 2))) + 1)
         powers: list[Array] = []
         for scale in map(int, scales):

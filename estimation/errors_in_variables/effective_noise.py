@@ -39,9 +39,9 @@ def effective_noise(noise: RecordingNoise, recording: Recording, added: Array) -
 def _line_whitener(
     own: FourierLineWhitener, noise: RecordingNoise, recording: Recording, added: Array
 ) -> FourierLineWhitener:
-    excited, non_excited = np.split(own.root, [len(own.motion)])
+    excited, non_excited = np.split(own.root, [len(own.excited_lines)])
     root = np.concatenate([_with_added_covariance(excited, added), non_excited])
-    plain = FourierLineWhitener(own.samples, own.repeats, own.motion, own.between, root)
+    plain = FourierLineWhitener(own.samples, own.repeats, own.excited_lines, own.non_excited_lines, root)
     return without_leakage(plain, noise.spectra, sample_step(recording))
 
 

@@ -89,7 +89,7 @@ class WhitenedProblem:
         residuals, parts, reached, start = [], [], [], 0
         for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
             index = self.layout.index[number]
-            rows = noise.whitener.reached(model_response(self.layout.models[number], recording, theta[index]))
+            rows = noise.whitener.nonzero_rows(model_response(self.layout.models[number], recording, theta[index]))
             residual = self.measured[number].copy()
             residual[: len(rows)] -= rows[:, 0]
             residuals.append(residual)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,39 +14,6 @@ Array = NDArray[np.float64]
 
 LEAKAGE_SAMPLES = 4
 """First samples of the periodically continued record at which coloured noise may have an unknown innovation."""
-COLUMNS_AT_ONCE = 16
-"""Columns that are projected together, so that the leakage directions are read once for all of them."""
-
-
-@dataclass(frozen=True, eq=False)
-class LeakageFreeWhitener(FourierLineWhitener):
-    """A line whitener with the leakage of the record's ends projected out.
-
-    Coloured noise is not periodic in the record. Whitened across its ends, where the transform continues the end with
-    the start, the first few samples are wrong, by the same amount in all lines; a drift, which jumps there too, would
-    be falsely significant. The initial state of the noise is therefore free, as in an autoregression conditional on
-    its first samples: orthonormal directions (k, rows), of the excited and of the non-excited lines, are projected out
-    of every column, and the result is scaled so that the squares of noise still add up to the number of rows.
-    """
-
-    excited_leakage: Array
-    non_excited_leakage: Array
-
-    def remove_leakage(self, excited: Array, non_excited: Array) -> None:
-        """Project the leakage out of the rows."""
-        _project_out(self.excited_leakage, excited)
-        _project_out(self.non_excited_leakage, non_excited)
-
-
-def _project_out(directions: Array, rows: Array) -> None:
-    """Project the directions (k, r) out of rows (c, r), in place, and scale them to their former expected variance."""
-    if not (rows.size and directions.size):
-        return
-    scale = np.sqrt(directions.shape[1] / (directions.shape[1] - len(directions)))
-    for first in range(0, len(rows), COLUMNS_AT_ONCE):
-        part = rows[first : first + COLUMNS_AT_ONCE]
-        part -= (part @ directions.T) @ directions
-        part *= scale
 
 
 def without_leakage(
@@ -56,23 +23,27 @@ def without_leakage(
     tones: Array | None = None,
     judged: int = 0,
 ) -> FourierLineWhitener:
-    """The whitener with the leakage projected out: the noise's impulse responses at each of the first samples.
+    """The whitener with the leakage of the record's ends projected out.
 
+    Coloured noise is not periodic in the record. Whitened across its ends, where the transform continues the end with
+    the start, the first few samples are wrong, by the same amount in all lines; a drift, which jumps there too, would
+    be falsely significant. The initial state of the noise is therefore free, as in an autoregression conditional on
+    its first samples: the noise's impulse responses at each of them are projected out of every column, and the result
+    is scaled so that the squares of noise still add up to the number of rows.
     The series `tones` (n, p, k) are projected out too; the first `judged` of them at the excited lines only, so that
     they stay testable at the non-excited ones.
     """
     period = plain.samples // plain.repeats
-    excited = plain.steady(impulse_responses(spectra, period, dt))
+    excited = plain.steady_state(impulse_responses(spectra, period, dt))
     non_excited = np.zeros((0, 1))
-    if len(plain.between):
-        non_excited = plain.rest(impulse_responses(spectra, plain.samples, dt))
+    if len(plain.non_excited_lines):
+        non_excited = plain.non_excited(impulse_responses(spectra, plain.samples, dt))
     if tones is not None and tones.size:
         rows = plain.series(tones)
         excited = np.hstack([excited, rows[: plain.periodic_rows]])
         non_excited = np.hstack([non_excited, rows[plain.periodic_rows :, judged:]])
-    fields = (plain.samples, plain.repeats, plain.motion, plain.between, plain.root)
     directions = (np.ascontiguousarray(np.linalg.qr(columns)[0].T) for columns in (excited, non_excited))
-    return LeakageFreeWhitener(*fields, *directions)
+    return replace(plain, **dict(zip(("excited_leakage", "non_excited_leakage"), directions, strict=True)))
 
 
 def impulse_responses(spectra: tuple[PowerSpectrum, ...], n: int, dt: float) -> Array:

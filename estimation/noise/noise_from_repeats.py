@@ -62,9 +62,16 @@ def noise_from_repeats(recording: Recording, residual: Array) -> RecordingNoise:
     projected = np.concatenate(waves, axis=2) if waves else None
     judged = waves[0].shape[2] if waves else 0
     whitener = without_leakage(plain, spectra, sample_step(recording), projected, judged=judged)
-    doubt = _log_power_variance(spectra, ordered)
+    log_power_variance = _log_power_variance(spectra, ordered)
     return RecordingNoise(
-        repeat_noise_floor(recording), whitener, NoiseSource.REPEATS, doubt, spectra, events, ordered, tones
+        repeat_noise_floor(recording),
+        whitener,
+        NoiseSource.REPEATS,
+        log_power_variance,
+        spectra,
+        events,
+        ordered,
+        tones,
     )
 
 
@@ -75,8 +82,8 @@ def _in_each_channel(waves: Array, channels: int) -> Array:
 
 def _log_power_variance(spectra: tuple[PowerSpectrum, ...], frequency: Array) -> Array:
     """Variance of the log power of each row of a line whitener: two rows per line and channel, real parts first."""
-    doubt = np.stack([s.doubt(frequency) for s in spectra], axis=1)
-    return np.concatenate([doubt, doubt], axis=1).ravel()
+    log_power_variance = np.stack([s.log_variance(frequency) for s in spectra], axis=1)
+    return np.concatenate([log_power_variance, log_power_variance], axis=1).ravel()
 
 
 def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise:
@@ -105,9 +112,9 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
     )
     whitener = without_leakage(plain, spectra, sample_step(recording))
     used_frequency = frequency[tone_free]
-    doubt = _log_power_variance(spectra, used_frequency)
+    log_power_variance = _log_power_variance(spectra, used_frequency)
     floor = repeat_noise_floor(recording)
-    return RecordingNoise(floor, whitener, NoiseSource.REPEATS, doubt, spectra, frequency=used_frequency)
+    return RecordingNoise(floor, whitener, NoiseSource.REPEATS, log_power_variance, spectra, frequency=used_frequency)
 
 
 def _coherence_roots(

@@ -48,8 +48,8 @@ def noise_from_residual(
     event_noise = NoiseModel.white(_white_equivalent_std(in_events, floor))
     whitener = AutoregressiveWhitener(recording.samples, noise, tuple(ranges), event_noise)
     parameters = noise.coefficients.size + p * (p + 1) / 2
-    doubt = np.full(whitener.rows, 2 * parameters / (n * p))
-    return RecordingNoise(floor, whitener, NoiseSource.RESIDUAL, doubt, events=events)
+    log_power_variance = np.full(whitener.rows, 2 * parameters / (n * p))
+    return RecordingNoise(floor, whitener, NoiseSource.RESIDUAL, log_power_variance, events=events)
 
 
 def _floor(recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]) -> Array:

@@ -49,7 +49,7 @@ class PowerSpectrum:
         curve = self._rows(u) @ self.coefficients
         return np.asarray(np.exp(np.where(u < self.lowest, np.maximum(curve, end), curve)))
 
-    def doubt(self, frequency: Array) -> Array:
+    def log_variance(self, frequency: Array) -> Array:
         """Posterior variance of log S at these frequencies; it grows where the curve is extrapolated."""
         rows = self._rows(np.log(frequency))
         return np.asarray(np.einsum("ij,jk,ik->i", rows, self.covariance, rows))

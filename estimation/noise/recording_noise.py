@@ -26,7 +26,7 @@ class RecordingNoise:
     floor     std of one sample per channel, in its unit
     whitener  linear map to rows of unit variance
     source    what the estimate rests on
-    doubt     per whitened row, the variance of the logarithm of the estimated noise power
+    log_power_variance  per whitened row, the variance of the logarithm of the estimated noise power
     spectra   per channel the power spectral density (repeats only), per sample: white noise has S = std²
     events    intervals (s) of transient events, left out of the spectrum
     frequency Hz of each line of a line whitener, in its order
@@ -36,7 +36,7 @@ class RecordingNoise:
     floor: Array
     whitener: Whitener
     source: NoiseSource
-    doubt: Array
+    log_power_variance: Array
     spectra: tuple[PowerSpectrum, ...] = ()
     events: tuple[tuple[float, float], ...] = ()
     frequency: Array = field(default_factory=lambda: np.zeros(0))
@@ -75,8 +75,8 @@ class RecordingNoise:
         To first order the logarithm of such a sum changes by the shares times the logarithms of the noise power. Those
         are correlated along a channel's spectrum and independent between channels.
         """
-        if len(self.doubt) != 2 * len(self.frequency) * len(self.spectra) or not self.spectra:
-            return np.asarray(self.doubt @ shares)
+        if len(self.log_power_variance) != 2 * len(self.frequency) * len(self.spectra) or not self.spectra:
+            return np.asarray(self.log_power_variance @ shares)
         lines = shares.reshape(len(self.frequency), 2, len(self.spectra), -1).sum(axis=1)
         curves = zip(self.spectra, self._bases, strict=True)
         return np.asarray(sum(s.mean_log_power_variance_at(basis, lines[:, c]) for c, (s, basis) in enumerate(curves)))

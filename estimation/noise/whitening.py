@@ -18,6 +18,8 @@ from modeling.noise.whitening import FourierLines, block_means, whitened_by_chan
 
 Array = NDArray[np.float64]
 
+COLUMNS_AT_ONCE = 16
+"""Columns that are projected together, so that the leakage directions are read once for all of them."""
 TRANSFORM_BATCH = 100_000
 """Numbers per batch of Fourier transforms: with their lines they fit into a core's cache."""
 
@@ -36,19 +38,19 @@ class Whitener(ABC):
         """Rows (rows, ...) of a series over the whole record (n, p, ...)."""
 
     @abstractmethod
-    def steady(self, values: Array) -> Array:
+    def steady_state(self, values: Array) -> Array:
         """Rows (periodic_rows, ...) of a periodic series, given one repeat (n / repeats, p, ...)."""
 
-    def rest(self, values: Array) -> Array:
+    def non_excited(self, values: Array) -> Array:
         """Rows (rows - periodic_rows, ...) of a series over the whole record that are zero for periodic series."""
         return self.series(values)[self.periodic_rows :]
 
-    def reached(self, response: ModelResponse) -> Array:
+    def nonzero_rows(self, response: ModelResponse) -> Array:
         """Rows (r, 1 + k) of a predicted value and of its derivative, without the trailing rows that are zero.
 
         r is `periodic_rows` for a response that is periodic with the motion, else all rows.
         """
-        periodic = self.steady(_joined(response.periodic))
+        periodic = self.steady_state(_joined(response.periodic))
         if response.whole is None:
             return periodic
         transient = self.series(_joined(response.whole))
@@ -62,7 +64,7 @@ class Whitener(ABC):
 
     def response(self, response: ModelResponse) -> tuple[Array, Array]:
         """Rows of a predicted value, (rows,), and of its derivative, (rows, k)."""
-        reached = self.reached(response)
+        reached = self.nonzero_rows(response)
         rows = np.zeros((self.rows, *reached.shape[1:]))
         rows[: len(reached)] = reached
         return rows[..., 0], rows[..., 1:]
@@ -93,26 +95,30 @@ class FourierLineWhitener(Whitener):
     """Rows are real and imaginary parts of the whole record's Fourier lines, over the root of the noise spectrum.
 
     samples    n of the whole record, and `repeats` of one period in it
-    motion     indices of the excited lines, multiples of `repeats`; `between` those of the non-excited lines
+    excited_lines, non_excited_lines  indices; the excited ones are multiples of `repeats`
     root       inverse Cholesky factors of the spectral matrix at the excited, then at the non-excited lines
+    excited_leakage, non_excited_leakage  orthonormal directions (k, rows) that are projected out of the rows of the
+               excited and of the non-excited lines (`without_leakage`)
     A line k of unit white noise has E|sum x exp|² = n; its real and imaginary parts share that, line 0 has only one.
     """
 
     samples: int
     repeats: int
-    motion: NDArray[np.intp]
-    between: NDArray[np.intp]
+    excited_lines: NDArray[np.intp]
+    non_excited_lines: NDArray[np.intp]
     root: FourierLines
+    excited_leakage: Array | None = None
+    non_excited_leakage: Array | None = None
 
     @property
     def rows(self) -> int:  # type: ignore[override]
         """Two rows per line and channel."""
-        return 2 * int(self.root.shape[1]) * (len(self.motion) + len(self.between))
+        return 2 * int(self.root.shape[1]) * (len(self.excited_lines) + len(self.non_excited_lines))
 
     @property
     def periodic_rows(self) -> int:  # type: ignore[override]
         """The rows of the excited lines."""
-        return 2 * int(self.root.shape[1]) * len(self.motion)
+        return 2 * int(self.root.shape[1]) * len(self.excited_lines)
 
     def series(self, values: Array) -> Array:
         """Rows of a series over the whole record, those of the excited lines first."""
@@ -120,56 +126,47 @@ class FourierLineWhitener(Whitener):
         excited, non_excited = np.split(columns.rows, [self.periodic_rows], axis=1)
         for part, selection in columns.parts():
             lines = rfft(part)
-            self._whiten_excited(lines[:, :, self.motion], excited[selection])
-            if len(self.between):
-                self._whiten_non_excited(lines[:, :, self.between], non_excited[selection])
-        self.remove_leakage(excited, non_excited)
+            self._whiten(lines[:, :, self.excited_lines], excited[selection], self._roots[0])
+            if len(self.non_excited_lines):
+                self._whiten(lines[:, :, self.non_excited_lines], non_excited[selection], self._roots[1])
+        _project_out(self.excited_leakage, excited)
+        _project_out(self.non_excited_leakage, non_excited)
         return columns.result
 
-    def steady(self, values: Array) -> Array:
+    def steady_state(self, values: Array) -> Array:
         """Rows of a periodic series, given one repeat, at the excited lines."""
-        columns, excited = _ColumnBatches.of(values, self.periodic_rows), self.motion // self.repeats
+        columns, excited = _ColumnBatches.of(values, self.periodic_rows), self.excited_lines // self.repeats
         for part, selection in columns.parts():
-            self._whiten_excited(rfft(part)[:, :, excited] * self.repeats, columns.rows[selection])
-        self.remove_leakage(columns.rows, columns.rows[:, :0])
+            self._whiten(rfft(part)[:, :, excited] * self.repeats, columns.rows[selection], self._roots[0])
+        _project_out(self.excited_leakage, columns.rows)
         return columns.result
 
-    def rest(self, values: Array) -> Array:
+    def non_excited(self, values: Array) -> Array:
         """Rows of a series over the whole record at the non-excited lines."""
         columns = _ColumnBatches.of(values, self.rows - self.periodic_rows)
         for part, selection in columns.parts():
-            self._whiten_non_excited(rfft(part)[:, :, self.between], columns.rows[selection])
-        self.remove_leakage(columns.rows[:, :0], columns.rows)
+            self._whiten(rfft(part)[:, :, self.non_excited_lines], columns.rows[selection], self._roots[1])
+        _project_out(self.non_excited_leakage, columns.rows)
         return columns.result
 
-    def behind(self, transfer: Callable[[Array], FourierLines], dt: float) -> Self:
+    def with_filter(self, transfer: Callable[[Array], FourierLines], dt: float) -> Self:
         """The whitener of series filtered by a transfer function of angular frequencies (rad/s).
 
         `dt` in s; the series are periodic, so that the filter is a factor at each line, real at half the sampling
         rate.
         """
-        index = np.concatenate([self.motion, self.between])
+        index = np.concatenate([self.excited_lines, self.non_excited_lines])
         gain = transfer(2 * np.pi * index / (self.samples * dt))
         gain = np.where(2 * index == self.samples, gain.real, gain)
         return replace(self, root=self.root * gain[:, None, None])
 
-    def remove_leakage(self, excited: Array, non_excited: Array) -> None:
-        """Project leakage out of rows (c, periodic_rows) and (c, rows - periodic_rows), in place; here nothing."""
-
-    def _whiten_excited(self, lines: FourierLines, rows: Array) -> None:
-        """Write the rows (c, periodic_rows) of the excited lines (c, p, len(motion)) into `rows`."""
-        self._whiten(lines, rows, self._scaled[:, :, : len(self.motion)])
-
-    def _whiten_non_excited(self, lines: FourierLines, rows: Array) -> None:
-        """Write the rows (c, rows - periodic_rows) of the non-excited lines (c, p, len(between)) into `rows`."""
-        self._whiten(lines, rows, self._scaled[:, :, len(self.motion) :])
-
     @cached_property
-    def _scaled(self) -> FourierLines:
-        """The root (p, p, lines), scaled so that each row has unit variance."""
-        index = np.concatenate([self.motion, self.between])
+    def _roots(self) -> tuple[FourierLines, FourierLines]:
+        """The roots (p, p, lines) of excited and non-excited lines, scaled so that each row has unit variance."""
+        index = np.concatenate([self.excited_lines, self.non_excited_lines])
         single = (index == 0) | (2 * index == self.samples)
-        return np.ascontiguousarray(self.root.transpose(1, 2, 0) * np.sqrt((2.0 - single) / self.samples))
+        scaled = np.ascontiguousarray(self.root.transpose(1, 2, 0) * np.sqrt((2.0 - single) / self.samples))
+        return scaled[:, :, : len(self.excited_lines)], scaled[:, :, len(self.excited_lines) :]
 
     @staticmethod
     def _whiten(lines: FourierLines, rows: Array, root: FourierLines) -> None:
@@ -177,6 +174,17 @@ class FourierLineWhitener(Whitener):
         into = rows.reshape(len(rows), root.shape[2], 2, len(root))
         for channel, white in whitened_by_channel(root, lines):
             into[:, :, 0, channel], into[:, :, 1, channel] = white.real, white.imag
+
+
+def _project_out(directions: Array | None, rows: Array) -> None:
+    """Project directions (k, r) out of rows (c, r), in place, and scale them to their former expected variance."""
+    if directions is None or not (rows.size and directions.size):
+        return
+    scale = np.sqrt(directions.shape[1] / (directions.shape[1] - len(directions)))
+    for first in range(0, len(rows), COLUMNS_AT_ONCE):
+        part = rows[first : first + COLUMNS_AT_ONCE]
+        part -= (part @ directions.T) @ directions
+        part *= scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,11 +265,11 @@ class AutoregressiveWhitener(Whitener):
                 rows[:, first - order : last - order, channel] = white
             rows[:, last - order : end] = 0.0
 
-    def steady(self, values: Array) -> Array:
+    def steady_state(self, values: Array) -> Array:
         """The same as `series`: one repeat is the whole run."""
         return self.series(values)
 
-    def alone(self, channel: int) -> AutoregressiveWhitener:
+    def of_channel(self, channel: int) -> AutoregressiveWhitener:
         """The whitener of one channel, for a series that is zero in the others."""
         in_events = None if self.event_noise is None else self.event_noise.of_channel(channel)
         return replace(self, noise=self.noise.of_channel(channel), event_noise=in_events)
