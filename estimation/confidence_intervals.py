@@ -189,7 +189,7 @@ class SpectralContribution(VarianceContribution):
         """From the uncertainty of the spectra; the channels are independent."""
         parts = zip(self.spectra, self.squares, strict=True)
         return np.asarray(
-            sum(curve.mean_log_power_variance(self.frequency, squares / total) for curve, squares in parts)
+            sum(curve.mean_log_variance(curve.basis(self.frequency), squares / total) for curve, squares in parts)
         )
 
 

@@ -21,13 +21,14 @@ from estimation.errors_in_variables.corrected_score import CorrectedScoreProblem
 from estimation.errors_in_variables.effective_noise import effective_noise
 from estimation.errors_in_variables.error_propagation import ErrorPropagation
 from estimation.errors_in_variables.errors_in_variables_fit import ErrorsInVariables, errors_in_variables_fit
-from estimation.errors_in_variables.input_noise import ORIENTATION_ERRORS, InputNoise
+from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import fit
 from estimation.model_response import model_signals
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
+from estimation.recordings.signal_unit import ORIENTATION_ERRORS
 from modeling import effects
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect

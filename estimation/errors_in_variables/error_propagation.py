@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 
-from estimation.errors_in_variables.input_noise import ORIENTATION_ERRORS, InputNoise
+from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.recordings.recording import QUATERNION, Recording
+from estimation.recordings.signal_unit import ORIENTATION_ERRORS
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import VectorFunction, compiled_prediction

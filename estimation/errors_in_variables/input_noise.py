@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -11,24 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from estimation.recordings.recording import MotionForm, Recording, motion_columns
+from estimation.recordings.signal_unit import ORIENTATION_ERRORS, signal_unit
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]
 
-ORIENTATION_ERRORS = ("turn_x", "turn_y", "turn_z")
-"""Small rotations of the sensor about its own axes, rad, in which the noise of a quaternion is stated."""
-
 REPEAT_ROUNDING = 1e-12
 """Rounding, in SI, of the deviation from an average over equal repeats; no motion sensor is that accurate."""
-
-_UNITS = {
-    "rad": r"q\d+|phi|turn_[xyz]",
-    "rad/s": r"dq\d+|dphi|w[xyz]",
-    "rad/s²": r"ddq\d+|ddphi|al[xyz]",
-    "m": r"p[xyz]",
-    "m/s": r"v[xy]|vp[xyz]",
-    "m/s²": r"a[xy]|ap[xyz]",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +75,6 @@ class InputNoise:
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {value:.3g} {signal_unit(name)}" for name, value in self.std.items())
-
-
-def signal_unit(signal: str) -> str:
-    """The SI unit of a motion signal by its name; empty when it is not one."""
-    return next((unit for unit, names in _UNITS.items() if re.fullmatch(names, signal)), "")
 
 
 def unsmoothed(recording: Recording) -> tuple[str, ...]:

@@ -42,8 +42,8 @@ def without_leakage(
         rows = plain.series(tones)
         excited = np.hstack([excited, rows[: plain.periodic_rows]])
         non_excited = np.hstack([non_excited, rows[plain.periodic_rows :, judged:]])
-    directions = (np.ascontiguousarray(np.linalg.qr(columns)[0].T) for columns in (excited, non_excited))
-    return replace(plain, **dict(zip(("excited_leakage", "non_excited_leakage"), directions, strict=True)))
+    directions = [np.ascontiguousarray(np.linalg.qr(columns)[0].T) for columns in (excited, non_excited)]
+    return replace(plain, excited_leakage=directions[0], non_excited_leakage=directions[1])
 
 
 def impulse_responses(spectra: tuple[PowerSpectrum, ...], n: int, dt: float) -> Array:

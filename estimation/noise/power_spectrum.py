@@ -51,19 +51,15 @@ class PowerSpectrum:
 
     def log_variance(self, frequency: Array) -> Array:
         """Posterior variance of log S at these frequencies; it grows where the curve is extrapolated."""
-        rows = self._rows(np.log(frequency))
+        rows = self.basis(frequency)
         return np.asarray(np.einsum("ij,jk,ik->i", rows, self.covariance, rows))
-
-    def mean_log_power_variance(self, frequency: Array, shares: Array) -> Array:
-        """Variance (g,) of the mean of log S over frequencies (m,) with the weights `shares` (m, g)."""
-        return self.mean_log_power_variance_at(self.basis(frequency), shares)
 
     def basis(self, frequency: Array) -> Array:
         """Values (m, j) of the curve's j basis functions at frequencies (m,)."""
         return self._rows(np.log(frequency))
 
-    def mean_log_power_variance_at(self, basis: Array, shares: Array) -> Array:
-        """`mean_log_power_variance` from basis functions already evaluated."""
+    def mean_log_variance(self, basis: Array, shares: Array) -> Array:
+        """Variance (g,) of the mean of log S over frequencies with the weights `shares` (m, g), by `basis` there."""
         loads = basis.T @ shares
         return np.asarray(((self.covariance @ loads) * loads).sum(axis=0))
 

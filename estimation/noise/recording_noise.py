@@ -79,7 +79,7 @@ class RecordingNoise:
             return np.asarray(self.log_power_variance @ shares)
         lines = shares.reshape(len(self.frequency), 2, len(self.spectra), -1).sum(axis=1)
         curves = zip(self.spectra, self._bases, strict=True)
-        return np.asarray(sum(s.mean_log_power_variance_at(basis, lines[:, c]) for c, (s, basis) in enumerate(curves)))
+        return np.asarray(sum(s.mean_log_variance(basis, lines[:, c]) for c, (s, basis) in enumerate(curves)))
 
     @cached_property
     def _bases(self) -> tuple[Array, ...]:

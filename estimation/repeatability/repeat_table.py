@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from estimation.fit import Fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.recording import QUATERNION, Recording, motion_columns
+from estimation.recordings.signal_unit import signal_unit
 from estimation.repeatability.error_statistics import ErrorStatistics, averaging_noise_gains, split_into_repeats
 from modeling.errors import InputError
 from modeling.kinematics.joint import JointKind
@@ -147,31 +148,9 @@ def motion_error_rows(recording: Recording) -> tuple[ErrorStatistics, ...]:
     kinds = () if recording.arm is None else recording.arm.kinds
     prismatic = [joint for joint, kind in enumerate(kinds, start=1) if kind is JointKind.PRISMATIC]
     linear = {f"{prefix}{joint}" for prefix in ("q", "dq", "ddq") for joint in prismatic}
-    units = {name: column_unit(name).replace("rad", "m") if name in linear else column_unit(name) for name in errors}
+    units = {name: signal_unit(name) or "1" for name in errors}  # 1 of a quaternion
+    units |= {name: units[name].replace("rad", "m") for name in linear & set(errors)}
     return tuple(ErrorStatistics.of(name, units[name], own) for name, own in errors.items())
-
-
-def column_unit(column: str) -> str:
-    """SI unit of a column of the motion."""
-    if column in QUATERNION:
-        return "1"
-    order = next((order for prefix, order in DERIVATIVE_ORDERS if column.startswith(prefix)), 0)
-    is_angular = column.lstrip("d").startswith(("q", "phi")) or column.startswith(("w", "al"))
-    return ("rad" if is_angular else "m") + ("", "/s", "/s²")[order]
-
-
-DERIVATIVE_ORDERS = (
-    ("ddq", 2),
-    ("ddphi", 2),
-    ("al", 2),
-    ("ap", 2),
-    ("a", 2),
-    ("dq", 1),
-    ("dphi", 1),
-    ("w", 1),
-    ("v", 1),
-)
-"""Order of the time derivative by the column's prefix; the first match counts."""
 
 
 def _motion_error(recording: Recording, name: str) -> Array:

@@ -85,14 +85,14 @@ class PoseAdvice(Tabular):
 
     def sentences(self) -> list[str]:
         """The advice as sentences."""
-        never = _listed(self.never)
+        never = ", ".join(self.never)
         found = [f"Not identifiable from static poses, only from motion: {never}."] if never else []
         count = len(self.chosen)
         if self.complete:
             found.append("All that static poses can identify is identifiable from the recorded poses.")
             return [*found, "The most informative further pose:"]
         needed = "One more pose is" if count == 1 else f"{count} more poses are"
-        return [*found, f"{needed} needed for {_listed(self.missing)}, for example:"]
+        return [*found, f"{needed} needed for {', '.join(self.missing)}, for example:"]
 
     @property
     def pose_table(self) -> Table:
@@ -159,7 +159,3 @@ def _first_static_recording(fitted: Fit) -> int:
         where=", ".join(r.name for r in fitted.recordings),
         remedy="give a recording without a time column, one row per pose",
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names)

@@ -25,14 +25,14 @@ def disturbance_basis(
     recording: Recording, events: Sequence[tuple[float, float]], tones: Sequence[float] = ()
 ) -> Array:
     """Orthonormal basis (n, k) of drift, auxiliary signals, events (s) and tones (Hz), less their mean over repeats."""
-    n, repeats = recording.samples, recording.repeats
+    n = recording.samples
     columns = list(np.polynomial.legendre.legvander(np.linspace(-1, 1, n), DRIFT_DEGREE)[:, 1:].T)
     columns += [recording.signals[name] for name in recording.auxiliary]
     time = np.arange(n) * sample_step(recording)
     columns += [((time >= start) & (time < end)).astype(float) for start, end in events]
     columns += list(sinusoids(recording, tones).T)
-    blocks = np.stack(columns, axis=1).reshape(repeats, n // repeats, -1)
-    nonperiodic = (blocks - blocks.mean(axis=0)).reshape(n, -1)
+    series = np.stack(columns, axis=1)
+    nonperiodic = series - recording.averaged(series)
     scale = np.linalg.norm(nonperiodic, axis=0)
     nonperiodic = nonperiodic[:, scale > 1e-12 * max(scale.max(), 1e-300)]
     left, singular, _ = np.linalg.svd(nonperiodic / np.linalg.norm(nonperiodic, axis=0), full_matrices=False)

@@ -18,6 +18,7 @@ from estimation.noise.disturbances.transient_windows import Window, Windows, ins
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
+from modeling.identifiability import ScaledSVD
 
 Array = NDArray[np.float64]
 
@@ -73,14 +74,11 @@ class BlockAverages:
         rows = (np.concatenate([self.regressor, constant], axis=2) / self.scale[:, :, None]).reshape(
             len(inside) * p, -1
         )
-        length = np.linalg.norm(rows, axis=0)
-        length[length == 0] = 1.0
-        left, singular, right = np.linalg.svd(rows / length, full_matrices=False)
-        independent = singular > 1e-9 * singular[0]
-        inverse = right[independent].T / singular[independent]
-        wrench = (inverse @ (left[:, independent].T @ (self.reading / self.scale).ravel()) / length)[-p:]
-        inflation = np.linalg.norm(inverse, axis=1)[-p:]
-        return wrench, np.asarray(inflation)
+        orthonormal, root = np.linalg.qr(rows)
+        scaled_svd = ScaledSVD.of(root)
+        wrench = scaled_svd.inverse @ (orthonormal.T @ (self.reading / self.scale).ravel())
+        inflation = scaled_svd.scale * np.sqrt(np.diag(scaled_svd.covariance))
+        return wrench[-p:], inflation[-p:]
 
 
 def find_events_in_single_runs(

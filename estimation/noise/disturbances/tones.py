@@ -38,11 +38,6 @@ class NonperiodicResidual:
     residual: Array
     known: tuple[float, ...] = ()
 
-    def without_periodic_part(self, series: Array) -> Array:
-        """A series (n, ...) less its mean over the repeats."""
-        blocks = series.reshape(self.recording.repeats, -1, *series.shape[1:])
-        return np.asarray((blocks - blocks.mean(axis=0)).reshape(series.shape))
-
     @cached_property
     def time(self) -> Array:
         """Time since the first sample, s."""
@@ -51,7 +46,8 @@ class NonperiodicResidual:
     @cached_property
     def nonperiodic(self) -> Array:
         """The residual less the known tones and its periodic part, (n, p)."""
-        return self.without_periodic_part(without_sinusoids(self.residual, self.recording, self.known))
+        remaining = without_sinusoids(self.residual, self.recording, self.known)
+        return np.asarray(remaining - self.recording.averaged(remaining))
 
     @cached_property
     def lines(self) -> NDArray[np.intp]:
@@ -81,7 +77,8 @@ class NonperiodicResidual:
 
         def negative_explained_power(frequency: float) -> float:
             angle = 2 * np.pi * frequency * self.time[:, None]
-            waves = self.without_periodic_part(np.hstack([np.sin(angle), np.cos(angle)]))
+            waves = np.hstack([np.sin(angle), np.cos(angle)])
+            waves -= self.recording.averaged(waves)
             products = waves.T @ self.nonperiodic
             amplitudes = np.linalg.lstsq(waves.T @ waves, products, rcond=None)[0]
             return -float((products * amplitudes).sum(axis=0) @ weight)
