@@ -33,8 +33,8 @@ def outcome(check: Callable[[Case], object], case: Case) -> Outcome:
         found = check(case)
     except AssertionError as failure:
         return Outcome("FAILS", str(failure).strip().partition("\n")[0])
-    if isinstance(found, Fit) and found.unseen:
-        names = [name.partition(".")[2] for direction in found.unseen for name in direction.names]
+    if isinstance(found, Fit) and found.unidentifiable:
+        names = [name.partition(".")[2] for direction in found.unidentifiable for name in direction.names]
         return Outcome(f"unseen: {', '.join(names)}")
     return Outcome("yes")
 

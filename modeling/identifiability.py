@@ -55,36 +55,36 @@ class ScaledSVD:
         return cls(scale, singular, left, right, rounding)
 
     @cached_property
-    def seen(self) -> NDArray[np.bool_]:
+    def regular(self) -> NDArray[np.bool_]:
         """Identifiable directions: which rows of `right` have a singular value above rounding."""
         return np.asarray(self.singular > self.rounding * max(float(self.singular.max(initial=0.0)), 1e-300))
 
     @property
     def condition(self) -> float:
         """Largest over smallest singular value of the identifiable directions; 1 when the columns are orthogonal."""
-        kept = self.singular[self.seen]
+        kept = self.singular[self.regular]
         return float(kept[0] / kept[-1]) if len(kept) else 1.0
 
     @property
-    def unseen(self) -> Array:
+    def null_space(self) -> Array:
         """Orthonormal basis (k, d) of the null space of the columns of unit norm."""
-        return np.asarray(self.right[~self.seen].T)
+        return np.asarray(self.right[~self.regular].T)
 
     @cached_property
     def identifiable(self) -> NDArray[np.bool_]:
         """Identifiable parameters (k,): those without a component in the null space."""
-        return np.asarray(np.linalg.norm(self.unseen, axis=1) < UNIDENTIFIABLE_SHARE)
+        return np.asarray(np.linalg.norm(self.null_space, axis=1) < UNIDENTIFIABLE_SHARE)
 
     @cached_property
     def range(self) -> Array:
         """Projection (k, k) onto the range of R, of numerical rank."""
-        kept = self.left[:, self.seen]
+        kept = self.left[:, self.regular]
         return np.asarray(kept @ kept.T)
 
     @cached_property
     def inverse(self) -> Array:
         """Pseudo-inverse (k, k) of R: R^-1 on the identifiable directions, zero on the null space."""
-        kept = self.seen
+        kept = self.regular
         return np.asarray((self.right[kept].T / self.singular[kept]) @ self.left[:, kept].T / self.scale[:, None])
 
     @cached_property
@@ -146,7 +146,7 @@ def unidentifiable_directions(
     the reduced echelon form. A parameter without any sensitivity thus stands alone, and each direction has exactly one
     pivot parameter.
     """
-    null_space = scaled_svd.unseen
+    null_space = scaled_svd.null_space
     count = null_space.shape[1]
     if not count:
         return ()
@@ -158,9 +158,9 @@ def unidentifiable_directions(
 
 def least_certain_direction(scaled_svd: ScaledSVD, parameters: Sequence[Parameter]) -> LeastCertainDirection | None:
     """Right singular vector (unit columns) of the smallest identifiable singular value; None when there is none."""
-    if not scaled_svd.seen.any():
+    if not scaled_svd.regular.any():
         return None
-    last = int(np.flatnonzero(scaled_svd.seen)[-1])
+    last = int(np.flatnonzero(scaled_svd.regular)[-1])
     direction = scaled_svd.right[last]
     kept = np.abs(direction) >= MIN_NAMED_SHARE * np.abs(direction).max()
     amounts = direction[kept] / scaled_svd.singular[last] / scaled_svd.scale[kept]

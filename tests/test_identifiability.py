@@ -52,7 +52,7 @@ def planar_motion(phi: Array, ax: Array = STILL, ay: Array = STILL) -> dict[str,
 def test_a_full_motion_leaves_nothing_to_say() -> None:
     swing = planar_motion(np.sin(3 * TIME) + 0.4 * np.sin(8 * TIME), 3 * np.cos(5 * TIME), 2 * np.sin(7 * TIME))
     found = fitted(planar(), swing, TOOL)
-    assert found.unseen == ()
+    assert found.unidentifiable == ()
     assert found.condition < 100
     assert len(str(found).splitlines()) == 1 + len(TOOL)
 
@@ -60,7 +60,7 @@ def test_a_full_motion_leaves_nothing_to_say() -> None:
 def test_poses_at_rest_do_not_show_inertia() -> None:
     poses = {"phi": np.linspace(-1.5, 1.5, 9)} | {name: np.zeros(9) for name in ("ax", "ay", "dphi", "ddphi")}
     found = fitted(planar(), poses, TOOL)
-    assert [str(d) for d in found.unseen] == ["I is not identifiable from this motion"]
+    assert [str(d) for d in found.unidentifiable] == ["I is not identifiable from this motion"]
     assert "I is not identifiable from this motion" in str(found)
     assert found.parameters["I"].std == np.inf
     assert found.parameters["m"].value == pytest.approx(0.9, abs=5 * found.parameters["m"].std)
@@ -74,13 +74,13 @@ def test_one_pose_ties_weight_to_the_zero() -> None:
     """
     phi = 0.3
     found = fitted(planar(), planar_motion(np.full(400, phi)), TOOL)
-    said = {d.names: dict(zip(d.names, d.amounts, strict=True)) for d in found.unseen}
+    said = {d.names: dict(zip(d.names, d.amounts, strict=True)) for d in found.unidentifiable}
     assert set(said) == {("bias_fx", "bias_fy", "m"), ("bias_tau", "mlg"), ("I",)}
     g = planar().gravity
     expected = {"bias_fx": 1.0, "bias_fy": 1 / np.tan(phi), "m": 1 / (g * np.sin(phi))}
     assert said["bias_fx", "bias_fy", "m"] == pytest.approx(expected, rel=1e-9)
     assert said["bias_tau", "mlg"] == pytest.approx({"bias_tau": 1.0, "mlg": 1 / (g * np.sin(phi))}, rel=1e-9)
-    sentence = next(str(d) for d in found.unseen if "mlg" in d.names)
+    sentence = next(str(d) for d in found.unidentifiable if "mlg" in d.names)
     assert sentence == (
         "bias_tau and mlg are collinear on this motion: "
         "raising bias_tau by 1 N m and raising mlg by 0.345 kg m leaves the prediction unchanged"
@@ -93,7 +93,7 @@ def test_a_steady_rise_of_temperature_cannot_be_told_from_drift() -> None:
     model = planar() + effects.thermal_drift() + effects.bias_drift()
     swing = planar_motion(np.sin(3 * TIME) + 0.4 * np.sin(8 * TIME), 3 * np.cos(5 * TIME), 2 * np.sin(7 * TIME))
     found = fitted(model, swing | {"temperature": 20 + 6 * TIME / TIME[-1]}, TOOL)
-    tied = [d for d in found.unseen if any(n.startswith("thermal_drift") for n in d.names)]
+    tied = [d for d in found.unidentifiable if any(n.startswith("thermal_drift") for n in d.names)]
     assert len(tied) == 3
     for direction, channel in zip(tied, model.channels, strict=True):
         said = dict(zip(direction.names, direction.amounts, strict=True))
@@ -113,8 +113,8 @@ def test_turning_about_one_axis_in_six() -> None:
     motion |= {f"ap{a}": zero for a in "xyz"} | {f"p{a}": zero for a in "xyz"} | {f"vp{a}": zero for a in "xyz"}
     tool = {"m": 1.0, "mx": 0.05, "my": -0.02, "mz": 0.1, "Izz": 0.01}
     found = fitted(spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))), motion, tool)
-    assert {d.names for d in found.unseen} == {("bias_fz", "m"), ("mz",), ("Ixx",), ("Ixy",), ("Iyy",)}
-    weight = next(d for d in found.unseen if "m" in d.names)
+    assert {d.names for d in found.unidentifiable} == {("bias_fz", "m"), ("mz",), ("Ixx",), ("Ixy",), ("Iyy",)}
+    weight = next(d for d in found.unidentifiable if "m" in d.names)
     assert weight.amounts[1] == pytest.approx(-1 / 9.80665, rel=2e-3)  # F = m (a - g) + bias; g of the rig
 
 

@@ -22,8 +22,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from estimation.least_squares.levenberg_marquardt import levenberg_marquardt
-from estimation.least_squares.linear_least_squares import ScaledSVD, least_squares_solution
+from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.square_root_information import EPS, SquareRootInformation, qr_factors
+from modeling.identifiability import ScaledSVD
 
 Array = NDArray[np.float64]
 Exact = list[list[Fraction]]
@@ -247,8 +248,8 @@ def test_what_is_not_seen_is_left_out_and_said() -> None:
     columns, target = rows(0, 60, 10.0)
     columns[:, 3], columns[:, 2] = 2 * columns[:, 1], 0.0
     theta, svd, information = solved(columns, target)
-    assert svd.unseen.shape == (5, 2)
-    np.testing.assert_allclose(columns / svd.scale @ svd.unseen, 0, atol=1e-14)  # rounding
+    assert svd.null_space.shape == (5, 2)
+    np.testing.assert_allclose(columns / svd.scale @ svd.null_space, 0, atol=1e-14)  # rounding
     assert svd.identifiable.tolist() == [True, False, False, False, True]
     alone, alone_svd, alone_information = solved(columns[:, [0, 1, 4]], target)
     np.testing.assert_allclose(theta[[0, 4]], alone[[0, 2]], rtol=1e-12)
@@ -264,7 +265,7 @@ def test_what_is_not_seen_is_left_out_and_said() -> None:
 def test_fewer_rows_than_unknowns() -> None:
     columns, target = rows(1, 5, 10.0)
     theta, svd, information = solved(columns[:3], target[:3])
-    assert svd.unseen.shape == (5, 2)
+    assert svd.null_space.shape == (5, 2)
     assert information.rows == 3
     np.testing.assert_allclose(columns[:3] @ theta, target[:3], atol=1e-13)
 

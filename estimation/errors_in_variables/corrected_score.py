@@ -57,7 +57,7 @@ class CorrectedScoreExpansion:
     @cached_property
     def _axes(self) -> tuple[Array, Array]:
         """Reliability (m,) and axes (k, m): axes' N axes = diag(reliability), axes' R'R axes = 1 if identifiable."""
-        regular = self.scaled_svd.seen
+        regular = self.scaled_svd.regular
         whitening = self.scaled_svd.right[regular].T / self.scaled_svd.singular[regular]
         whitening = whitening / self.scaled_svd.scale[:, None]
         noise_share, axes = np.linalg.eigh(whitening.T @ self.excess @ whitening)

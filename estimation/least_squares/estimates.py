@@ -98,7 +98,7 @@ class Estimates(Tabular):
         return self.scaled_svd.condition
 
     @cached_property
-    def unseen(self) -> tuple[UnidentifiableDirection, ...]:
+    def unidentifiable(self) -> tuple[UnidentifiableDirection, ...]:
         """Unidentifiable parameter combinations."""
         return unidentifiable_directions(self.scaled_svd, self.unknowns)
 
@@ -115,10 +115,10 @@ class Estimates(Tabular):
     def remarks(self) -> list[str]:
         """Remarks on the estimate: ill-conditioning, unidentifiable combinations, missing convergence."""
         found = [f"condition {self.condition:.2g}; {self.weakest}"] if self.condition > ILL_CONDITIONED else []
-        alone = [d.names[0] for d in self.unseen if len(d.names) == 1]
+        alone = [d.names[0] for d in self.unidentifiable if len(d.names) == 1]
         if len(alone) > 1:
             found.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
-        found += [str(d) for d in self.unseen if len(d.names) > 1 or len(alone) == 1]
+        found += [str(d) for d in self.unidentifiable if len(d.names) > 1 or len(alone) == 1]
         return (
             found if self.converged else [*found, f"not converged after {MAX_STEPS} steps: the estimates are not final"]
         )

@@ -58,32 +58,37 @@ def noise_from_repeats(recording: Recording, residual: Array) -> RecordingNoise:
     root = _coherence_roots(non_excited[tone_free], white, order) / np.sqrt(levels)[:, None, :]
     freedom = sum(s.freedom for s in spectra) / len(spectra) / len(non_excited)
     plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
-    waves = [_in_each_channel(sinusoids(recording, [tone]), residual.shape[1]) for tone in tones]
-    projected = np.concatenate(waves, axis=2) if waves else None
-    judged = waves[0].shape[2] if waves else 0
+    return _recording_noise(recording, plain, spectra, ordered, events, tones)
+
+
+def _recording_noise(
+    recording: Recording,
+    plain: FourierLineWhitener,
+    spectra: tuple[PowerSpectrum, ...],
+    frequency: Array,
+    events: tuple[tuple[float, float], ...] = (),
+    tones: tuple[float, ...] = (),
+) -> RecordingNoise:
+    """The noise with leakage and tones projected out; each line has two rows per channel, real parts first."""
+    waves = [_in_each_channel(sinusoids(recording, [tone]), len(spectra)) for tone in tones]
+    projected, judged = (np.concatenate(waves, axis=2), waves[0].shape[2]) if waves else (None, 0)
     whitener = without_leakage(plain, spectra, sample_step(recording), projected, judged=judged)
-    log_power_variance = _log_power_variance(spectra, ordered)
+    variance = np.stack([s.log_variance(frequency) for s in spectra], axis=1)
     return RecordingNoise(
-        repeat_noise_floor(recording),
-        whitener,
-        NoiseSource.REPEATS,
-        log_power_variance,
-        spectra,
-        events,
-        ordered,
-        tones,
+        floor=repeat_noise_floor(recording),
+        whitener=whitener,
+        source=NoiseSource.REPEATS,
+        log_power_variance=np.concatenate([variance, variance], axis=1).ravel(),
+        spectra=spectra,
+        events=events,
+        frequency=frequency,
+        tones=tones,
     )
 
 
 def _in_each_channel(waves: Array, channels: int) -> Array:
     """Series (n, k) as readings (n, p, k p) of one channel each."""
     return np.concatenate([np.multiply.outer(waves, row).swapaxes(1, 2) for row in np.eye(channels)], axis=2)
-
-
-def _log_power_variance(spectra: tuple[PowerSpectrum, ...], frequency: Array) -> Array:
-    """Variance of the log power of each row of a line whitener: two rows per line and channel, real parts first."""
-    log_power_variance = np.stack([s.log_variance(frequency) for s in spectra], axis=1)
-    return np.concatenate([log_power_variance, log_power_variance], axis=1).ravel()
 
 
 def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise:
@@ -110,11 +115,7 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
     plain = FourierLineWhitener(
         period * repeats, repeats, excited[tone_free] * repeats, np.zeros(0, dtype=np.intp), root
     )
-    whitener = without_leakage(plain, spectra, sample_step(recording))
-    used_frequency = frequency[tone_free]
-    log_power_variance = _log_power_variance(spectra, used_frequency)
-    floor = repeat_noise_floor(recording)
-    return RecordingNoise(floor, whitener, NoiseSource.REPEATS, log_power_variance, spectra, frequency=used_frequency)
+    return _recording_noise(recording, plain, spectra, frequency[tone_free])
 
 
 def _coherence_roots(

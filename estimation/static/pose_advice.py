@@ -130,11 +130,11 @@ def whitened_pose_sensitivity(fitted: Fit, number: int, poses: CandidatePoses) -
 
 def _sequential_d_optimal(root: Array, rows: Array, all_poses: ScaledSVD) -> tuple[int, ...]:
     """Poses one by one until the rank with all poses is reached; one pose when it is reached already."""
-    resolved = all_poses.seen
+    resolved = all_poses.regular
     axes = all_poses.right[resolved].T / all_poses.singular[resolved] / all_poses.scale[:, None]
     information = (root @ axes).T @ (root @ axes) + PRIOR_INFORMATION_SHARE * np.eye(int(resolved.sum()))
     sensitivities, chosen = rows @ axes, list[int]()
-    while not chosen or _stacked_svd([root, *rows[chosen]]).seen.sum() < resolved.sum():
+    while not chosen or _stacked_svd([root, *rows[chosen]]).regular.sum() < resolved.sum():
         variance = sensitivities @ np.linalg.solve(information, np.swapaxes(sensitivities, 1, 2))
         best = int(np.argmax(np.linalg.slogdet(np.eye(rows.shape[1]) + variance)[1]))
         chosen.append(best)

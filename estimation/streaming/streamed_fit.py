@@ -73,7 +73,7 @@ class StreamedFit(Estimates):
     def misfit(self) -> float:
         """Reduced chi-square; 1 when the residual is the given noise alone."""
         remaining = self.triangle.moved(self.theta)
-        return remaining.cost / max(remaining.rows - int(self.scaled_svd.seen.sum()), 1)
+        return remaining.cost / max(remaining.rows - int(self.scaled_svd.regular.sum()), 1)
 
 
 class InformationSum:

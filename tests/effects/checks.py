@@ -104,7 +104,7 @@ def unseen_changes_nothing(case: Case, found: Fit) -> None:
     """What the fit says that the motion does not show indeed does not: its derivative is zero beside each part's."""
     derivative = model_response(case.model, case.recording, found.theta).derivative
     places = {p.name: i for i, p in enumerate(case.model.parameters)}
-    for direction in found.unseen:
+    for direction in found.unidentifiable:
         parts = derivative[:, :, [places[name] for name in direction.names]] * direction.amounts
         assert np.abs(parts.sum(axis=2)).max() <= 1e-7 * max(np.abs(parts).max(), 1.0)  # rounding of smoothed signals
 

@@ -52,7 +52,7 @@ def test_emitted_c_is_what_python_says(case: Case) -> None:
 @every_case
 def test_amount_is_recovered_but_for_what_no_motion_shows(case: Case) -> None:
     found = checks.amount_is_recovered(case)
-    assert tuple(name for direction in found.unseen for name in direction.names) == UNSEEN.get(str(case), ())
+    assert tuple(name for direction in found.unidentifiable for name in direction.names) == UNSEEN.get(str(case), ())
 
 
 @every_case

@@ -87,7 +87,7 @@ def run_stream(arguments: argparse.Namespace) -> None:
         "samples": samples,
         "misfit": found.misfit,
         "condition": found.condition,
-        "unseen": [*map(str, found.unseen)],
+        "unseen": [*map(str, found.unidentifiable)],
     }
     text = f"{found}\n\n{found.where}: {samples} samples, reduced chi-square {found.misfit:.4g}"
     print_fit(arguments, found, lambda: data, lambda: text)

@@ -81,7 +81,7 @@ class FitSummary:
         data: dict[str, Any] = {
             "intervals": {name: [float(a), float(b)] if isfinite(a) else None for name, a, b in ends},
             "condition": self.fit.condition if isfinite(self.fit.condition) else None,
-            "unseen": [str(direction) for direction in self.fit.unseen],
+            "unseen": [str(direction) for direction in self.fit.unidentifiable],
             "recordings": [comparison_data(c) for c in self.comparisons],
             "repeats": [t.to_data() for t in self.repeat_tables],
         }

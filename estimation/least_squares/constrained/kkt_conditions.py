@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.constrained.active_set import ActiveSet, smat
-from estimation.least_squares.levenberg_marquardt import SINGULAR_VALUE_TOLERANCE
+from modeling.identifiability import SINGULAR_VALUE_TOLERANCE
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -66,14 +66,14 @@ class QuadraticModel:
     @property
     def seen(self) -> NDArray[np.bool_]:
         """(k,) which of the whitened parameters y are identifiable."""
-        return self.scaled_svd.seen
+        return self.scaled_svd.regular
 
     @cached_property
     def basis(self) -> Array:
         """B (k, k) of d = B y, with |R d - z|² = |y - reach|² + constant over the identifiable y."""
         scaled_svd = self.scaled_svd
         return np.asarray(
-            scaled_svd.right.T / np.where(scaled_svd.seen, scaled_svd.singular, 1.0) / scaled_svd.scale[:, None]
+            scaled_svd.right.T / np.where(scaled_svd.regular, scaled_svd.singular, 1.0) / scaled_svd.scale[:, None]
         )
 
     @cached_property
