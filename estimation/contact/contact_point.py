@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.contact.point_force import std_along
 from estimation.contact.surface import Surface
 from modeling.errors import InputError
 from modeling.table import Column, Table, Tabular
@@ -98,7 +99,7 @@ def contact_point(wrench: Array, covariance: Array, surface: Surface) -> Contact
     force, torque = wrench[:, :3], wrench[:, 3:]
     size = np.linalg.norm(force, axis=1)
     unit = force / np.maximum(size, np.finfo(float).tiny)[:, None]
-    clear = size >= np.maximum(MIN_FORCE_TO_STD * _std(covariance[:, :3, :3], unit), np.finfo(float).tiny)
+    clear = size >= np.maximum(MIN_FORCE_TO_STD * std_along(covariance[:, :3, :3], unit), np.finfo(float).tiny)
 
     torsion = np.sum(torque * unit, axis=1)
     scale = np.where(clear, size, 1.0)[:, None]
@@ -109,7 +110,7 @@ def contact_point(wrench: Array, covariance: Array, surface: Surface) -> Contact
         point=point,
         covariance=_covariance(point, wrench, covariance, surface),
         torsion=np.where(clear, torsion, np.nan),
-        torsion_std=np.where(clear, _std(covariance, slope), np.nan),
+        torsion_std=np.where(clear, std_along(covariance, slope), np.nan),
         clearance=np.where(clear, surface.clearance(foot, unit), np.nan),
         clear=clear,
     )
@@ -149,7 +150,3 @@ def _covariance(point: Array, wrench: Array, covariance: Array, surface: Surface
 def _cross(vectors: Array) -> Array:
     """Matrices (n, 3, 3) of v x."""
     return np.asarray(np.cross(vectors[:, None, :], np.eye(3)).transpose(0, 2, 1))
-
-
-def _std(covariance: Array, direction: Array) -> Array:
-    return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, covariance, direction)))

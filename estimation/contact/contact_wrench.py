@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_detection import ContactDetection, ContactInterval, detect_contacts
-from estimation.contact.point_force import PointForce
+from estimation.contact.point_force import PointForce, std_along
 from estimation.fit import Fit, check_channels
 from estimation.model_response import model_response
 from estimation.recordings.recording import Recording
@@ -119,7 +119,7 @@ class ContactWrench(Tabular):
             return self.point_force.magnitude_std
         force = self.wrench[:, :3]
         unit = force / np.maximum(np.linalg.norm(force, axis=1), 1e-300)[:, None]
-        return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", unit, self.covariance[:, :3, :3], unit)))
+        return std_along(self.covariance[:, :3, :3], unit)
 
     @property
     def intervals(self) -> tuple[ContactInterval, ...]:

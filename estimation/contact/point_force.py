@@ -60,13 +60,13 @@ class PointForce:
     @cached_property
     def magnitude_std(self) -> Array:
         """Standard deviation along the force, N (n,)."""
-        return self._along(self._unit)
+        return std_along(self.covariance, self._unit)
 
     @cached_property
     def direction_std(self) -> Array:
         """Standard deviation across the force over its size, rad (n,); valid for forces large against it."""
         across = np.stack([self._unit[:, 1], -self._unit[:, 0]], axis=1)
-        return np.asarray(self._along(across) / np.maximum(self.magnitude, 1e-300))
+        return np.asarray(std_along(self.covariance, across) / np.maximum(self.magnitude, 1e-300))
 
     @property
     def clear(self) -> NDArray[np.bool_]:
@@ -78,8 +78,10 @@ class PointForce:
         size = np.maximum(self.magnitude, 1e-300)[:, None]
         return np.where(self.magnitude[:, None] > 0, self.force / size, np.array([0.0, 1.0]))
 
-    def _along(self, direction: Array) -> Array:
-        return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, self.covariance, direction)))
+
+def std_along(covariance: Array, direction: Array) -> Array:
+    """Standard deviations (n,) along directions (n, d) of vectors with covariances (n, d, d)."""
+    return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, covariance, direction)))
 
 
 def printed_direction(wrench: Array, distance: float) -> Array:

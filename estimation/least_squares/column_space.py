@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.square_root_information import qr_factors
-from modeling.identifiability import SINGULAR_VALUE_TOLERANCE
+from modeling.identifiability import ScaledSVD
 
 Array = NDArray[np.float64]
 
@@ -20,34 +20,31 @@ def orthonormal_basis(derivative: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ColumnSpace:
-    """Column space of a derivative D (rows, k) by its SVD: D / scale = basis diag(singular) right.
+    """Column space of a derivative D (rows, k).
 
-    scale     (k,) norms of the columns; `kept` (k',) are the columns whose norm is not 0
-    basis     (rows, r) orthonormal to 1e-11, `singular` (r,) and `right` (r, k'); singular values below
-              `SINGULAR_VALUE_TOLERANCE` of the largest are rounding
+    kept        (k,) the columns whose norm is not 0
+    basis       (rows, r) orthonormal to 1e-11
+    scaled_svd  of the R factor of the columns that are kept
     """
 
-    scale: Array
-    kept: NDArray[np.intp]
+    kept: NDArray[np.bool_]
     basis: Array
-    singular: Array
-    right: Array
+    scaled_svd: ScaledSVD
 
     @classmethod
     def of(cls, derivative: Array) -> ColumnSpace:
-        """By the SVD of the R factor of the scaled columns."""
-        scale = np.linalg.norm(derivative, axis=0)
-        kept = np.flatnonzero(scale > 0)
-        if len(derivative) < len(kept):
-            derivative = np.pad(derivative, ((0, len(kept) - len(derivative)), (0, 0)))
-        factors = qr_factors(derivative[:, kept] / scale[kept])
-        left, singular, right = np.linalg.svd(factors.root)
-        regular = singular > SINGULAR_VALUE_TOLERANCE * singular.max(initial=0.0)
-        return cls(scale, kept, factors.span(left[:, regular]), singular[regular], right[regular])
+        """By the QR factors of the columns and the scaled SVD of R."""
+        kept = np.einsum("ij,ij->j", derivative, derivative) > 0
+        columns = derivative if kept.all() else derivative[:, kept]
+        if len(columns) < columns.shape[1]:
+            columns = np.pad(columns, ((0, columns.shape[1] - len(columns)), (0, 0)))
+        factors = qr_factors(columns)
+        scaled_svd = ScaledSVD.of(factors.root)
+        return cls(kept, factors.span(scaled_svd.left[:, scaled_svd.regular]), scaled_svd)
 
     def amounts(self, columns: Array) -> Array:
         """Least-squares coefficients (k, a) of the derivative's columns for other columns (rows, a)."""
-        found = np.zeros((len(self.scale), columns.shape[1]))
-        inner = self.right.T @ ((self.basis.T @ columns) / self.singular[:, None])
-        found[self.kept] = inner / self.scale[self.kept, None]
+        found, svd = np.zeros((len(self.kept), columns.shape[1])), self.scaled_svd
+        inner = svd.right[svd.regular].T @ ((self.basis.T @ columns) / svd.singular[svd.regular, None])
+        found[self.kept] = inner / svd.scale[:, None]
         return found

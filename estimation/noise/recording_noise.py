@@ -102,6 +102,5 @@ def stated_noise_floor(recording: Recording) -> Array | None:
 
 def repeat_noise_floor(recording: Recording) -> Array:
     """Std of one sample of one repeat about the mean over repeats, (p,), with R - 1 degrees of freedom."""
-    repeats, period = recording.repeats, recording.samples_per_repeat
-    blocks = recording.wrench.reshape(repeats, period, -1)
-    return np.asarray(np.sqrt(((blocks - blocks.mean(0)) ** 2).sum((0, 1)) / (period * (repeats - 1))))
+    freedom = recording.samples_per_repeat * (recording.repeats - 1)
+    return np.asarray(np.sqrt(((recording.wrench - recording.averaged(recording.wrench)) ** 2).sum(axis=0) / freedom))
