@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.distributions import chi2_isf, normal_isf
-from estimation.noise.disturbances.transient_windows import cumulative_sums
+from estimation.noise.disturbances.transient_windows import cumulative_sums, variances_of_sums
 from modeling.noise.autoregressive_noise import NoiseModel
 
 Array = NDArray[np.float64]
@@ -34,13 +34,11 @@ class VarianceOfMeans:
 
     @classmethod
     def of_autoregression(cls, noise: NoiseModel, longest: int, constant: Array) -> VarianceOfMeans:
-        """The means of autoregressive noise over up to `longest` samples.
-
-        With autocovariance g, the mean over L samples has the variance (L g_0 + 2 sum_{k<L} (L - k) g_k) / L².
-        """
-        columns = [_variance_of_means(autocovariance) for autocovariance in noise.autocovariance(longest).T]
+        """The means of autoregressive noise over up to `longest` samples."""
+        autocovariance, length = noise.autocovariance(longest), np.arange(1, longest + 1)[:, None]
+        sums = np.maximum(variances_of_sums(autocovariance), 1e-12 * autocovariance[0] * length)
         scale = np.sqrt(np.diag(noise.covariance))
-        return cls(np.stack(columns, axis=1), noise.covariance / np.outer(scale, scale), constant)
+        return cls(sums / length**2, noise.covariance / np.outer(scale, scale), constant)
 
     @classmethod
     def of_differences(
@@ -93,12 +91,3 @@ def _difference_power(difference: Array, factor: float | None) -> Array:
     if factor is None:
         return np.asarray((np.quantile(np.abs(difference), 0.25, axis=0) / NORMAL_QUARTILE) ** 2)
     return np.asarray((difference**2).mean(axis=0) * factor)
-
-
-def _variance_of_means(autocovariance: Array) -> Array:
-    """Variance of means over 1 .. n samples from the autocovariance at lags 0 .. n - 1."""
-    n = len(autocovariance)
-    lags, length = np.arange(n), np.arange(1, n + 1)
-    plain, weighted = np.cumsum(autocovariance), np.cumsum(lags * autocovariance)
-    total = length * autocovariance[0] + 2 * (length * (plain - autocovariance[0]) - weighted)
-    return np.asarray(np.maximum(total, 1e-12 * autocovariance[0] * length) / length**2)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimation.distributions import chi2_isf
 from estimation.noise.disturbances.disturbance_basis import disturbance_basis
-from estimation.noise.disturbances.transient_windows import Window, Windows, cumulative_sums
+from estimation.noise.disturbances.transient_windows import Window, Windows, cumulative_sums, variances_of_sums
 from estimation.noise.leakage import LEAKAGE_SAMPLES, impulse_responses
 from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
 from estimation.noise.recording_noise import sample_step
@@ -96,9 +96,7 @@ def _window_scores(recording: Recording, residual: Array, found: Sequence[tuple[
         plain = np.fft.irfft(np.fft.rfft(residual[:, c]) * weight[:, c], n=n)
         product.append(plain - orthonormal @ (orthonormal.T @ residual[:, c]))
         nuisance.append(cumulative_sums(orthonormal))
-        correlation = np.fft.irfft(weight[:, c], n=n)
-        sums = np.cumsum(correlation)
-        information.append(np.concatenate([[0.0], 2 * np.cumsum(sums) - np.arange(1, n + 1) * correlation[0]]))
+        information.append(np.concatenate([[0.0], variances_of_sums(np.fft.irfft(weight[:, c], n=n))]))
     size = max(d.shape[1] for d in nuisance)
     nuisance = [np.pad(d, ((0, 0), (0, size - d.shape[1]))) for d in nuisance]
     return _WindowScores(

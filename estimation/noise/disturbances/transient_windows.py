@@ -88,6 +88,15 @@ def cumulative_sums(series: Array) -> Array:
     return np.concatenate([np.zeros((1, *series.shape[1:])), np.cumsum(series, axis=0)])
 
 
+def variances_of_sums(autocovariance: Array) -> Array:
+    """Variances (n, ...) of sums over 1 .. n successive samples with autocovariance g (n, ...) at lags 0 .. n - 1.
+
+    Over L samples it is L g_0 + 2 sum_{k<L} (L - k) g_k.
+    """
+    lengths = np.arange(1, len(autocovariance) + 1).reshape(-1, *[1] * (autocovariance.ndim - 1))
+    return np.asarray(2 * np.cumsum(np.cumsum(autocovariance, axis=0), axis=0) - lengths * autocovariance[0])
+
+
 def largest_samples(series: Array, length: int) -> Array:
     """The sample of largest magnitude among `length` samples from each one on: (n - length + 1, p) of (n, p)."""
     count, origin = len(series) - length + 1, -(length // 2)
