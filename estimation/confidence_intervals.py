@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
@@ -142,39 +141,26 @@ def inverse_trigamma(value: float) -> float:
     return float(x)
 
 
-class VarianceContribution(ABC):
-    """Contribution of one recording to the variance of every parameter."""
-
-    @property
-    @abstractmethod
-    def variance(self) -> Array:
-        """Contribution (k,) to the variance."""
-
-    @abstractmethod
-    def log_variance(self, total: Array) -> Array:
-        """Variance (k,) of log `total`, the variance over all recordings, due to this one's noise estimate."""
-
-
 @dataclass(frozen=True, eq=False)
-class WhitenedRowContribution(VarianceContribution):
-    """Whitened rows as they are: squared influences (rows, k)."""
+class WhitenedRowContribution:
+    """Contribution of one recording to the variance of every parameter: squared influences (rows, k) of its rows."""
 
     noise: RecordingNoise
     squares: Array
 
     @property
     def variance(self) -> Array:
-        """Sum of the squares."""
+        """Contribution (k,) to the variance."""
         return np.asarray(self.squares.sum(axis=0))
 
     def log_variance(self, total: Array) -> Array:
-        """From the uncertainty of the noise estimate."""
+        """Variance (k,) of log `total`, the variance over all recordings, due to this one's noise estimate."""
         return self.noise.log_power_variance_of(self.squares / total)
 
 
 @dataclass(frozen=True, eq=False)
-class SpectralContribution(VarianceContribution):
-    """A single run in the cosine transform: power spectrum per channel, and squared influences times it (lines, k)."""
+class SpectralContribution:
+    """The same of a single run in the cosine transform: power spectra, and squared influences times them (lines, k)."""
 
     frequency: Array
     spectra: tuple[PowerSpectrum, ...]
@@ -195,7 +181,7 @@ class SpectralContribution(VarianceContribution):
 
 def _variance_contributions(
     fit: WhitenedFit, residual: Array, derivative: Array, pull: Array
-) -> Iterator[VarianceContribution]:
+) -> Iterator[WhitenedRowContribution | SpectralContribution]:
     basis = orthonormal_basis(derivative)
     ends = np.cumsum([noise.whitener.rows for noise in fit.noise])[:-1]
     blocks = zip(*(np.split(rows, ends) for rows in (residual, basis, pull)), strict=True)

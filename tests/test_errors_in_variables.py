@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.noisy_motion import CASES, LOGGED, Case, planar_poses, planar_run, spatial_poses
-from estimation.errors_in_variables.corrected_score import CorrectedScoreProblem
-from estimation.errors_in_variables.effective_noise import effective_noise
+from estimation.errors_in_variables.corrected_score import CorrectedScoreProblem, effective_noise
 from estimation.errors_in_variables.error_propagation import ErrorPropagation
 from estimation.errors_in_variables.errors_in_variables_fit import ErrorsInVariables, errors_in_variables_fit
 from estimation.errors_in_variables.input_noise import InputNoise

@@ -9,15 +9,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.errors_in_variables.effective_noise import effective_noise
 from estimation.errors_in_variables.error_propagation import ErrorPropagation
 from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import Fit, WhitenedProblem
 from estimation.model_response import ModelResponse, model_signals, signals_are_periodic
-from estimation.noise.recording_noise import RecordingNoise
+from estimation.noise.leakage import without_leakage
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
+from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.recording import Recording
 from modeling.chain.prediction import VectorFunction
 from modeling.identifiability import UNIDENTIFIABLE_SHARE, ScaledSVD
+from modeling.noise.whitening import inverse_cholesky_factor
 
 Array = NDArray[np.float64]
 
@@ -204,3 +206,27 @@ def _response(parts: tuple[Array, Array], recording: Recording, periodic: bool) 
         return ModelResponse(parts, None, recording.repeats)
     zero = [np.zeros((recording.samples_per_repeat, *part.shape[1:])) for part in parts]
     return ModelResponse((zero[0], zero[1]), parts, recording.repeats)
+
+
+def effective_noise(noise: RecordingNoise, recording: Recording, added: Array) -> RecordingNoise:
+    """Noise of the residual of a recording whose prediction is noisy as well.
+
+    `added` (p, p) is the covariance of the prediction of one sample of one repeat due to the input noise, averaged
+    over the motion: white, so that it adds to the spectrum at the excited lines (the prediction has only those).
+    Weights constant in time lose almost no efficiency against (S + f_u Σ f_u')^-1 sample by sample, and cannot be
+    correlated with the noise of a sample. Noise estimated from a residual already includes the input noise.
+    """
+    own = noise.whitener
+    if noise.source is NoiseSource.RESIDUAL:
+        return noise
+    if isinstance(own, AutoregressiveWhitener):
+        whitener: Whitener = replace(own, noise=replace(own.noise, covariance=own.noise.covariance + added))
+    else:
+        assert isinstance(own, FourierLineWhitener)
+        excited, non_excited = np.split(own.root, [len(own.excited_lines)])
+        colouring = np.linalg.inv(excited)
+        covariance = (colouring @ colouring.conj().swapaxes(-1, -2) + added).astype(np.complex128)
+        root = np.concatenate([inverse_cholesky_factor(covariance), non_excited])
+        plain = FourierLineWhitener(own.samples, own.repeats, own.excited_lines, own.non_excited_lines, root)
+        whitener = without_leakage(plain, noise.spectra, sample_step(recording))
+    return replace(noise, floor=np.sqrt(noise.floor**2 + np.diag(added)), whitener=whitener)
