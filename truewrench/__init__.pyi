@@ -6,7 +6,6 @@ from design.criteria import DOptimal as DOptimal
 from design.criteria import EOptimal as EOptimal
 from design.criteria import Subset as Subset
 from design.discrimination import tell_apart as tell_apart
-from modeling.noise.stationary_noise import ColouredNoise as ColouredNoise
 from design.trajectories.fourier import FreeSeries as FreeSeries
 from design.trajectories.fourier import PaperSeries as PaperSeries
 from design.trajectories.rest_to_rest import RestToRest as RestToRest
@@ -28,7 +27,6 @@ from estimation.fit import fit as fit
 from estimation.least_squares.constrained import Bounds as Bounds
 from estimation.least_squares.constrained import Constraints as Constraints
 from estimation.least_squares.constrained import Prior as Prior
-from modeling.noise.autoregressive_noise import NoiseModel as NoiseModel
 from estimation.recordings.reading import read as read
 from estimation.recordings.recording import Recording as Recording
 from estimation.repeatability.bootstrap import bootstrap as bootstrap
@@ -48,6 +46,8 @@ from modeling.chain.model import spatial as spatial
 from modeling.errors import InputError as InputError
 from modeling.errors import TruewrenchError as TruewrenchError
 from modeling.formulas.custom_effects.python_definition import own_effect as own_effect
+from modeling.noise.autoregressive_noise import NoiseModel as NoiseModel
+from modeling.noise.stationary_noise import ColouredNoise as ColouredNoise
 from modeling.rig.rig import Rig as Rig
 from modeling.space import signals as signals
 from truewrench.files.effects_file import read_effects as read_effects
