@@ -148,7 +148,8 @@ class NoiseModel(StationaryNoise):
             remedy = "give the noise of single samples"
             raise InputError(what="it is the noise of averages over blocks", where="noise", remedy=remedy)
         past = series[len(series) - self.order :]
-        return whitened_channels(self.root, self.innovations(np.concatenate([past, series]).T)).T
+        innovation = self.innovations(np.concatenate([past, series]).T).T if self.order else series
+        return np.asarray(np.einsum("cd,nd...->nc...", self.root, innovation))
 
 
 def _interpolated_spectrum(frequency: Array, level: Array) -> Array:
