@@ -76,12 +76,6 @@ class ScaledSVD:
         return np.asarray(np.linalg.norm(self.null_space, axis=1) < UNIDENTIFIABLE_SHARE)
 
     @cached_property
-    def range(self) -> Array:
-        """Projection (k, k) onto the range of R, of numerical rank."""
-        kept = self.left[:, self.regular]
-        return np.asarray(kept @ kept.T)
-
-    @cached_property
     def inverse(self) -> Array:
         """Pseudo-inverse (k, k) of R: R^-1 on the identifiable directions, zero on the null space."""
         kept = self.regular
