@@ -7,18 +7,22 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from diagnosis.acceptance.acceptance import HELD_OUT_SIGNIFICANCE, accept
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.acceptance.acceptance import accept
 from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.acceptance.recording_disturbance import RecordingDisturbance, disturbances_of, with_disturbances
 from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.validation import zero_shift
 from diagnosis.parallel.progress import Progress, silent
 from diagnosis.parallel.workers import Workers, WorkItem, run_spmd
-from diagnosis.screening.multiplicity import SIGNIFICANCE
 from diagnosis.screening.score_test import screen
-from diagnosis.selection.noise_reestimation import reestimated_noise
+from diagnosis.selection.noise_reestimation import noise_without_transients
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, search_subsets
+from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
 from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
+from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.result_json import (
     disturbance_data,
     estimates_data,
@@ -30,7 +34,9 @@ from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import judge
 from estimation.fit import Fit, check_channels, initial_noise, refit, require_positive_fitted_mass
+from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
@@ -39,18 +45,21 @@ from modeling.chain.model import WrenchModel
 from modeling.effects import catalogue
 from modeling.errors import InputError
 from modeling.number_format import P_VALUE, SHARE, finite
+from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Tabular):
     """Result of a diagnosis of the recordings of one rig and tool.
 
-    steps      selection steps, from the rigid tool to the last effect added
-    findings   one for every candidate effect, the added ones first
-    zero_shift change of each channel's bias on the first held-out recording, None without one
-    own        recording-specific disturbances of the held-out recordings: drift, contact
-    remainder  the unexplained residual and where it is significant, None when the recordings are explained
+    steps         selection steps, from the rigid tool to the last effect added
+    findings      one for every candidate effect, the added ones first
+    zero_shift    change of each channel's bias on the first held-out recording, None without one
+    disturbances  recording-specific disturbances of the held-out recordings: drift, contact
+    unexplained   the unexplained residual and where it is significant, None when the recordings are explained
     """
 
     model: WrenchModel
@@ -58,9 +67,9 @@ class Diagnosis(Tabular):
     steps: tuple[SelectionStep, ...]
     findings: tuple[Finding, ...]
     zero_shift: Mapping[str, float] | None
-    own: tuple[RecordingDisturbance, ...]
+    disturbances: tuple[RecordingDisturbance, ...]
     tolerance: Mapping[str, float]
-    remainder: UnexplainedResidual | None
+    unexplained: UnexplainedResidual | None
 
     @property
     def fit(self) -> Fit:
@@ -75,7 +84,7 @@ class Diagnosis(Tabular):
     @cached_property
     def lack_of_fit(self) -> float:
         """Bonferroni-corrected p-value of the final model's lack of fit over the training recordings."""
-        return min(1.0, len(self.steps[-1].training) * min(c.lack_of_fit for c in self.steps[-1].training))
+        return bonferroni_p_value([c.lack_of_fit for c in self.steps[-1].training])
 
     @property
     def table(self) -> Table:
@@ -86,7 +95,8 @@ class Diagnosis(Tabular):
 
     def remarks(self) -> list[str]:
         """Recording-specific disturbances, and where the residual is significant."""
-        return [*map(str, self.own), *([f"residual: {self.remainder.where}"] if self.remainder else [])]
+        unexplained = [f"residual: {self.unexplained.where}"] if self.unexplained else []
+        return [*map(str, self.disturbances), *unexplained]
 
     def printed(self) -> list[Table | str]:
         """Verdict, comparison with the first recording, candidate effects."""
@@ -109,8 +119,8 @@ class Diagnosis(Tabular):
             "effects": [finding_data(f) for f in self.findings],
             "parameters": estimates_data(self.fit.parameters),
             "zero_shift": None if self.zero_shift is None else dict(self.zero_shift),
-            "validation_own": [disturbance_data(o) for o in self.own] if self.steps[0].validation else None,
-            "unexplained": None if self.remainder is None else unexplained_data(self.remainder),
+            "validation_own": [disturbance_data(d) for d in self.disturbances] if self.steps[0].validation else None,
+            "unexplained": None if self.unexplained is None else unexplained_data(self.unexplained),
         }
         plain: dict[str, Any] = finite(data)
         return plain
@@ -122,13 +132,15 @@ def diagnose(
     *,
     validate: Recording | Iterable[Recording] | None = None,
     effects: Sequence[Effect] | None = None,
+    effect_rules: Sequence[EffectRule] = EFFECT_RULES,
     progress: Progress = silent,
     workers: int = 1,
 ) -> Diagnosis:
     """Identify the physical effects that a rigid-tool model lacks, from its recordings.
 
     `validate` are held-out recordings of other motions of the same rig and tool, never fitted; `effects` are the
-    candidates, by default the whole catalogue. `workers` is the number of processes; the result does not depend on it.
+    candidates, by default the whole catalogue, and `effect_rules` judge them, the first that applies. `workers` is the
+    number of processes; the result does not depend on it.
     Raises InputError when the model has effects already, its signals are not recorded, or the estimated mass is
     negative.
     """
@@ -138,7 +150,9 @@ def diagnose(
     others = (validate,) if isinstance(validate, Recording) else tuple(validate or ())
     candidates = None if effects is None else tuple(effects)
     with threadpool_limits(1):  # tall, thin matrices: multithreaded linear algebra only slows down
-        return run_spmd(workers, lambda team: _diagnosed(model, training, others, candidates, progress, team))
+        return run_spmd(
+            workers, lambda team: _diagnosed(model, training, others, candidates, effect_rules, progress, team)
+        )
 
 
 def _diagnosed(
@@ -146,6 +160,7 @@ def _diagnosed(
     training: tuple[Recording, ...],
     others: tuple[Recording, ...],
     effects: tuple[Effect, ...] | None,
+    effect_rules: Sequence[EffectRule],
     progress: Progress,
     workers: Workers,
 ) -> Diagnosis:
@@ -170,27 +185,27 @@ def _diagnosed(
     final, reasons = acceptance.candidate, dict(acceptance.reasons)
     known = acceptance.held_out
     steps = selection_steps(selection, final, known)
-    verdict = _record_verdict(selection, final, steps, tolerance)
+    power = explainable_power_by_step(steps)
+    verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance))
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
-        reasons |= dict.fromkeys(
-            sorted(final.ids), "it removes less than half of the systematic error, and the residual stays significant"
-        )
+        reasons |= dict.fromkeys(sorted(final.ids), reason)
         final, known = (
             selection.base,
             tuple(with_disturbances(h, selection.base.fit, candidates, workers) for h in held_out),
         )
         steps = selection_steps(selection, final, known)
+        power = power[:1]
     require_positive_fitted_mass(final.fit)
     progress("verdict, upper limit and aliases of every effect")
     evidence = gather_evidence(selection, final, candidates, reasons)
-    findings = judge_effects(selection, final, steps, evidence, reasons, candidates, tolerance)
+    findings = judge_effects(selection, final, steps, power, evidence, candidates, tolerance, effect_rules)
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], tolerance)
-    shift = zero_shift(final.fit, known[0].carried(final.fit)) if known else None
-    own = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
-    final.workspace.forget()
-    return Diagnosis(final.fit.model, verdict, steps, findings, shift, own, tolerance, unexplained)
+    shift = zero_shift(final.fit, known[0].validation_fit(final.fit)) if known else None
+    disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
+    final.cache.forget()
+    return Diagnosis(final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained)
 
 
 def _initial_fit(
@@ -208,10 +223,10 @@ def _initial_fit(
 def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, workers: Workers) -> SubsetSearch:
     """The subset search; repeated in the re-estimated noise where transient effects had been attributed to noise."""
     selection = search_subsets(base, candidates, progress, workers)
-    noise = reestimated_noise(selection.chosen.fit)
+    noise = noise_without_transients(selection.chosen.fit)
     if noise is None:
         return selection
-    selection.base.workspace.forget()
+    selection.base.cache.forget()
     progress("re-estimate the noise, and repeat the search")
     again = refit(base.model, base.recordings, noise=noise, start=base.values)
     return search_subsets(again, candidates, progress, workers)
@@ -223,40 +238,38 @@ def _without_negligible(candidate: CandidateModel, tolerance: Mapping[str, float
         return candidate
     for effect in candidate.fit.model.effects:
         without = candidate.without(effect.id)
-        (screening,) = screen(without.fit, [effect], candidates=candidate.among, workspace=candidate.workspace)
+        (screening,) = screen(without.fit, [effect], candidates=candidate.candidates, cache=candidate.cache)
         if screening.excited and within_tolerance(
-            contribution_upper_limit(without.fit, screening, candidate.workspace), tolerance
+            contribution_upper_limit(without.fit, screening, candidate.cache), tolerance
         ):
             return _without_negligible(without, tolerance, stated)
     return candidate
 
 
-def _record_verdict(
-    selection: SubsetSearch, final: CandidateModel, steps: Sequence[SelectionStep], tolerance: Mapping[str, float]
-) -> RecordVerdict:
-    """The record's verdict; a model with lack of fit on held-out data is not adequate, whatever it does in training.
-
-    Where the noise is estimated from the residual, the lack-of-fit test has little power: NOTHING_MISSING then also
-    requires that no effect was significant in the search.
-    """
-    held_out = min((c.lack_of_fit for c in steps[-1].validation), default=1.0)
-    adequate = final.lack_of_fit >= SIGNIFICANCE and held_out >= HELD_OUT_SIGNIFICANCE
-    if not final.ids:
-        any_significant = noise_from_residual(final.fit) and len(selection.tried) > 1
-        return RecordVerdict.NOTHING_MISSING if adequate and not any_significant else RecordVerdict.UNEXPLAINED
+def _record_evidence(
+    selection: SubsetSearch,
+    final: CandidateModel,
+    steps: Sequence[SelectionStep],
+    power: Array,
+    tolerance: Mapping[str, float],
+) -> RecordEvidence:
     compared = (*steps[-1].training, *steps[-1].validation)
-    if adequate or all(
-        c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
-    ):
-        return RecordVerdict.EXPLAINED
-    power = explainable_power_by_step(steps)
-    return RecordVerdict.PARTLY_EXPLAINED if power[-1] <= power[0] / 2 else RecordVerdict.UNEXPLAINED
+    return RecordEvidence(
+        lack_of_fit=final.lack_of_fit,
+        held_out_lack_of_fit=min((c.lack_of_fit for c in steps[-1].validation), default=1.0),
+        effects=len(final.ids),
+        unaccepted=noise_from_residual(final.fit) and len(selection.tried) > 1,
+        within_tolerance=all(
+            c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
+        ),
+        power_share=float(power[-1] / max(power[0], 1e-300)),
+    )
 
 
 def _unexplained(step: SelectionStep, tolerance: Mapping[str, float]) -> UnexplainedResidual:
     """Unexplained residual of the recording that fits worst: a training one, unless only held-out ones lack fit."""
     fitted = min(step.training, key=lambda c: c.lack_of_fit)
     held_out = min(step.validation, key=lambda c: c.lack_of_fit, default=fitted)
-    if fitted.lack_of_fit >= SIGNIFICANCE and held_out.lack_of_fit < HELD_OUT_SIGNIFICANCE:
+    if fitted.lack_of_fit >= LEVELS.effect and held_out.lack_of_fit < LEVELS.held_out:
         return describe_residual(held_out, tolerance, fitted=False)
     return describe_residual(fitted, tolerance)

@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from design.discrimination import DiscriminationDesign, WhitenedPrediction, tell_apart, with_effect_replaced
+from design.discrimination import DiscriminationDesign, WhitenedPrediction, discriminate, with_effect_replaced
 from design.discrimination.exchange_algorithm import ExchangeProgress
 from design.information.sampling import Sampling
 from design.trajectories.fourier import FreeSeries
@@ -58,7 +58,7 @@ def next_experiment(
         raise InputError(what=what, where=WHERE, remedy="give the rig, with robot.link_lengths or robot.urdf")
     model, assumed_noise = found.fit.model.designable, noise or sensor_noise_of(found)
     duration = recording.samples_per_repeat * recording.dt
-    return tell_apart(
+    return discriminate(
         own,
         model,
         found.fit.values,

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
-from scipy.special import zeta
 
-from estimation.distributions import student_isf
+from estimation.distributions import inverse_trigamma, student_isf
 from estimation.least_squares.column_space import orthonormal_basis
 from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.least_squares.whitened_problem import WhitenedProblem
@@ -20,6 +19,7 @@ from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
 from modeling.parameter import Parameter
+from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 
 Array = NDArray[np.float64]
@@ -30,8 +30,6 @@ MIN_DEGREES_OF_FREEDOM = 2.0
 """Lower limit: that of the power at a record's lowest line, whose scatter the extrapolated spectrum omits."""
 MIN_RESIDUAL_SHARE = 0.5
 """Share of a line's power that must remain in the residual for the line to enter the noise spectrum."""
-NEWTON_TOLERANCE = 1e-8
-"""Relative to x: convergence is quadratic, so the step after one this short is below rounding."""
 
 
 class WhitenedFit(Protocol):
@@ -93,7 +91,7 @@ class Intervals(Tabular):
         return Table.of((name, value, std, Column("freedom", format=".3g"), *ends, unit), rows)
 
 
-def intervals(fit: WhitenedFit, *, level: float = 0.95, pull: Array | None = None) -> Intervals:
+def intervals(fit: WhitenedFit, *, level: float = LEVELS.confidence, pull: Array | None = None) -> Intervals:
     """Confidence intervals with nominal coverage, though the noise was estimated from the same recordings.
 
     theta's error is sum_r a_rj w_r over the whitened rows' noise w, with the influence a = D C of least squares
@@ -127,61 +125,21 @@ def degrees_of_freedom_of(log_variance: float) -> float:
     )
 
 
-def inverse_trigamma(value: float) -> float:
-    """The x > 0 at which trigamma(x) = zeta(2, x) has this value.
+@dataclass(frozen=True, eq=False)
+class VarianceContribution:
+    """Contribution of one recording to the variance of every parameter.
 
-    By Newton's method on 1 / trigamma, which is convex and nearly linear: from 1/2 + 1 / value it decreases to x
-    monotonically (Smyth, Statistical Applications in Genetics and Molecular Biology 3, 2004, appendix).
+    variance      (k,)
+    log_variance  variance (k,) of log `total`, the variance (k,) over all recordings, due to this one's noise estimate
     """
-    x, step = 0.5 + 1 / value, np.inf
-    while step > NEWTON_TOLERANCE * x:
-        trigamma = zeta(2, x)
-        step = trigamma * (1 - trigamma / value) / (2 * zeta(3, x))
-        x -= step
-    return float(x)
 
-
-@dataclass(frozen=True, eq=False)
-class WhitenedRowContribution:
-    """Contribution of one recording to the variance of every parameter: squared influences (rows, k) of its rows."""
-
-    noise: RecordingNoise
-    squares: Array
-
-    @property
-    def variance(self) -> Array:
-        """Contribution (k,) to the variance."""
-        return np.asarray(self.squares.sum(axis=0))
-
-    def log_variance(self, total: Array) -> Array:
-        """Variance (k,) of log `total`, the variance over all recordings, due to this one's noise estimate."""
-        return self.noise.log_power_variance_of(self.squares / total)
-
-
-@dataclass(frozen=True, eq=False)
-class SpectralContribution:
-    """The same of a single run in the cosine transform: power spectra, and squared influences times them (lines, k)."""
-
-    frequency: Array
-    spectra: tuple[PowerSpectrum, ...]
-    squares: tuple[Array, ...]
-
-    @property
-    def variance(self) -> Array:
-        """Sum over channels and lines."""
-        return np.asarray(np.sum([s.sum(axis=0) for s in self.squares], axis=0))
-
-    def log_variance(self, total: Array) -> Array:
-        """From the uncertainty of the spectra; the channels are independent."""
-        parts = zip(self.spectra, self.squares, strict=True)
-        return np.asarray(
-            sum(curve.mean_log_variance(curve.basis(self.frequency), squares / total) for curve, squares in parts)
-        )
+    variance: Array
+    log_variance: Callable[[Array], Array]
 
 
 def _variance_contributions(
     fit: WhitenedFit, residual: Array, derivative: Array, pull: Array
-) -> Iterator[WhitenedRowContribution | SpectralContribution]:
+) -> Iterator[VarianceContribution]:
     basis = orthonormal_basis(derivative)
     ends = np.cumsum([noise.whitener.rows for noise in fit.noise])[:-1]
     blocks = zip(*(np.split(rows, ends) for rows in (residual, basis, pull)), strict=True)
@@ -189,7 +147,7 @@ def _variance_contributions(
         if _may_be_coloured(recording, noise):
             yield _spectral_contribution(len(recording.channels), own_residual, own_basis, own_pull)
         else:
-            yield WhitenedRowContribution(noise, own_pull**2)
+            yield _row_contribution(noise, own_pull**2)
 
 
 def _may_be_coloured(recording: Recording, noise: RecordingNoise) -> bool:
@@ -198,7 +156,12 @@ def _may_be_coloured(recording: Recording, noise: RecordingNoise) -> bool:
     return noise.source is NoiseSource.RESIDUAL and not recording.at_rest and lines > 2 * MIN_ORDINATES
 
 
-def _spectral_contribution(channels: int, residual: Array, basis: Array, pull: Array) -> SpectralContribution:
+def _row_contribution(noise: RecordingNoise, squares: Array) -> VarianceContribution:
+    """Whitened rows as they are: squared influences (rows, k)."""
+    return VarianceContribution(squares.sum(axis=0), lambda total: noise.log_power_variance_of(squares / total))
+
+
+def _spectral_contribution(channels: int, residual: Array, basis: Array, pull: Array) -> VarianceContribution:
     """One run in the cosine transform, each channel with the power spectrum of its residual.
 
     The fit absorbs the share h of a line's power, its leverage: the squares of a basis of the column space.
@@ -211,10 +174,15 @@ def _spectral_contribution(channels: int, residual: Array, basis: Array, pull: A
     spectra = tuple(
         smooth_power_spectrum(frequency[1:], o[1:], shape=0.5, start=float(frequency[0])) for o in ordinates.T
     )
-    squares = (
+    squares = [
         squared[:, c] * _line_power(spectrum, frequency, ordinates[:, c])[:, None] for c, spectrum in enumerate(spectra)
-    )
-    return SpectralContribution(frequency, spectra, tuple(squares))
+    ]
+
+    def log_variance(total: Array) -> Array:
+        parts = zip(spectra, squares, strict=True)  # the channels are independent
+        return np.asarray(sum(curve.mean_log_variance(curve.basis(frequency), part / total) for curve, part in parts))
+
+    return VarianceContribution(np.sum([part.sum(axis=0) for part in squares], axis=0), log_variance)
 
 
 def _cosine_lines(rows: Array, channels: int) -> Array:

@@ -11,30 +11,28 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
-from estimation.least_squares.constrained import minimise_constrained as constrained
 from estimation.least_squares.estimates import Estimate, Estimates
 from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
 from estimation.model_response import ModelResponse, model_response
-from estimation.noise.disturbances.events_in_single_runs import find_events_in_single_runs
-from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from estimation.streaming.chunk import Chunk
-from estimation.streaming.chunk_information import RecordingOrChunk
+from estimation.streaming.chunk_information import RecordingOrChunk, require_channels
 from estimation.streaming.streamed_fit import StreamedFit, fit_streamed
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.parameter import Parameter
+from modeling.significance import LEVELS
 
 if TYPE_CHECKING:
     from estimation.confidence_intervals import Intervals
+    from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
 
 __all__ = [
     "Estimate",
@@ -91,9 +89,9 @@ class Fit(Estimates):
     @cached_property
     def information(self) -> SquareRootInformation:
         """Square-root information of theta from the whitened rows."""
-        return self.linearised().information.moved(-self.theta)
+        return self.linearised().information.shifted(-self.theta)
 
-    def intervals(self, level: float = 0.95) -> Intervals:
+    def intervals(self, level: float = LEVELS.confidence) -> Intervals:
         """Confidence intervals of every parameter, with the effective degrees of freedom of the estimated noise."""
         from estimation.confidence_intervals import intervals  # loads scipy.special
 
@@ -199,18 +197,12 @@ def _whole_recordings(parts: Iterable[RecordingOrChunk], executor: Executor | No
     return tuple(several)
 
 
-def check_channels(model: WrenchModel, several: tuple[Recording, ...]) -> tuple[Recording, ...]:
-    """The recordings, if there are any and their channels are the model's; InputError otherwise."""
+def check_channels(model: WrenchModel, several: tuple[Recording, ...]) -> None:
+    """InputError when there are no recordings, or their channels are not the model's."""
     if not several:
         raise InputError(what="no recording was given", where="recordings", remedy="give at least one")
     for recording in several:
-        if recording.channels != model.channels:
-            raise InputError(
-                what=f"its channels are {', '.join(recording.channels)}, the model's {', '.join(model.channels)}",
-                where=recording.name,
-                remedy="use planar() for fx, fy, tau and spatial() for six axes",
-            )
-    return several
+        require_channels(recording, model)
 
 
 def refit(
@@ -225,11 +217,13 @@ def refit(
     unknowns = parameter_layout(model, several)
     theta = initial_values(unknowns, start or {})
     if constraints is not None:
+        from estimation.least_squares.constrained import minimise_constrained
+
         constraints.region(unknowns)  # raises before any work when they are invalid or infeasible
     known = tuple(noise) if noise is not None else initial_noise(model, several)
     for _ in range(1 if noise is not None else 4):
         problem = WhitenedProblem(unknowns, several, known)
-        held = None if constraints is None else constrained(problem, theta, constraints)
+        held = None if constraints is None else minimise_constrained(problem, theta, constraints)
         found = problem.minimise(theta) if held is None else held
         theta = found.theta
         estimated = Fit(
@@ -255,6 +249,9 @@ def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[
 
     Transient events detected in a single run are excluded from that fit, and have a noise of their own.
     """
+    from estimation.noise.disturbances.events_in_single_runs import find_events_in_single_runs
+    from estimation.noise.noise_estimation import estimate_noise  # spectra, splines and tests: slow to import
+
     events = find_events_in_single_runs(model, recordings)
     residuals = [_base_model_residual(model.base, r, own) for r, own in zip(recordings, events, strict=True)]
     return tuple(estimate_noise(r, e, events=v) for r, e, v in zip(recordings, residuals, events, strict=True))
@@ -262,6 +259,8 @@ def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[
 
 def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:
     """The noise of a fit's recordings, re-estimated where it comes from the residual."""
+    from estimation.noise.noise_estimation import estimate_noise
+
     fitted = int(estimated.identifiable.sum())
     return tuple(
         estimate_noise(r, e, fitted, n.events) if n.source is NoiseSource.RESIDUAL else n

@@ -8,8 +8,8 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy  # loads scipy.fft with its first use
 from numpy.typing import NDArray
-from scipy.fft import irfft, rfft
 
 from estimation.recordings.differentiation import spline_derivatives
 from estimation.recordings.recording import Recording
@@ -311,9 +311,9 @@ def through_transfer_function(
     found = np.empty(columns.shape)
     for first in range(0, len(found), at_once := max(1, FILTER_BATCH // length)):
         part = slice(first, first + at_once)
-        lines = rfft(_reflected_ends(columns[part], pad))
+        lines = scipy.fft.rfft(_reflected_ends(columns[part], pad))
         lines *= factor
-        found[part] = irfft(lines, n=length, overwrite_x=True)[:, pad : length - pad]
+        found[part] = scipy.fft.irfft(lines, n=length, overwrite_x=True)[:, pad : length - pad]
     return found.reshape(series.T.shape).T
 
 

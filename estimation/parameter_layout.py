@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,10 @@ class ParameterLayout:
     def size(self) -> int:
         """The number of unknowns."""
         return len(self.parameters)
+
+    def values_of(self, number: int, known: Mapping[str, float]) -> Array:
+        """Parameters (k,) of a recording's model from values of unknowns by name; nominal where there is none."""
+        return np.array([known.get(self.parameters[i].name, self.parameters[i].nominal) for i in self.index[number]])
 
 
 def parameter_layout(model: WrenchModel, recordings: Sequence[Recording]) -> ParameterLayout:

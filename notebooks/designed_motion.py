@@ -134,7 +134,7 @@ fits = {name: tw.fit(rival, ordinary) for name, rival in rivals.items()}
 before = {name: chi_square(fit) for name, fit in fits.items()}
 print("chi-square of the slow recording:", {name: round(value) for name, value in before.items()})
 
-told = tw.tell_apart(
+told = tw.discriminate(
     rig,
     rivals["quadratic"],
     fits["quadratic"].values,

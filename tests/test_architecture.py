@@ -14,6 +14,9 @@ from design.criteria import Criterion
 from design.trajectories.fourier import FreeSeries
 from design.trajectory_design import design
 from diagnosis.diagnosis import diagnose
+from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
+from diagnosis.verdict.verdict import EffectVerdict
+from diagnosis.verdict_rule import VerdictRule
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import planar
 from modeling.effects import named
@@ -60,6 +63,29 @@ def test_an_effect_from_outside_is_found() -> None:
     recording = from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
     found = diagnose(planar(rig), recording, effects=[HoseDrag(), named("sensor_lag"), named("gravity_tilt")])
     assert found.added == ("hose_drag",)
+
+
+def test_a_verdict_rule_from_outside_is_asked_in_order() -> None:
+    """The same evidence on the same noise: a rule before the others decides, and after them none of it is left."""
+    rig = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
+    frame = simulate(PlanarRig(), PlanarRig().random_motion(seed=5), repeats=4, samples_per_period=200, seed=5)
+    recording = from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
+    unloaded: EffectRule = VerdictRule(
+        "no drag in the laboratory's vacuum",
+        lambda evidence: evidence.screening.effect.id == "viscous_drag",
+        EffectVerdict.NOT_EXCITED,
+        "p = {e.screening.p_value:.1g}, and there is no air",
+    )
+    effects = [named("viscous_drag"), named("sensor_lag")]
+    first, last, usual = (
+        {f.effect.id: f for f in diagnose(planar(rig), recording, effects=effects, effect_rules=rules).findings}
+        for rules in ((unloaded, *EFFECT_RULES), (*EFFECT_RULES, unloaded), EFFECT_RULES)
+    )
+    assert first["viscous_drag"].verdict is EffectVerdict.NOT_EXCITED
+    assert first["viscous_drag"].reason.endswith("there is no air")
+    assert first["sensor_lag"].verdict is usual["sensor_lag"].verdict
+    assert {i: (f.verdict, f.reason) for i, f in last.items()} == {i: (f.verdict, f.reason) for i, f in usual.items()}
+    assert usual["viscous_drag"].verdict is not EffectVerdict.NOT_EXCITED
 
 
 @dataclass(frozen=True)

@@ -24,12 +24,12 @@ from design.discrimination import (
     Separability,
     Separation,
     WhitenedPrediction,
+    discriminate,
     rival_models,
-    tell_apart,
     with_effect_replaced,
 )
 from design.discrimination.directed_pair import LinearisedRival, maximin_experiment
-from design.discrimination.rival_fit import fit_rival, parameter_bounds, rival_starts, whitened_predictions
+from design.discrimination.rival_fit import RivalAlongTrajectories, parameter_bounds, rival_starts, whitened_predictions
 from design.information import Experiment, prediction_terms, sensitivity_terms
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.random_periodic import random_periodic_trajectory
@@ -50,6 +50,7 @@ from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.noise.stationary_noise import ColouredNoise, StationaryNoise
 from modeling.parameter import Parameter
 from modeling.rig.rig import Limits, Rig
+from modeling.rival_fit import fit_rival
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 
@@ -154,7 +155,7 @@ def test_imitation_is_a_minimum_within_the_bounds(true: Effect, rival: Effect) -
     target, _ = whitened_predictions([view(0)], d.truth.model, d.truth.theta)
     value, slopes = whitened_predictions([view(0)], d.rival, found.theta)
     left = target - value
-    assert float(left @ left) == pytest.approx(found.separation, rel=1e-9, abs=1e-9)
+    assert float(left @ left) == pytest.approx(found.noncentrality, rel=1e-9, abs=1e-9)
     low, high = parameter_bounds(d.rival)
     length = np.linalg.norm(slopes, axis=0)
     pull = np.divide(slopes.T @ left, length, out=np.zeros_like(length), where=length > 0) / np.linalg.norm(left)
@@ -171,9 +172,9 @@ def test_model_imitates_itself_and_what_it_contains() -> None:
     d = direction(VISCOUS, QUADRATIC)
     own = DirectedPair(d.truth, d.truth.model)
     assert own.nested_in_rival
-    assert own.rival_fit([view(0)], SETTING.reach).separation < 1e-15 * d.power([view(0)])  # rounding, squared
+    assert own.rival_fit([view(0)], SETTING.reach).noncentrality < 1e-15 * d.power([view(0)])  # rounding, squared
     both = DirectedPair(d.truth, d.truth.model + LAG)
-    assert both.rival_fit([view(0)], SETTING.reach).separation < 1e-15 * d.power([view(0)])
+    assert both.rival_fit([view(0)], SETTING.reach).noncentrality < 1e-15 * d.power([view(0)])
 
 
 def test_grid_finds_a_tether() -> None:
@@ -182,16 +183,18 @@ def test_grid_finds_a_tether() -> None:
     truth = Hypothesis.of(planar() + tether, values("cable_spring") | {"cable_spring.length": 1.6})
     target, _ = whitened_predictions([seen], truth.model, truth.theta)
     rigid = DirectedPair(truth, planar()).rival_fit([seen], SETTING.reach)
-    assert rigid.separation > 100
+    assert rigid.noncentrality > 100
     blind = np.concatenate([rigid.theta, np.zeros(len(truth.theta) - len(rigid.theta))])
     begin = rival_starts(target, truth.model, ("cable_spring",), blind, seen, SETTING.reach)
-    assert fit_rival(target, truth.model, [seen], begin).separation < 1e-3 * rigid.separation
+    assert (
+        fit_rival(RivalAlongTrajectories(target, truth.model, [seen]), begin).noncentrality < 1e-3 * rigid.noncentrality
+    )
 
 
 def test_distance_over_two_runs_is_twice_that_of_one() -> None:
     d = direction(LAG, DELAY)
-    one = d.rival_fit([view(0)], SETTING.reach).separation
-    two = d.rival_fit([view(0), view(0)], SETTING.reach).separation
+    one = d.rival_fit([view(0)], SETTING.reach).noncentrality
+    two = d.rival_fit([view(0), view(0)], SETTING.reach).noncentrality
     assert two == pytest.approx(2 * one, rel=1e-9)  # rounding of the search
 
 
@@ -200,7 +203,9 @@ def test_a_parameter_that_no_reading_shows_does_not_break_the_search() -> None:
     still = Trajectory(SERIES, np.zeros(SERIES.size))
     poses = [SETTING.view(still)]
     d = direction(TILT, ROTATION)
-    assert d.rival_fit(poses, SETTING.reach).separation < 1e-18 * d.power(poses)  # three biases explain three numbers
+    assert d.rival_fit(poses, SETTING.reach).noncentrality < 1e-18 * d.power(
+        poses
+    )  # three biases explain three numbers
 
 
 # ------------------------------------------------------------------------------------ the linear stand-in
@@ -217,7 +222,7 @@ def test_block_is_the_exact_distance_at_the_best_imitation(true: Effect, rival: 
     information = experiment.information(SETTING.random((9, 0)), SAMPLES)
     single = Subset((block.size - 1,)).value(information[: block.size, : block.size])
     assert np.exp(single) == pytest.approx(
-        found.separation, rel=1e-5
+        found.noncentrality, rel=1e-5
     )  # columns are information, squared: 1e-16 / 1e-12
     assert criterion.value(information) == pytest.approx(single - np.log(2) / criterion.power, rel=1e-9)
     assert len(experiment.parameters) == experiment.size == 2 * block.size
@@ -245,7 +250,7 @@ def test_columns_that_are_combinations_of_others_are_left_out() -> None:
 def told(true: Effect, rival: Effect, given: Mapping[str, float] | None = None, **options: int) -> DiscriminationDesign:
     truth, other = rival_models(planar() + true, true, rival)
     known = values(true.id) if given is None else given
-    return tell_apart(RIG, truth, known, [other], series=SERIES, samples=SAMPLES, noise=NOISE, **options)  # type: ignore[arg-type]
+    return discriminate(RIG, truth, known, [other], series=SERIES, samples=SAMPLES, noise=NOISE, **options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("true", "rival"), [(TILT, FirstJointOffset()), (ROTATION, CROSSTALK)], ids=["tilt", "turn"])
@@ -255,7 +260,7 @@ def test_what_no_motion_separates_is_said(true: Effect, rival: Effect) -> None:
     assert found.verdict is Separability.NEVER
     assert found.motion is None
     assert not found.rounds
-    assert all(d.imitated for d in found.pairs[0].directions)
+    assert all(d.indistinguishable for d in found.pairs[0].directions)
     assert "no trajectory of this arm discriminates them" in str(found)
     data = json.loads(json.dumps(found.to_data(), allow_nan=False))
     assert data["pairs"][0]["runs_for_1_percent"] is None
@@ -265,9 +270,9 @@ def test_what_no_motion_separates_is_said(true: Effect, rival: Effect) -> None:
 def test_the_larger_of_two_nested_models_has_to_show() -> None:
     found = told(CROSSTALK, ROTATION, starts=1)
     (pair,) = found.pairs
-    assert [d.imitated for d in pair.directions] == [False, True]
+    assert [d.indistinguishable for d in pair.directions] == [False, True]
     assert pair.nested
-    assert pair.chance(pair.after) is None
+    assert pair.error_probability(pair.after) is None
     assert pair.after == pair.directions[0].after > pair.before > 0
 
 
@@ -275,11 +280,11 @@ def test_a_model_against_one_effect_less_or_more() -> None:
     """Less: whether the effect shows, in one direction. More: nothing ever says that the further effect is absent."""
     tilted = planar() + TILT
     options = {"series": SERIES, "samples": SAMPLES, "noise": NOISE, "starts": 1}
-    less = tell_apart(RIG, tilted, values("gravity_tilt"), [planar()], **options)  # type: ignore[arg-type]
-    assert [d.imitated for d in less.pairs[0].directions] == [False, True]
+    less = discriminate(RIG, tilted, values("gravity_tilt"), [planar()], **options)  # type: ignore[arg-type]
+    assert [d.indistinguishable for d in less.pairs[0].directions] == [False, True]
     assert less.pairs[0].nested
-    assert less.pairs[0].directions[0].noticed == pytest.approx(less.pairs[0].after, rel=1e-6)  # two searches of one
-    more = tell_apart(RIG, tilted, values("gravity_tilt"), [tilted + LAG], **options)  # type: ignore[arg-type]
+    assert less.pairs[0].directions[0].detection == pytest.approx(less.pairs[0].after, rel=1e-6)  # two searches of one
+    more = discriminate(RIG, tilted, values("gravity_tilt"), [tilted + LAG], **options)  # type: ignore[arg-type]
     assert more.verdict is Separability.NEVER
 
 
@@ -287,7 +292,7 @@ def test_a_model_against_one_effect_less_or_more() -> None:
 
 
 def pair(one: float, other: float, runs: int = 2) -> ModelPair:
-    shared = {"before": 1.0, "noticed": 40.0, "imitated": False}
+    shared = {"before": 1.0, "detection": 40.0, "indistinguishable": False}
     directions = (
         Separation(truth="a", rival="b", after=one, **shared),  # type: ignore[arg-type]
         Separation(truth="b", rival="a", after=other, **shared),  # type: ignore[arg-type]
@@ -299,20 +304,20 @@ def test_pair_is_judged_by_its_smaller_distance() -> None:
     assert pair(30.0, 25.0).after == 25.0
     assert pair(30.0, 25.0).verdict is Separability.SEPARATED
     assert pair(30.0, 20.0).verdict is Separability.REPEATS
-    unnoticed = replace(pair(30.0, 25.0).directions[1], after=1.0, noticed=2.0)
+    unnoticed = replace(pair(30.0, 25.0).directions[1], after=1.0, detection=2.0)
     assert replace(pair(30.0, 25.0), directions=(pair(30.0, 25.0).directions[0], unnoticed)).after == 30.0
     assert pair(30.0, 5.4).runs_for(10.8) == 4  # lambda doubles with twice the runs
     assert pair(30.0, 5.4).runs_for(21.6) == 8
     assert pair(30.0, 0.0).runs_for(21.6) is None
-    assert pair(30.0, 10.8).chance(10.8) == pytest.approx(0.05, abs=2e-4)  # DIAGNOSIS
-    assert pair(30.0, 10.8).chance(21.6) == pytest.approx(0.01, abs=2e-4)
+    assert pair(30.0, 10.8).error_probability(10.8) == pytest.approx(0.05, abs=2e-4)  # DIAGNOSIS
+    assert pair(30.0, 10.8).error_probability(21.6) == pytest.approx(0.01, abs=2e-4)
 
 
 def test_chance_of_a_mistake_is_how_often_the_rival_fits_better() -> None:
     """Both models refitted exactly to 100 noisy readings of a lag."""
     d = direction(LAG, DELAY)
     seen = view(3)
-    separation = d.rival_fit([seen], SETTING.reach).separation
+    separation = d.rival_fit([seen], SETTING.reach).noncentrality
     scale = float(np.sqrt(4.0 / separation))  # noise at which lambda is 4
     louder = replace(seen, noise=NoiseModel(NOISE.covariance / scale**2))
     clean = louder.reading(d.truth.model, d.truth.theta)
@@ -320,8 +325,8 @@ def test_chance_of_a_mistake_is_how_often_the_rival_fits_better() -> None:
     near = d.rival_fit([louder], SETTING.reach).theta
     for _ in range(draws):
         noisy = clean + rng.standard_normal(len(clean))
-        own = fit_rival(noisy, d.truth.model, [louder], [d.truth.theta]).separation
-        mistakes += fit_rival(noisy, d.rival, [louder], [near]).separation < own
+        own = fit_rival(RivalAlongTrajectories(noisy, d.truth.model, [louder]), [d.truth.theta]).noncentrality
+        mistakes += fit_rival(RivalAlongTrajectories(noisy, d.rival, [louder]), [near]).noncentrality < own
     expected = norm.cdf(-1.0)
     # Binomial, four standard deviations: fails once in 16 000 times.
     assert mistakes / draws == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / draws))
@@ -344,8 +349,8 @@ def test_designed_motion_separates_more_than_random_ones_within_its_limits() -> 
     assert tilt.after > 2 * tilt.before
     views = [SETTING.view(SETTING.random((8, seed))) for seed in range(5)]
     true = direction(TILT, ROTATION)
-    assert tilt.after > max(true.rival_fit([v], SETTING.reach).separation for v in views)
-    exact = true.rival_fit([SETTING.view(found.motion)], SETTING.reach).separation
+    assert tilt.after > max(true.rival_fit([v], SETTING.reach).noncentrality for v in views)
+    exact = true.rival_fit([SETTING.view(found.motion)], SETTING.reach).noncentrality
     assert tilt.directions[0].after == pytest.approx(exact, rel=1e-6)  # another search, from other starts
     assert tilt.after == pytest.approx(max(r.smallest for r in found.rounds), rel=1e-6)  # of as many readings
 
@@ -366,7 +371,7 @@ def test_no_small_change_of_the_designed_motion_separates_more() -> None:
             inside = moved.scaled(min(1.0, 1.0 / SETTING.use(moved).worst.use))  # the limits are symmetric
             views = [SETTING.view(inside)]
             # The search stops when a round brings less than a hundredth.
-            assert min(d.rival_fit(views, SETTING.reach).separation for d in directions) < 1.01 * best
+            assert min(d.rival_fit(views, SETTING.reach).noncentrality for d in directions) < 1.01 * best
 
 
 def _typical() -> list[WhitenedPrediction]:
@@ -386,7 +391,7 @@ def test_distinction_prints_itself_and_is_plain_data() -> None:
 def test_runs_multiply_and_the_given_motion_is_what_was_before() -> None:
     slow = random_periodic_trajectory(joints=3, position=0.3, velocity=0.6, acceleration=2.0, period=PERIOD, seed=1)
     truth = direction(TILT, ROTATION)
-    found = tell_apart(
+    found = discriminate(
         RIG,
         truth.truth.model,
         truth.truth.values,
@@ -398,7 +403,7 @@ def test_runs_multiply_and_the_given_motion_is_what_was_before() -> None:
         runs=5,
         starts=1,
     )
-    alone = truth.rival_fit([SETTING.view(slow)], SETTING.reach).separation
+    alone = truth.rival_fit([SETTING.view(slow)], SETTING.reach).noncentrality
     assert found.pairs[0].directions[0].before == pytest.approx(5 * alone, rel=1e-6)
     assert found.reference == "the given trajectory"
     assert found.pairs[0].after > found.pairs[0].before
@@ -430,7 +435,7 @@ def test_designed_motion_tells_what_a_slow_one_could_not() -> None:
     fast = designed().motion
     assert fast is not None
     promised = 4 * designed().pairs[0].directions[0].after
-    before = 4 * direction(TILT, ROTATION).rival_fit([SETTING.view(slow)], SETTING.reach).separation
+    before = 4 * direction(TILT, ROTATION).rival_fit([SETTING.view(slow)], SETTING.reach).noncentrality
     assert before < 10.8  # confusable
     assert promised > 21.6  # separated
     gains = {}
@@ -473,7 +478,7 @@ def test_hopeless_pair_does_not_spoil_the_design_for_another() -> None:
     known = values("sensor_lag") | {"sensor_lag.time_constant": 3e-4}
     rivals = [with_effect_replaced(truth, "sensor_lag", e) for e in (DELAY, VISCOUS)]
     few = replace(SERIES, harmonics=(1, 2))
-    found = tell_apart(RIG, truth, known, rivals, series=few, samples=60, noise=NOISE, starts=1)
+    found = discriminate(RIG, truth, known, rivals, series=few, samples=60, noise=NOISE, starts=1)
     alike, other = found.pairs
     assert alike.verdict is Separability.REPEATS
     assert (alike.runs_for(21.6) or 0) > 1000

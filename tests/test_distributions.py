@@ -7,9 +7,8 @@ import pytest
 from scipy.special import polygamma
 from scipy.stats import false_discovery_control, ncx2
 
-from diagnosis.comparison.residual_map import false_discovery_rates
-from estimation.confidence_intervals import inverse_trigamma
-from estimation.distributions import chi2_isf, noncentrality
+from estimation.distributions import chi2_isf, inverse_trigamma, noncentrality
+from estimation.multiplicity import false_discovery_rates
 
 
 @pytest.mark.parametrize("value", np.geomspace(1e-8, 1e8, 17))

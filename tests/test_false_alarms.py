@@ -12,20 +12,20 @@ import pytest
 from scipy.stats import binom
 
 from diagnosis.comparison.comparison import comparison_of
-from diagnosis.screening.multiplicity import SIGNIFICANCE
 from diagnosis.screening.score_test import adjusted_p_values, screen
 from estimation.fit import fit
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import planar
 from modeling.effects import catalogue
 from modeling.rig.rig import Rig
+from modeling.significance import LEVELS
 from truewrench.simulated_rig import AutoregressiveNoise, NoiseModel, PlanarRig, StudentNoise, WhiteNoise, simulate
 
 pytest.importorskip("mujoco")
 
 RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
 RECORDINGS = 12
-ALLOWED = int(binom.ppf(0.99, RECORDINGS, SIGNIFICANCE))
+ALLOWED = int(binom.ppf(0.99, RECORDINGS, LEVELS.effect))
 """One of 12; more come with probability 0.6 % where the rate is 1 %."""
 
 
@@ -46,8 +46,8 @@ def alarms(noise: NoiseModel, recordings: int = RECORDINGS) -> Alarms:
         rigid = fit(planar(RIG), from_columns({c: frame[c].to_numpy() for c in frame.columns}, rig=RIG))
         adjusted = adjusted_p_values(screen(rigid, catalogue(rigid.model.space)))
         found = min(adjusted, key=lambda effect_id: adjusted[effect_id])
-        named += [found] if adjusted[found] < SIGNIFICANCE else []
-        misfits += comparison_of(rigid, 0).lack_of_fit < SIGNIFICANCE
+        named += [found] if adjusted[found] < LEVELS.effect else []
+        misfits += comparison_of(rigid, 0).lack_of_fit < LEVELS.effect
     return Alarms(named, misfits)
 
 
@@ -71,4 +71,4 @@ def test_noise_that_wanders_or_jumps_is_no_drift_and_no_push(noise: NoiseModel) 
     One alarm in 4 is allowed; at a rate of 1 % more come with probability 0.06 %.
     """
     found = alarms(noise, recordings=4)
-    assert len(found.named) <= binom.ppf(0.99, 4, SIGNIFICANCE), found.named
+    assert len(found.named) <= binom.ppf(0.99, 4, LEVELS.effect), found.named

@@ -121,15 +121,15 @@ def test_score_is_the_drop_of_chi_square() -> None:
     assert alone(null_model, ViscousDrag(), {"d": 0.1}).found[0][0] == pytest.approx(drop, rel=1e-6)
 
 
-def test_what_a_workspace_keeps_changes_nothing() -> None:
-    """Screening beside one effect after another, in one workspace or each in its own."""
+def test_what_a_cache_keeps_changes_nothing() -> None:
+    """Screening beside one effect after another, in one cache or each in its own."""
     effects = catalogue(planar().space)
     shared = ScreeningCache()
     first = fitted()
     second = fit(planar(RIG) + ViscousDrag(), first.recordings[0], noise=first.noise)
     third = fit(planar(RIG) + SensorLag(), first.recordings[0], noise=first.noise)
     for known in (first, second, third, first):
-        together, by_itself = screen(known, effects, workspace=shared), screen(known, effects)
+        together, by_itself = screen(known, effects, cache=shared), screen(known, effects)
         assert [s.effect.id for s in together] == [s.effect.id for s in by_itself]
         for a, b in zip(together, by_itself, strict=True):
             assert a.statistic == pytest.approx(b.statistic, rel=1e-9)
@@ -152,7 +152,7 @@ def test_fits_screened_together_are_each_linearised_once(monkeypatch: pytest.Mon
     shared = ScreeningCache()
     run_searches([key for known in fits for key in absent_effects(known, effects)], shared)
     for known in fits:
-        screen(known, effects, workspace=shared)
+        screen(known, effects, cache=shared)
     assert [seen.count(known) for known in fits] == [1] * len(fits)
 
 

@@ -145,5 +145,5 @@ def test_what_has_no_name_is_not_given_one() -> None:
     result = diagnosed(Hidden(PlanarRig(), Buoyancy()))
     assert result.added == (), str(result)
     assert result.verdict is RecordVerdict.UNEXPLAINED
-    assert result.remainder is not None
-    assert result.remainder.where
+    assert result.unexplained is not None
+    assert result.unexplained.where

@@ -257,7 +257,7 @@ def test_what_is_not_seen_is_left_out_and_said() -> None:
     assert theta[2] == 0
     seen = np.ix_([0, 4], [0, 4])
     np.testing.assert_allclose(svd.covariance[seen], alone_svd.covariance[np.ix_([0, 2], [0, 2])], rtol=1e-12)
-    assert information.moved(theta).cost == pytest.approx(alone_information.moved(alone).cost, rel=1e-12)
+    assert information.shifted(theta).cost == pytest.approx(alone_information.shifted(alone).cost, rel=1e-12)
     singular = np.linalg.svd(columns / svd.scale, compute_uv=False)
     assert svd.condition == pytest.approx(singular[0] / singular[2])
 
@@ -299,7 +299,7 @@ def test_information_of_parts_is_that_of_the_whole(
     of = by_triangle if householder else SquareRootInformation.of
     found = [of(columns[parts[i]], target[parts[i]]) for i in order]
     middle = len(found) // 2
-    left, right = SquareRootInformation.nothing(5), SquareRootInformation.nothing(5)
+    left, right = SquareRootInformation.empty(5), SquareRootInformation.empty(5)
     for one in found[:middle]:
         left = left + one
     for one in found[middle:]:
@@ -310,7 +310,7 @@ def test_information_of_parts_is_that_of_the_whole(
     assert sum_.rows == 300
     np.testing.assert_allclose(sum_theta / std, theta / std, atol=1e-10)
     np.testing.assert_allclose(np.diag(sum_covariance), std**2, rtol=1e-8)  # kappa eps, and room
-    assert sum_.moved(sum_theta).cost == pytest.approx(whole.moved(theta).cost, rel=1e-10)
+    assert sum_.shifted(sum_theta).cost == pytest.approx(whole.shifted(theta).cost, rel=1e-10)
 
 
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4))
@@ -323,7 +323,7 @@ def test_elimination_is_the_least_over_what_is_eliminated(seed: int, count: int)
     (theta, covariance), (part_theta, part_covariance) = solution(whole), solution(part)
     np.testing.assert_allclose(part_theta, theta[count:], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(part_covariance, covariance[count:, count:], rtol=1e-9, atol=1e-9)
-    assert part.moved(part_theta).cost == pytest.approx(whole.moved(theta).cost, rel=1e-9)
+    assert part.shifted(part_theta).cost == pytest.approx(whole.shifted(theta).cost, rel=1e-9)
     assert part.rows == 40 - count
 
 
@@ -333,16 +333,16 @@ def test_moved_held_only_and_spread(seed: int, strength: float) -> None:
     """|A (x + s) - b|², Levenberg's damping and fewer unknowns, each against the rows themselves."""
     columns, target = rows(seed, 30, 10.0)
     found, step = SquareRootInformation.of(columns, target), np.arange(5.0)
-    moved = found.moved(step)
+    moved = found.shifted(step)
     assert moved.cost == pytest.approx(float(((target - columns @ step) ** 2).sum()), rel=1e-11)
     lengths = np.linalg.norm(columns, axis=0)
     damped = np.linalg.lstsq(
         np.vstack([columns, strength * np.diag(lengths)]), np.concatenate([target, np.zeros(5)]), rcond=None
     )[0]
-    np.testing.assert_allclose(solution(found.held(strength))[0], damped, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(solution(found.damped(strength))[0], damped, rtol=1e-8, atol=1e-10)
     index = np.array([4, 1, 2])
     fewer = SquareRootInformation.of(columns[:, index], target)
-    for other in (found.only(index), fewer.spread(np.array([2, 0, 1]), 3).only(np.array([2, 0, 1]))):
+    for other in (found.restricted(index), fewer.spread(np.array([2, 0, 1]), 3).restricted(np.array([2, 0, 1]))):
         np.testing.assert_allclose(np.abs(other.root), np.abs(fewer.root), rtol=1e-9, atol=1e-12)
         assert other.cost == pytest.approx(fewer.cost, rel=1e-11)
         assert other.power == pytest.approx(fewer.power, rel=1e-9)

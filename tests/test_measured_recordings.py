@@ -78,8 +78,8 @@ def test_what_the_others_hold_has_no_name_in_the_catalogue(name: str) -> None:
     found = diagnosed(name)
     assert found.added == ()
     assert found.verdict is RecordVerdict.UNEXPLAINED
-    assert found.remainder is not None
-    assert found.remainder.where
+    assert found.unexplained is not None
+    assert found.unexplained.where
 
 
 # -------------------------------------------------------------------- the contact, with parameters from the poses

@@ -29,7 +29,7 @@ def missing_effect(names: dict[str, Any]) -> None:
     assert names["unknown"].verdict is RecordVerdict.UNEXPLAINED
     assert names["unknown"].added == ()
     assert any(f.p_value is not None and f.p_value < 1e-20 for f in names["unknown"].findings)
-    assert names["unknown"].remainder.where.startswith("tau falls near position y")
+    assert names["unknown"].unexplained.where.startswith("tau falls near position y")
 
 
 def contact_force(names: dict[str, Any]) -> None:

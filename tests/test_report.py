@@ -182,7 +182,7 @@ def names_effect_size_and_advice(diagnosis: Diagnosis, html: str, parsed: Page) 
 
 
 def says_where_it_lives(diagnosis: Diagnosis, _html: str, parsed: Page) -> None:
-    left = diagnosis.remainder
+    left = diagnosis.unexplained
     assert left is not None
     assert "no candidate effect explains it" in parsed.headline
     assert left.where in parsed.text

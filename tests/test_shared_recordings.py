@@ -71,5 +71,5 @@ def test_what_no_catalogue_holds_is_left_unexplained_and_located() -> None:
     result = diagnosed("not_in_the_catalogue")
     assert result.added == ()
     assert result.verdict is RecordVerdict.UNEXPLAINED
-    assert result.remainder is not None
-    assert result.remainder.where
+    assert result.unexplained is not None
+    assert result.unexplained.where

@@ -246,7 +246,7 @@ def test_coulomb_friction_keeps_its_size() -> None:
 
 
 def test_tether_pulls_when_taut_and_never_pushes() -> None:
-    anchor = PLANAR.in_world(1.0, 2.37)
+    anchor = 1.0, 0.0, 2.37
     upright = still(0.0, 0.0, 0.0)  # the sensor is at (0, 2.37), 1 m from the anchor
     slack, taut = (CableSpring(k=10.0, anchor=anchor, length=length, d=0.0) for length in (1.2, 0.7))
     free = planar_wrench(upright)

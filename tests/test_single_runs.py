@@ -50,7 +50,7 @@ def diagnosed(seed: int) -> Diagnosis:
 
 def with_drag(recording: Recording) -> tuple[CandidateModel, CandidateModel]:
     """The rigid tip, and the same with the drag that was hidden."""
-    base = CandidateModel(fit(planar(recording.rig), recording), among=len(FEW))
+    base = CandidateModel(fit(planar(recording.rig), recording), candidates=len(FEW))
     return base, refit_with_effect(base, screen(base.fit, [viscous_drag()])[0])
 
 

@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2
 
-from diagnosis.screening.multiplicity import effective_number_of_frequencies
 from estimation.fit import fit
+from estimation.multiplicity import effective_number_of_frequencies
 from estimation.noise.disturbances.tones import find_tones, sinusoids, without_sinusoids
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording

@@ -93,7 +93,7 @@ def diagnosed(case: str) -> Diagnosis:
 
 
 def owned(result: Diagnosis) -> set[str]:
-    return {o.effect.id for o in result.own}
+    return {o.effect.id for o in result.disturbances}
 
 
 @pytest.mark.parametrize("case", ["drag, drift", "drag, push"])
@@ -126,9 +126,9 @@ def test_a_drift_in_the_other_recording_alone_is_no_missing_physics_and_is_said(
 
 def test_own_drift_and_push_have_the_size_that_was_put_in() -> None:
     """A drift's swing adds noise of the size of 24 coefficients' std to 2 N: below 0.3 N, two floors of a sample."""
-    drift = next(o for o in diagnosed("drag, drift").own if o.effect.id == "bias_drift")
+    drift = next(o for o in diagnosed("drag, drift").disturbances if o.effect.id == "bias_drift")
     np.testing.assert_allclose([drift.swing["fx"], drift.swing["fy"]], 2.0, atol=0.3)
-    push = next(o for o in diagnosed("drag, push").own if o.effect.id == "contact_event")
+    push = next(o for o in diagnosed("drag, push").disturbances if o.effect.id == "contact_event")
     for name, value in {"fcx": 4.0, "fcy": 2.0, "tauc": 0.3}.items():
         assert abs(push.parameters[name].value - value) < 4 * push.parameters[name].std
     # It begins at 55 % of 20 s and lasts a tenth; a sample is 0.02 s.
@@ -158,9 +158,9 @@ def trained() -> Fit:
 def test_own_drift_does_not_stand_in_for_what_the_model_lacks() -> None:
     """Missing physics that repeats stays as large when the drift is taken out: that is estimated on other lines."""
     drifting = with_disturbances(held_out(recorded("other.csv", 501, Buoyancy(), DRIFT)), trained())
-    assert [e.id for e in drifting.own] == ["bias_drift"]
+    assert [e.id for e in drifting.disturbances] == ["bias_drift"]
     left, clean = (
-        comparison_of(other.carried(trained()), 0).explainable_rms
+        comparison_of(other.validation_fit(trained()), 0).explainable_rms
         for other in (drifting, held_out(recorded("other.csv", 501, Buoyancy())))
     )
     assert left is not None
@@ -172,15 +172,15 @@ def test_own_drift_does_not_stand_in_for_what_the_model_lacks() -> None:
 
 def test_warm_up_of_an_unlogged_sensor_is_its_own_drift() -> None:
     other = with_disturbances(held_out(recorded("other.csv", 501, ThermalDrift(force=0.5, torque=0.02))), trained())
-    assert [e.id for e in other.own] == ["bias_drift"]
-    assert comparison_of(other.carried(trained()), 0).lack_of_fit > 0.001  # chance fails one in a thousand
+    assert [e.id for e in other.disturbances] == ["bias_drift"]
+    assert comparison_of(other.validation_fit(trained()), 0).lack_of_fit > 0.001  # chance fails one in a thousand
 
 
 @pytest.mark.parametrize("noise", ["white", AutoregressiveNoise(rho=0.95)], ids=["white", "ar95"])
 def test_recording_in_which_nothing_passed_has_nothing_of_its_own(noise: NoiseModel | str) -> None:
     """At 1 % each, one of these two tests fails for another choice of seeds 1 time in 50."""
     other = recorded("other.csv", 502, noise=noise)
-    assert with_disturbances(held_out(other), trained()).own == ()
+    assert with_disturbances(held_out(other), trained()).disturbances == ()
 
 
 def test_push_between_two_samples_is_found_in_slow_noise() -> None:
@@ -191,7 +191,7 @@ def test_push_between_two_samples_is_found_in_slow_noise() -> None:
     (push,) = disturbances_of(known, trained())
     for name, value in {"fcx": 4.0, "fcy": 2.0, "tauc": 0.3}.items():
         assert abs(push.parameters[name].value - value) < 4 * push.parameters[name].std
-    assert comparison_of(known.carried(trained()), 0).lack_of_fit > 0.001
+    assert comparison_of(known.validation_fit(trained()), 0).lack_of_fit > 0.001
 
 
 def test_between_the_lines_nothing_that_repeats_is_seen() -> None:
@@ -203,9 +203,9 @@ def test_between_the_lines_nothing_that_repeats_is_seen() -> None:
     assert np.linalg.norm(noise.whitener.series(periodic)) < 1e-10 * size  # rounding of a transform of 1000 samples
 
 
-def test_carried_fit_moves_zero_and_own_effects_only() -> None:
-    other = replace(held_out(recorded("other.csv", 501, DRIFT)), own=(DriftEffect(),))
-    carried = other.carried(trained())
+def test_validation_fit_moves_zero_and_disturbances_only() -> None:
+    other = replace(held_out(recorded("other.csv", 501, DRIFT)), disturbances=(DriftEffect(),))
+    carried = other.validation_fit(trained())
     for name, value in trained().values.items():
         if not name.startswith("bias_f") and name != "bias_tau":
             assert carried.values[name] == value
@@ -216,8 +216,8 @@ def test_carried_fit_moves_zero_and_own_effects_only() -> None:
 
 def test_own_drift_is_a_least_squares_minimum_between_the_lines() -> None:
     """The whitened residual there is square to every column of the drift, to rounding."""
-    other = replace(held_out(recorded("other.csv", 501, DRIFT)), own=(DriftEffect(),))
-    passing = other.passing(trained())
+    other = replace(held_out(recorded("other.csv", 501, DRIFT)), disturbances=(DriftEffect(),))
+    passing = other.non_excited_fit(trained())
     residual, derivative = WhitenedProblem(passing.layout, passing.recordings, passing.noise).evaluate(passing.theta)
     columns = derivative[:, [n.startswith("bias_drift") for n in passing.values]]
     along = columns.T @ residual / np.linalg.norm(columns, axis=0)

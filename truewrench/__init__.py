@@ -11,9 +11,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-_FASTER = {"fit": "estimation.fit_dispatch"}
-"""Modules that import less than those of the stub, for the same behaviour."""
-
 
 @cache
 def _modules() -> dict[str, str]:
@@ -22,7 +19,7 @@ def _modules() -> dict[str, str]:
 
     stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    return {alias.name: node.module or "" for node in imports for alias in node.names} | _FASTER
+    return {alias.name: node.module or "" for node in imports for alias in node.names}
 
 
 def __getattr__(name: str) -> Any:

@@ -5,7 +5,7 @@ from design.criteria import AOptimal as AOptimal
 from design.criteria import DOptimal as DOptimal
 from design.criteria import EOptimal as EOptimal
 from design.criteria import Subset as Subset
-from design.discrimination import tell_apart as tell_apart
+from design.discrimination import discriminate as discriminate
 from design.trajectories.fourier import FreeSeries as FreeSeries
 from design.trajectories.fourier import PaperSeries as PaperSeries
 from design.trajectories.rest_to_rest import RestToRest as RestToRest

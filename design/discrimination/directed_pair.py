@@ -1,4 +1,4 @@
-"""One model taken as true and its rival; separation linearised in the rival's parameters."""
+"""One model taken as true and its rival; noncentrality linearised in the rival's parameters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from scipy.linalg import qr
 
 from design.criteria import MaximinCriterion, Subset
 from design.discrimination.hypothesis import Hypothesis, distinguishing_effects, effects_only_in
-from design.discrimination.rival_fit import RivalFit, fit_rival, parameter_bounds, rival_starts, whitened_predictions
+from design.discrimination.rival_fit import (
+    RivalAlongTrajectories,
+    parameter_bounds,
+    rival_starts,
+    whitened_predictions,
+)
 from design.discrimination.whitened_prediction import WhitenedPrediction
 from design.information.experiment import Experiment
 from design.information.sensitivity_term import SensitivityTerm, prediction_terms, sensitivity_terms
@@ -19,6 +24,7 @@ from modeling.chain.model import WrenchModel
 from modeling.kinematics.arm import Arm
 from modeling.noise.stationary_noise import StationaryNoise
 from modeling.parameter import Parameter
+from modeling.rival_fit import RivalFit, fit_rival
 
 Array = NDArray[np.float64]
 
@@ -70,12 +76,12 @@ class DirectedPair:
         first = target[: len(target) // len(views)]
         own = effects_only_in(self.rival, self.truth.model)
         starts = rival_starts(first, self.rival, own, common, views[0], reach)
-        return fit_rival(target, self.rival, views, [*known, *starts])
+        return fit_rival(RivalAlongTrajectories(target, self.rival, views), [*known, *starts])
 
 
 @dataclass(frozen=True, eq=False)
 class LinearisedRival:
-    """The separation of a directed pair, linearised at the rival's theta (k,).
+    """The noncentrality lambda of a directed pair, linearised at the rival's theta (k,).
 
     With delta = y_truth - y_rival(theta) and S the rival's sensitivities there,
     lambda = min over d of |delta - S d|² is the Schur complement of delta' delta in the information of the columns

@@ -13,8 +13,7 @@ from design.discrimination.directed_pair import DirectedPair
 from design.discrimination.discrimination_design import DiscriminationDesign
 from design.discrimination.exchange_algorithm import ExchangeAlgorithm, ExchangeProgress, ExchangeRound
 from design.discrimination.hypothesis import Hypothesis
-from design.discrimination.model_pair import CONFUSABLE_SEPARATION, ModelPair, Separation
-from design.discrimination.rival_fit import RivalFit
+from design.discrimination.model_pair import ModelPair, Separation
 from design.discrimination.whitened_prediction import WhitenedPrediction
 from design.information.parameter_values import ParameterValues
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
@@ -22,6 +21,8 @@ from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.noise.stationary_noise import StationaryNoise
 from modeling.rig.rig import Rig
+from modeling.rival_fit import RivalFit
+from modeling.significance import LEVELS
 
 DISCRIMINATION_STARTS = 4
 """Random trajectories from which the optimisation starts."""
@@ -29,7 +30,7 @@ PROBE_TRAJECTORIES = 4
 """Random trajectories with the rank of all (almost surely), where readings are analytic in the trajectory."""
 MOST_RUNS = 1000
 """A pair that would need more than this multiple of the runs along random trajectories is not designed for while others
-need less: a designed trajectory saves a factor of about ten (3 to 20, once 70: `benchmarks.tell_apart`), and nobody
+need less: a designed trajectory saves a factor of about ten (3 to 20, once 70: `benchmarks.discrimination`), and nobody
 makes the remaining factor in runs."""
 REFERENCE_COUNT = 9
 """Random trajectories whose median lambda represents a trajectory that was not designed."""
@@ -61,17 +62,17 @@ class ReferenceTrajectories:
 class RivalComparison:
     """A directed pair and its rival fit along all reference trajectories.
 
-    first_fit  the rival fit along all of them together
-    before     lambda along one of them, their median
-    typical    lambda along a random trajectory, with the samples of the optimisation
-    imitated   whether the rival is indistinguishable along any trajectory
+    first_fit          the rival fit along all of them together
+    before             lambda along one of them, their median
+    typical            lambda along a random trajectory, with the samples of the optimisation
+    indistinguishable  whether the rival is indistinguishable along any trajectory
     """
 
     direction: DirectedPair
     first_fit: RivalFit
     before: float
     typical: float
-    imitated: bool
+    indistinguishable: bool
 
     @classmethod
     def of(
@@ -79,14 +80,14 @@ class RivalComparison:
     ) -> RivalComparison:
         """With lambda the median of the reference trajectories; indistinguishable by the fit along the probes."""
         first_fit = direction.rival_fit(before.views, reach)
-        single = [direction.rival_fit([view], reach, [first_fit.theta]).separation for view in before.views]
+        single = [direction.rival_fit([view], reach, [first_fit.theta]).noncentrality for view in before.views]
         power = direction.power(probes)
-        separation = direction.rival_fit(probes, reach, [first_fit.theta]).separation
-        exact = direction.nested_in_rival or separation <= EXACT_FIT**2 * power
-        return cls(direction, first_fit, float(np.median(single)), separation / len(probes), exact)
+        noncentrality = direction.rival_fit(probes, reach, [first_fit.theta]).noncentrality
+        exact = direction.nested_in_rival or noncentrality <= EXACT_FIT**2 * power
+        return cls(direction, first_fit, float(np.median(single)), noncentrality / len(probes), exact)
 
 
-def tell_apart(
+def discriminate(
     rig: Rig,
     truth: WrenchModel,
     values: ParameterValues,
@@ -127,7 +128,7 @@ def tell_apart(
     before = ReferenceTrajectories.of(setting, reference, randoms)
     hypothesis = Hypothesis.of(truth, values)
     pairs = [_comparisons(DirectedPair(hypothesis, rival), before, probes, setting.reach) for rival in rivals]
-    distinct = [comparison for pair in pairs for comparison in pair if not comparison.imitated]
+    distinct = [comparison for pair in pairs for comparison in pair if not comparison.indistinguishable]
     rounds: list[ExchangeRound] = []
     if distinct:
         targets = _feasible(distinct, runs * samples / setting.coarse)
@@ -158,12 +159,12 @@ def _comparisons(
     reverse = DirectedPair(Hypothesis(forward.rival, comparison.first_fit.theta), forward.truth.model)
     other = RivalComparison.of(reverse, before, probes, reach)
     # A rival fitted to a truth that is nested in it equals the truth: the reverse is indistinguishable, too.
-    return comparison, replace(other, imitated=True) if forward.nested_in_rival else other
+    return comparison, replace(other, indistinguishable=True) if forward.nested_in_rival else other
 
 
 def _feasible(distinct: Sequence[RivalComparison], readings: float) -> list[RivalComparison]:
     """Those that a designed trajectory may discriminate, all if none; `readings` is the factor of lambda."""
-    feasible = [c for c in distinct if MOST_RUNS * readings * c.typical > CONFUSABLE_SEPARATION]
+    feasible = [c for c in distinct if MOST_RUNS * readings * c.typical > LEVELS.confusable]
     return feasible or list(distinct)
 
 
@@ -174,8 +175,8 @@ def _separations_along(
     views, reach = [setting.view(motion)], setting.reach
     return [
         (
-            comparison.direction.rival_fit(views, reach, [comparison.first_fit.theta]).separation,
-            comparison.direction.without_own_effects.rival_fit(views, reach).separation,
+            comparison.direction.rival_fit(views, reach, [comparison.first_fit.theta]).noncentrality,
+            comparison.direction.without_own_effects.rival_fit(views, reach).noncentrality,
         )
         for comparison in distinct
     ]
@@ -190,8 +191,8 @@ def _separations(
             rival=comparison.direction.names[1],
             before=runs * comparison.before,
             after=runs * after.get(comparison, (0.0, 0.0))[0],
-            noticed=runs * after.get(comparison, (0.0, 0.0))[1],
-            imitated=comparison.imitated,
+            detection=runs * after.get(comparison, (0.0, 0.0))[1],
+            indistinguishable=comparison.indistinguishable,
         )
         for comparison in pair
     )

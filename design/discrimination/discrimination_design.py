@@ -7,9 +7,10 @@ from typing import Any
 
 from design.discrimination.design_setting import DesignSetting
 from design.discrimination.exchange_algorithm import ExchangeRound
-from design.discrimination.model_pair import CLEAR_SEPARATION, CONFUSABLE_SEPARATION, ModelPair, Separability
+from design.discrimination.model_pair import ModelPair, Separability
 from design.limits.limit_use import LimitUse
 from design.trajectories.trajectory import Trajectory
+from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
 
 DISCRIMINATION_COLUMNS = (
@@ -69,11 +70,13 @@ class DiscriminationDesign(Tabular):
         """Truth, rival, lambda and error probability before and after, runs for 5 % and 1 % errors."""
         rows: list[tuple[Value, ...]] = []
         for pair in self.pairs:
-            errors = [pair.chance(x) for x in (pair.before, pair.after)]
-            runs = [pair.runs_for(x) for x in (CONFUSABLE_SEPARATION, CLEAR_SEPARATION)]
+            errors = [pair.error_probability(x) for x in (pair.before, pair.after)]
+            runs = [pair.runs_for(x) for x in (LEVELS.confusable, LEVELS.separated)]
             for d in pair.directions:
-                known = [None] * 4 if d.imitated else [*errors, *runs]
-                rows.append((d.truth, d.rival, d.before, "indistinguishable" if d.imitated else d.after, *known))
+                known = [None] * 4 if d.indistinguishable else [*errors, *runs]
+                rows.append(
+                    (d.truth, d.rival, d.before, "indistinguishable" if d.indistinguishable else d.after, *known)
+                )
         return Table.of(DISCRIMINATION_COLUMNS, rows)
 
     def remarks(self) -> list[str]:
@@ -89,7 +92,7 @@ def _verdict(pair: ModelPair) -> str:
     if pair.verdict is Separability.NEVER:
         return f"{pair.verdict.value}; the simpler one is preferred"
     text = pair.verdict.value + ("; nested models: the simpler one is preferred unless it is rejected" * pair.nested)
-    runs = pair.runs_for(CLEAR_SEPARATION)
+    runs = pair.runs_for(LEVELS.separated)
     return (
         text if pair.verdict is Separability.SEPARATED else f"{text} ({'-' if runs is None else runs} for 1 % errors)"
     )

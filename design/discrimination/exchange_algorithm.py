@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from design.discrimination.design_setting import DesignSetting
 from design.discrimination.directed_pair import DirectedPair, LinearisedRival, maximin_experiment
-from design.discrimination.rival_fit import RivalFit
 from design.discrimination.whitened_prediction import WhitenedPrediction
 from design.optimiser.design_task import DesignTask
 from design.optimiser.local_optimum import LocalOptimum
 from design.optimiser.multistart import optimise
 from design.trajectories.trajectory import Trajectory
+from modeling.rival_fit import RivalFit
 
 EXCHANGE_ROUNDS = 8
 """Most rounds of trajectory and rival fits; three or four are typical."""
@@ -34,7 +34,7 @@ class ExchangeRound:
     @property
     def smallest(self) -> float:
         """The smallest lambda in one run with the samples of the optimisation."""
-        return min(rival_fit.separation for rival_fit in self.rival_fits)
+        return min(rival_fit.noncentrality for rival_fit in self.rival_fits)
 
     def __str__(self) -> str:
         return f"round {self.number}, smallest lambda {self.smallest:.4g}"

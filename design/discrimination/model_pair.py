@@ -7,11 +7,8 @@ from enum import Enum
 from math import ceil, inf, isfinite
 from typing import Any
 
-import numpy as np
-from scipy.stats import norm
-
-CONFUSABLE_SEPARATION, CLEAR_SEPARATION = 10.8, 21.6
-"""lambda at which the error probability Phi(-sqrt(lambda) / 2) of choosing between two models is 5 %, and 1 %."""
+from modeling.rival_fit import error_probability
+from modeling.significance import LEVELS
 
 
 class Separability(Enum):
@@ -26,18 +23,29 @@ class Separability(Enum):
 class Separation:
     """Noncentrality lambda of a truth with respect to the fitted rival, in all runs of a trajectory together.
 
-    before     along the reference trajectory
-    after      along the designed one
-    noticed    lambda of the truth from itself without its distinguishing effects, along the designed one
-    imitated   whether the rival is indistinguishable from the truth, along any trajectory
+    before             along the reference trajectory
+    after              along the designed one
+    detection          lambda of the truth from itself without its distinguishing effects, along the designed one
+    indistinguishable  whether the rival is indistinguishable from the truth, along any trajectory
     """
 
     truth: str
     rival: str
     before: float
     after: float
-    noticed: float
-    imitated: bool
+    detection: float
+    indistinguishable: bool
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "truth": self.truth,
+            "rival": self.rival,
+            "before": self.before,
+            "after": self.after,
+            "noticed": self.detection,
+            "imitated": self.indistinguishable,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +68,7 @@ class ModelPair:
     @property
     def nested(self) -> bool:
         """Whether one model is nested in the other."""
-        return self.directions[0].imitated != self.directions[1].imitated
+        return self.directions[0].indistinguishable != self.directions[1].indistinguishable
 
     @property
     def before(self) -> float:
@@ -77,18 +85,18 @@ class ModelPair:
         """Separated: an error probability of 1 % at most, in the planned runs."""
         if not self._counted:
             return Separability.NEVER
-        return Separability.SEPARATED if self.after >= CLEAR_SEPARATION else Separability.REPEATS
+        return Separability.SEPARATED if self.after >= LEVELS.separated else Separability.REPEATS
 
-    def chance(self, separation: float) -> float | None:
-        """Error probability of choosing between the two, Phi(-sqrt(lambda) / 2); None when they are nested."""
-        return None if self.nested else float(norm.cdf(-np.sqrt(separation) / 2))
+    def error_probability(self, noncentrality: float) -> float | None:
+        """Error probability of choosing between the two at a lambda; None when they are nested."""
+        return None if self.nested else error_probability(noncentrality)
 
-    def runs_for(self, separation: float) -> int | None:
-        """Runs of the designed trajectory for a lambda of `separation`; None when no number is enough.
+    def runs_for(self, noncentrality: float) -> int | None:
+        """Runs of the designed trajectory for a lambda of `noncentrality`; None when no number is enough.
 
         Noise is independent between runs, so that their lambdas add.
         """
-        runs = self.runs * separation / self.after if self.after > 0 else inf
+        runs = self.runs * noncentrality / self.after if self.after > 0 else inf
         return ceil(runs) if isfinite(runs) else None
 
     def to_data(self) -> dict[str, Any]:
@@ -100,14 +108,14 @@ class ModelPair:
             "nested": self.nested,
             "separation_before": self.before,
             "separation_after": self.after,
-            "chance_before": self.chance(self.before),
-            "chance_after": self.chance(self.after),
-            "runs_for_5_percent": self.runs_for(CONFUSABLE_SEPARATION),
-            "runs_for_1_percent": self.runs_for(CLEAR_SEPARATION),
-            "directions": [vars(direction) for direction in self.directions],
+            "chance_before": self.error_probability(self.before),
+            "chance_after": self.error_probability(self.after),
+            "runs_for_5_percent": self.runs_for(LEVELS.confusable),
+            "runs_for_1_percent": self.runs_for(LEVELS.separated),
+            "directions": [direction.to_data() for direction in self.directions],
         }
 
     @property
     def _counted(self) -> list[Separation]:
-        distinct = [d for d in self.directions if not d.imitated]
-        return [d for d in distinct if d.noticed >= CONFUSABLE_SEPARATION] or distinct
+        distinct = [d for d in self.directions if not d.indistinguishable]
+        return [d for d in distinct if d.detection >= LEVELS.confusable] or distinct

@@ -1,4 +1,4 @@
-"""Least-squares fit of a rival to the true model's prediction; lambda, the separation (noncentrality)."""
+"""A rival model along trajectories: the least-squares problem of its fit to a true model, and initial values."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from design.discrimination.whitened_prediction import WhitenedPrediction
 from modeling.chain.effect import SearchDomain
 from modeling.chain.model import WrenchModel
+from modeling.rival_fit import RivalFit
 
 Array = NDArray[np.float64]
 
@@ -25,44 +26,38 @@ GRID_STARTS = 3
 """Points of a nuisance grid from which the exact search starts."""
 
 
-@dataclass(frozen=True, eq=False)
-class RivalFit:
-    """The fitted values theta (k,) of a model, and lambda, the squared whitened residual norm."""
-
-    theta: Array
-    separation: float
-
-
 def whitened_predictions(views: Sequence[WhitenedPrediction], model: WrenchModel, theta: Array) -> tuple[Array, Array]:
     """Whitened readings (R,) and sensitivities (R, k) along several trajectories, stacked."""
     parts = [view.tangent(model, theta) for view in views]
     return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
 
-def fit_rival(
-    target: Array, model: WrenchModel, views: Sequence[WhitenedPrediction], starts: Sequence[Array]
-) -> RivalFit:
-    """lambda = min over theta within its physical bounds of |target - reading(theta)|², the target (R,) whitened.
+@dataclass(frozen=True, eq=False)
+class RivalAlongTrajectories:
+    """A rival model along some trajectories (`views`), and the whitened prediction there of a true one (R,)."""
 
-    Nonlinear least squares with the analytic sensitivities, from each start (k,); trust regions are scaled by the
-    columns' norms, so that an unidentifiable parameter does not move.
-    """
-    low, high = parameter_bounds(model)
+    target: Array
+    model: WrenchModel
+    views: Sequence[WhitenedPrediction]
 
-    def residual(theta: Array) -> Array:
-        return whitened_predictions(views, model, theta)[0] - target
+    def fitted(self, start: Array) -> RivalFit:
+        """The fit within physical bounds by nonlinear least squares with the analytic sensitivities.
 
-    def slopes(theta: Array) -> Array:
-        return whitened_predictions(views, model, theta)[1]
+        Trust regions are scaled by the columns' norms, so that an unidentifiable parameter does not move.
+        """
+        low, high = parameter_bounds(self.model)
 
-    found = []
-    for start in starts:
+        def residual(theta: Array) -> Array:
+            return whitened_predictions(self.views, self.model, theta)[0] - self.target
+
+        def slopes(theta: Array) -> Array:
+            return whitened_predictions(self.views, self.model, theta)[1]
+
         fit: Any = least_squares(
             residual, np.clip(start, low, high), slopes, (low, high), x_scale="jac",
             ftol=FIT_TOLERANCE, xtol=FIT_TOLERANCE, gtol=None, max_nfev=FIT_EVALUATIONS,
         )  # fmt: skip
-        found.append(RivalFit(np.asarray(fit.x, dtype=float), 2 * float(fit.cost)))
-    return min(found, key=lambda rival_fit: rival_fit.separation)
+        return RivalFit(np.asarray(fit.x, dtype=float), 2 * float(fit.cost))
 
 
 def parameter_bounds(model: WrenchModel) -> tuple[Array, Array]:

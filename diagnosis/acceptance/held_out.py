@@ -18,35 +18,35 @@ from modeling.chain.effect import Effect, NuisanceValues
 class HeldOut:
     """A recording that was not used for the fit, with its noise.
 
-    own    its recording-specific disturbances: drift, contact
+    disturbances    its recording-specific disturbances: drift, contact
     start  initial values of their parameters
     """
 
     recording: Recording
     noise: RecordingNoise
-    own: tuple[Effect, ...] = ()
+    disturbances: tuple[Effect, ...] = ()
     start: NuisanceValues = field(default_factory=dict)
-    _carried: dict[Fit, Fit] = field(default_factory=dict, init=False, repr=False)
+    _validation_fits: dict[Fit, Fit] = field(default_factory=dict, init=False, repr=False)
 
-    def carried(self, fit: Fit) -> Fit:
+    def validation_fit(self, fit: Fit) -> Fit:
         """Validation fit to this recording: its biases and its disturbances estimated here."""
-        if fit not in self._carried:
-            self._carried[fit] = validation_fit(fit, self.recording, self.noise, self.own, self.start)
-        return self._carried[fit]
+        if fit not in self._validation_fits:
+            self._validation_fits[fit] = validation_fit(fit, self.recording, self.noise, self.disturbances, self.start)
+        return self._validation_fits[fit]
 
     @property
     def disturbances_identifiable(self) -> bool:
         """Whether disturbances are identifiable: it has non-excited lines, or a detected event."""
         return non_excited_noise(self.noise) is not None or bool(self.noise.events)
 
-    def passing(self, fit: Fit) -> Fit:
+    def non_excited_fit(self, fit: Fit) -> Fit:
         """The validation fit restricted to the non-excited lines, where there are any."""
-        return replace(self.carried(fit), noise=(non_excited_noise(self.noise) or self.noise,))
+        return replace(self.validation_fit(fit), noise=(non_excited_noise(self.noise) or self.noise,))
 
     def reestimated(self, fit: Fit) -> HeldOut:
         """The recording with its disturbances and its noise without them re-estimated, given a fit."""
-        carried = self.carried(fit)
-        start = {p.name: carried.values[p.name] for e in self.own for p in e.qualified(fit.model.space)}
+        carried = self.validation_fit(fit)
+        start = {p.name: carried.values[p.name] for e in self.disturbances for p in e.qualified(fit.model.space)}
         repeats = self.noise.source is NoiseSource.REPEATS
         noise = estimate_noise(self.recording, residual_with_tones(carried, 0)) if repeats else self.noise
         return replace(self, noise=noise, start=start)

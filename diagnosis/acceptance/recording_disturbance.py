@@ -9,11 +9,11 @@ import numpy as np
 
 from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.parallel.workers import Workers
-from diagnosis.screening.multiplicity import chi_square_penalty
 from diagnosis.screening.score_test import ScoreTest, refit_initial_values, screen, significant_effects
 from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Estimate, Fit
 from estimation.model_response import predicted_readings
+from estimation.multiplicity import chi_square_penalty
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.effects import catalogue
@@ -62,15 +62,15 @@ def with_disturbances(
     """
     space = fit.model.space
     listed = [e for e in {e.id: e for e in (*catalogue(space), *candidates)}.values() if e.per_recording]
-    found = replace(held_out, own=(), start={})
+    found = replace(held_out, disturbances=(), start={})
     workers = workers or Workers()
     while found.disturbances_identifiable and (
-        extended := _with_best_effect(found, fit, [e for e in listed if e not in found.own], workers)
+        extended := _with_best_effect(found, fit, [e for e in listed if e not in found.disturbances], workers)
     ):
         found = _relocated(extended, fit, workers)
-    for effect in found.own[:-1]:
-        without = replace(found, own=tuple(e for e in found.own if e != effect))
-        if not _significant(without.passing(fit), [effect], ScreeningCache(workers)):
+    for effect in found.disturbances[:-1]:
+        without = replace(found, disturbances=tuple(e for e in found.disturbances if e != effect))
+        if not _significant(without.non_excited_fit(fit), [effect], ScreeningCache(workers)):
             found = without.reestimated(fit)
     return found
 
@@ -83,28 +83,28 @@ def _with_best_effect(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], wo
 
 def _relocated(held_out: HeldOut, fit: Fit, workers: Workers) -> HeldOut:
     """The recording with its last effect searched again in the re-estimated noise, of which it is no longer a part."""
-    before = replace(held_out, own=held_out.own[:-1])
-    again = _with_each_significant(before, fit, held_out.own[-1:], workers)
+    before = replace(held_out, disturbances=held_out.disturbances[:-1])
+    again = _with_each_significant(before, fit, held_out.disturbances[-1:], workers)
     return _best([held_out, *again], fit, 1).reestimated(fit)
 
 
 def _with_each_significant(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], workers: Workers) -> list[HeldOut]:
     """The recording with each of the significant effects in turn, from its score test's initial values."""
-    non_excited, workspace = held_out.passing(fit), ScreeningCache(workers)
+    non_excited, cache = held_out.non_excited_fit(fit), ScreeningCache(workers)
     found = []
-    for screening in _significant(non_excited, effects, workspace):
-        start = {**held_out.start, **refit_initial_values(non_excited, screening, workspace)}
-        found.append(replace(held_out, own=(*held_out.own, screening.effect), start=start))
-    workspace.forget()
+    for screening in _significant(non_excited, effects, cache):
+        start = {**held_out.start, **refit_initial_values(non_excited, screening, cache)}
+        found.append(replace(held_out, disturbances=(*held_out.disturbances, screening.effect), start=start))
+    cache.forget()
     return found
 
 
 def _best(choices: Sequence[HeldOut], fit: Fit, candidates: int) -> HeldOut:
-    return min(choices, key=lambda h: _criterion(h.passing(fit), candidates))
+    return min(choices, key=lambda h: _criterion(h.non_excited_fit(fit), candidates))
 
 
-def _significant(non_excited: Fit, effects: Sequence[Effect], workspace: ScreeningCache) -> list[ScoreTest]:
-    return significant_effects(screen(non_excited, effects, workspace=workspace))
+def _significant(non_excited: Fit, effects: Sequence[Effect], cache: ScreeningCache) -> list[ScoreTest]:
+    return significant_effects(screen(non_excited, effects, cache=cache))
 
 
 def _criterion(non_excited: Fit, candidates: int) -> float:
@@ -113,20 +113,16 @@ def _criterion(non_excited: Fit, candidates: int) -> float:
 
 def disturbances_of(held_out: HeldOut, fit: Fit) -> tuple[RecordingDisturbance, ...]:
     """The disturbances of a held-out recording, with estimates and sizes."""
-    carried = held_out.carried(fit)
-    return tuple(_disturbance(carried, effect) for effect in held_out.own)
+    carried = held_out.validation_fit(fit)
+    return tuple(_disturbance(carried, effect) for effect in held_out.disturbances)
 
 
 def _disturbance(carried: Fit, effect: Effect) -> RecordingDisturbance:
     model, recording = carried.model, carried.recordings[0]
-    own = {p.name: p for p in effect.qualified(model.space)}
-    absent = np.array(
-        [
-            own[p.name].nominal if p.name in own and not own[p.name].nuisance else value
-            for p, value in zip(carried.layout.parameters, carried.theta, strict=True)
-        ]
-    )
+    own = effect.qualified(model.space)
+    nominal = {p.name: p.nominal for p in own if not p.nuisance}
+    absent = carried.layout.values_of(0, {**carried.values, **nominal})
     added = predicted_readings(model, recording, carried.theta) - predicted_readings(model, recording, absent)
     swing = {c: float(s) for c, s in zip(recording.channels, np.ptp(added, axis=0), strict=True)}
-    parameters = {n.split(".", 1)[1]: carried.parameters[n] for n in own}
+    parameters = {p.name.split(".", 1)[1]: carried.parameters[p.name] for p in own}
     return RecordingDisturbance(recording, effect, parameters, swing)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from diagnosis.comparison.generic_terms import cross_validated_gain, event_mean_p_value
 from diagnosis.comparison.validation import validation_fit
-from estimation.confidence_intervals import inverse_trigamma
-from estimation.distributions import chi2_sf, f_sf
+from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space
+from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
@@ -148,7 +148,7 @@ def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
     """
     noise = fit.noise[number]
     if noise.source is NoiseSource.RESIDUAL:
-        return None, min(1.0, 2 * min(cross_validated_gain(fit, number).p_value, event_mean_p_value(fit, number)))
+        return None, bonferroni_p_value([cross_validated_gain(fit, number).p_value, event_mean_p_value(fit, number)])
     rows, leverage = _rows_and_leverage(fit, number)
     excited = noise.whitener.periodic_rows
     total = (rows[:excited] ** 2).sum() / max(1.0, excited - leverage[:excited].sum())
@@ -161,7 +161,7 @@ def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
             p_values.append(
                 chi_square_p_value(power, degrees_of_freedom, float(noise.log_power_variance_of(shares)[0]))
             )
-    return float(total), float(min(1.0, len(p_values) * min(p_values, default=1.0)))
+    return float(total), bonferroni_p_value(p_values)
 
 
 def noise_from_residual(fit: Fit) -> bool:
@@ -192,14 +192,3 @@ def frequency_bands(noise: RecordingNoise) -> list[NDArray[np.bool_]]:
     slow = np.where(whitener.non_excited_lines < whitener.repeats, -1, -2)
     label = np.repeat(np.concatenate([octave, slow]), per_line)
     return [label == o for o in np.unique(label) if o != -2]
-
-
-def chi_square_p_value(statistic: float, degrees_of_freedom: float, log_power_variance: float) -> float:
-    """P-value of a chi-square statistic, by F where the noise power is itself estimated.
-
-    `log_power_variance` is the variance of the estimated log power spectral density: trigamma(d / 2) for an estimate
-    with d degrees of freedom.
-    """
-    if log_power_variance <= 0:
-        return float(chi2_sf(statistic, degrees_of_freedom))
-    return float(f_sf(statistic / degrees_of_freedom, degrees_of_freedom, 2 * inverse_trigamma(log_power_variance)))

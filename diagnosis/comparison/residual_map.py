@@ -12,13 +12,13 @@ from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.generic_terms import gravity_direction
 from estimation.distributions import student_isf, student_sf
 from estimation.model_response import model_signals
+from estimation.multiplicity import false_discovery_rates
 from estimation.recordings.recording import Recording
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
 CELLS = 16
-DISCOVERY_RATE = 0.10
-"""False discovery rate at which cells are significant."""
 MIN_RANGE = 1e-3
 """Range, in its own unit, below which a variable counts as constant."""
 MAX_BLOCKS = 8
@@ -48,7 +48,7 @@ class ResidualMap:
     explained: float
 
     @property
-    def striking(self) -> NDArray[np.bool_]:
+    def practically_significant(self) -> NDArray[np.bool_]:
         """Cells whose mean residual is significant and above tolerance."""
         return self.significant & (np.abs(self.mean) > self.tolerance)
 
@@ -141,24 +141,12 @@ def _cell_rows(
     return rows
 
 
-def false_discovery_rates(p_values: Array) -> Array:
-    """P-values (n,) adjusted for the false discovery rate (Benjamini and Hochberg, J. R. Stat. Soc. B 57, 1995).
-
-    Equal to `scipy.stats.false_discovery_control`, whose import takes longer than drawing all maps.
-    """
-    order = np.argsort(p_values)[::-1]
-    scaled = p_values[order] * len(order) / np.arange(len(order), 0, -1)
-    rates = np.empty_like(p_values)
-    rates[order] = np.minimum(np.minimum.accumulate(scaled), 1.0)
-    return rates
-
-
 def _residual_map(
     rows: list[CellStatistics], names: tuple[str, str, str, str], tolerance: float, power: float
 ) -> ResidualMap:
     centre, mean, error, count, weight = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
     degrees_of_freedom = count - 1
-    half_width = student_isf(0.025, degrees_of_freedom) * error
+    half_width = student_isf(0.5 - LEVELS.confidence / 2, degrees_of_freedom) * error
     statistic = np.abs(mean) / np.maximum(error, 1e-300)
     rates = false_discovery_rates(np.clip(2 * student_sf(statistic, degrees_of_freedom), 0, 1))
     noise = np.minimum(error**2, mean**2)
@@ -173,7 +161,7 @@ def _residual_map(
         mean=mean,
         low=mean - half_width,
         high=mean + half_width,
-        significant=rates < DISCOVERY_RATE,
+        significant=rates < LEVELS.residual_cells,
         tolerance=tolerance,
         explained=explained,
     )

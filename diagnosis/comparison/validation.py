@@ -32,9 +32,9 @@ class PartiallyFixedProblem(WhitenedProblem):
         whole = super().linearised(theta)
         return replace(whole, derivative=whole.derivative * self.free)
 
-    def minimise(self, start: Array) -> LeastSquaresMinimum:
+    def minimise(self, start: Array, far: float = np.inf) -> LeastSquaresMinimum:
         """The least-squares minimum in the free unknowns; the fixed ones are returned unchanged, bit by bit."""
-        found = super().minimise(start)
+        found = super().minimise(start, far)
         return replace(found, theta=np.where(self.free, found.theta, start))
 
 

@@ -119,20 +119,13 @@ class ResponseDifference:
 
     periodic: Array
     whole: Array | None
-    repeats: int
 
     @classmethod
     def of(cls, first: ModelResponse, second: ModelResponse) -> ResponseDifference:
         """First response minus second, of one recording."""
         parts = [sign * r.whole[0] for sign, r in ((1, first), (-1, second)) if r.whole is not None]
         whole = np.asarray(sum(parts)) if parts else None
-        return cls(first.periodic[0] - second.periodic[0], whole, first.repeats)
-
-    @property
-    def series(self) -> Array:
-        """The difference over the whole record, (n, p)."""
-        tiled = np.tile(self.periodic, (self.repeats, 1))
-        return tiled if self.whole is None else tiled + self.whole
+        return cls(first.periodic[0] - second.periodic[0], whole)
 
     def whitened(self, whitener: Whitener, rows: RowSet) -> Array:
         """The difference whitened, in some rows (r,)."""
@@ -152,13 +145,12 @@ def response_differences(
         return
     recording = fit.recordings[number]
     before = model_response(fit.layout.models[number], recording, fit.theta[fit.layout.index[number]], derivative=False)
-    names = [unknowns.parameters[i].name for i in unknowns.index[number]]
     for g, point in enumerate(grid):
         for i, amplitude in enumerate(point.amplitudes):
             if amplitude.name not in point.values:
                 continue
             known = {**fit.values, **point.nuisances, amplitude.name: point.values[amplitude.name]}
-            theta = np.array([known.get(n, p.nominal) for n, p in zip(names, model.parameters, strict=True)])
+            theta = unknowns.values_of(number, known)
             try:
                 after = model_response(model, recording, theta, derivative=False, tolerance=SCREENED)
             except InputError:

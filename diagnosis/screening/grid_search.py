@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.screening.finite_difference import GridPoint, score_columns
-from diagnosis.screening.multiplicity import effective_number_of_frequencies, effective_number_of_tests
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.projection import PointScore, ProjectedColumns, WhitenedColumns
 from diagnosis.screening.row_selection import RowChoice, RowSet
 from diagnosis.screening.whitened_sensitivity import MAX_EXACT_POINTS, sensitivity_of
 from estimation.model_response import signals_are_periodic
+from estimation.multiplicity import effective_number_of_frequencies, effective_number_of_tests
 from estimation.parameter_layout import parameter_layout
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
@@ -100,7 +100,7 @@ def projected_columns(
 
     key = None if refined else _cache_key(null_model, model, blocks, choice)
     low = -np.inf if refined else points[0].lowest()
-    return ProjectedColumns(null_model, null_model.workspace.whitened(key, make), combination, low)
+    return ProjectedColumns(null_model, null_model.cache.whitened(key, make), combination, low)
 
 
 def _cache_key(

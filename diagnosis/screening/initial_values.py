@@ -27,12 +27,12 @@ def model_initial_values(model: WrenchModel, recordings: Sequence[Recording]) ->
     found: NuisanceValues = {}
     fitted = refit(with_decided_convention(model.base, several), several)
     for effect in model.effects:
-        workspace = ScreeningCache()
-        (screening,) = screen(fitted, [effect], workspace=workspace)
+        cache = ScreeningCache()
+        (screening,) = screen(fitted, [effect], cache=cache)
         if not screening.excited:
             continue
         if effect in searched:
-            found |= refit_initial_values(fitted, screening, workspace)
+            found |= refit_initial_values(fitted, screening, cache)
         fitted = _refit_with(fitted, effect, found) if effect not in model.effects[-1:] else fitted
     return found
 

@@ -31,20 +31,20 @@ class NullRows:
 class NullModel:
     """A fit as null model of a score test: its whitened residual and its column space.
 
-    workspace  cache shared by all fits to these recordings in this noise
+    cache  cache shared by all fits to these recordings in this noise
     """
 
     fit: Fit
-    workspace: ScreeningCache = field(default_factory=ScreeningCache)
+    cache: ScreeningCache = field(default_factory=ScreeningCache)
 
     @classmethod
-    def of(cls, fit: Fit, workspace: ScreeningCache) -> NullModel:
-        """The null model of a fit, cached in the workspace."""
-        return workspace.null_model(fit, lambda: cls(fit, workspace))
+    def of(cls, fit: Fit, cache: ScreeningCache) -> NullModel:
+        """The null model of a fit, cached."""
+        return cache.null_model(fit, lambda: cls(fit, cache))
 
     def prepare(self) -> None:
         """Compute what every effect's score test needs, before the tests are shared out."""
-        self.workspace.draws(self.fit.noise)
+        self.cache.draws(self.fit.noise)
         _ = self.draws_in_basis, self.residual
 
     @cached_property
@@ -70,11 +70,7 @@ class NullModel:
     @cached_property
     def residual(self) -> Array:
         """Whitened residual (rows,) projected onto the complement of the column space."""
-        free = self.whitened_residual.copy()
-        basis, reached = self.directions.basis, self.reached
-        inside = free[reached]
-        free[reached] = inside - basis @ (basis.T @ inside)
-        return free
+        return self.project_out(self.whitened_residual)
 
     @cached_property
     def cost(self) -> float:
@@ -111,7 +107,7 @@ class NullModel:
     @cached_property
     def draws_in_basis(self) -> Array:
         """Components of the noise draws along the basis, (k, NOISE_DRAWS)."""
-        return np.asarray(self.directions.basis.T @ self.workspace.draws(self.fit.noise)[self.reached])
+        return np.asarray(self.directions.basis.T @ self.cache.draws(self.fit.noise)[self.reached])
 
     def search_domain(self, number: int, make: Callable[[], SearchDomain]) -> SearchDomain:
         """Search domain of a recording for new effects, computed once."""

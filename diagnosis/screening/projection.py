@@ -176,7 +176,7 @@ class ProjectedColumns:
     def noise_scores(self) -> Array:
         """The largest score over the grid in each noise draw, (NOISE_DRAWS,)."""
         null_model, whitened = self.null_model, self.whitened
-        draws = null_model.workspace.draws(null_model.fit.noise)
+        draws = null_model.cache.draws(null_model.fit.noise)
         raw = (
             self._summed(whitened.noise_inner_products(draws[null_model.index(whitened.choice)]))
             / self.scale[:, :, None]

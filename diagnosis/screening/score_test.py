@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from diagnosis.comparison.comparison import chi_square_p_value
 from diagnosis.parallel.progress import CountCallback
 from diagnosis.screening.finite_difference import GridPoint
 from diagnosis.screening.grid_search import GridSearch, refine_onsets
-from diagnosis.screening.multiplicity import SIGNIFICANCE, bonferroni_level, detectable_noncentrality, holm_adjusted
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.screening.search_domain import search_domain
+from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit, shared_objects
 from estimation.model_response import missing_inputs
+from estimation.multiplicity import bonferroni_level, detectable_noncentrality, holm_adjusted
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
@@ -23,6 +23,7 @@ from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.parameter import Role
+from modeling.significance import LEVELS
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,18 +59,16 @@ def screen(
     effects: Sequence[Effect],
     *,
     candidates: int | None = None,
-    workspace: ScreeningCache | None = None,
+    cache: ScreeningCache | None = None,
     announce: CountCallback | None = None,
 ) -> list[ScoreTest]:
     """Score tests of all effects that the model lacks, given the fit; the most significant first.
 
     `candidates` is the number of candidate effects for the multiplicity correction, by default of those given. The
-    `workspace` caches what fits in the same noise share; no effect is searched twice given the same fit.
+    `cache` holds what fits in the same noise share; no effect is searched twice given the same fit.
     """
     count = len(effects) if candidates is None else candidates
-    searches = run_searches(
-        absent_effects(fit, effects), ScreeningCache() if workspace is None else workspace, announce
-    )
+    searches = run_searches(absent_effects(fit, effects), ScreeningCache() if cache is None else cache, announce)
     found = [_score_test(s, count) if isinstance(s, GridSearch) else s for s in searches]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))
 
@@ -81,24 +80,24 @@ def absent_effects(fit: Fit, effects: Sequence[Effect]) -> list[tuple[Fit, Effec
 
 
 def run_searches(
-    wanted: Sequence[tuple[Fit, Effect]], workspace: ScreeningCache, announce: CountCallback | None = None
+    wanted: Sequence[tuple[Fit, Effect]], cache: ScreeningCache, announce: CountCallback | None = None
 ) -> list[GridSearch | ScoreTest]:
-    """Grid searches of effects, each given a fit, shared out among the workers and cached in the workspace."""
+    """Grid searches of effects, each given a fit, shared out among the workers and cached."""
     fits = list({fit: None for fit, _ in wanted})
-    for fit in {fit: None for fit, effect in wanted if not workspace.contains((fit, effect))}:
-        NullModel.of(fit, workspace).prepare()
-    return workspace.results(
+    for fit in {fit: None for fit, effect in wanted if not cache.contains((fit, effect))}:
+        NullModel.of(fit, cache).prepare()
+    return cache.results(
         wanted,
-        lambda key: _search(NullModel.of(key[0], workspace), key[1]),
+        lambda key: _search(NullModel.of(key[0], cache), key[1]),
         label=lambda key: key[1].id,
         shared=[thing for fit in fits for thing in shared_objects(fit)],
         announce=announce,
     )
 
 
-def refit_initial_values(fit: Fit, screening: ScoreTest, workspace: ScreeningCache | None = None) -> NuisanceValues:
+def refit_initial_values(fit: Fit, screening: ScoreTest, cache: ScreeningCache | None = None) -> NuisanceValues:
     """Initial values of the exact refit with a screened effect, its onset times refined."""
-    null_model = NullModel.of(fit, ScreeningCache() if workspace is None else workspace)
+    null_model = NullModel.of(fit, ScreeningCache() if cache is None else cache)
     return refine_onsets(null_model, screening.effect, screening.start)
 
 
@@ -111,7 +110,7 @@ def adjusted_p_values(score_tests: Sequence[ScoreTest]) -> dict[str, float]:
 def significant_effects(score_tests: Sequence[ScoreTest]) -> list[ScoreTest]:
     """The excited effects that are significant at 1 % (Holm), in the order given."""
     adjusted = adjusted_p_values(score_tests)
-    return [s for s in score_tests if s.excited and adjusted[s.effect.id] < SIGNIFICANCE]
+    return [s for s in score_tests if s.excited and adjusted[s.effect.id] < LEVELS.effect]
 
 
 def _search(null_model: NullModel, new: Effect) -> GridSearch | ScoreTest:

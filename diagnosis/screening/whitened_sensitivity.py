@@ -59,9 +59,7 @@ def _recording_sensitivities(
 ) -> Array:
     fit = null_model.fit
     own, recording, whitener = unknowns.models[number], fit.recordings[number], fit.noise[number].whitener
-    names = [unknowns.parameters[i].name for i in unknowns.index[number]]
-    known = np.array([fit.values.get(n, p.nominal) for n, p in zip(names, own.parameters, strict=True)])
-    theta = np.tile(known, (len(grid), 1))
+    theta = np.tile(unknowns.values_of(number, fit.values), (len(grid), 1))
     place = {p.name: i for i, p in enumerate(own.parameters)}
     for point, values in zip(theta, grid, strict=True):
         for name, value in values.items():

@@ -19,7 +19,7 @@ MIN_POWER_RATIO = 1.1
 """Ratio of old to re-estimated noise power, in any channel, above which the search is repeated."""
 
 
-def reestimated_noise(fit: Fit) -> tuple[RecordingNoise, ...] | None:
+def noise_without_transients(fit: Fit) -> tuple[RecordingNoise, ...] | None:
     """Noise of a fit's recordings without the transient effects that it explains; None where it hardly changes.
 
     A payload change or a contact has a broad spectrum, and what event detection missed of it was attributed to noise.

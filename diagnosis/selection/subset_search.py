@@ -9,7 +9,6 @@ from functools import cached_property
 from diagnosis.comparison.comparison import comparison_of, noise_from_residual
 from diagnosis.parallel.progress import CountCallback, Progress, count_progress, silent
 from diagnosis.parallel.workers import Workers
-from diagnosis.screening.multiplicity import SIGNIFICANCE, bonferroni_threshold, chi_square_penalty
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.score_test import (
     ScoreTest,
@@ -21,8 +20,10 @@ from diagnosis.screening.score_test import (
 )
 from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Fit, reestimated_noise, refit, shared_objects
+from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi_square_penalty
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
+from modeling.significance import LEVELS
 
 BEAM_WIDTH = 2
 """Sets of effects kept at each size."""
@@ -36,13 +37,13 @@ MAX_EFFECTS = 4
 class CandidateModel:
     """A model with a set of effects, refitted exactly.
 
-    among      number of candidate effects, for the multiplicity correction
-    workspace  cache of score tests in the same noise
+    candidates  number of candidate effects, for the multiplicity correction
+    cache       cache of score tests in the same noise
     """
 
     fit: Fit
-    among: int
-    workspace: ScreeningCache = field(default_factory=ScreeningCache)
+    candidates: int
+    cache: ScreeningCache = field(default_factory=ScreeningCache)
     _without: dict[str, CandidateModel] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -53,7 +54,7 @@ class CandidateModel:
     @property
     def null_model(self) -> NullModel:
         """Its fit as null model of score tests."""
-        return NullModel.of(self.fit, self.workspace)
+        return NullModel.of(self.fit, self.cache)
 
     @cached_property
     def cost(self) -> float:
@@ -71,29 +72,28 @@ class CandidateModel:
         own, known = self.fit.model.effects, {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
         found = {e.id: known.get(self.ids - {e.id}, self._without.get(e.id)) for e in own}
         new = [e for e in own if found[e.id] is None]
-        smaller = self.workspace.workers.map(
+        smaller = self.cache.workers.map(
             lambda effect: self.without(effect.id),
             new,
             label=lambda effect: effect.id,
-            shared=[self, *shared_objects(self.fit), self.workspace],
+            shared=[self, *shared_objects(self.fit), self.cache],
         )
         self._without.update(zip((e.id for e in new), smaller, strict=True))
         return {e.id: found[e.id] or self._without[e.id] for e in own}
 
     def screened(self, effects: Sequence[Effect], announce: CountCallback | None = None) -> list[ScoreTest]:
         """Score tests of the effects that it lacks."""
-        return screen(self.fit, effects, workspace=self.workspace, announce=announce)
+        return screen(self.fit, effects, cache=self.cache, announce=announce)
 
     @cached_property
     def lack_of_fit(self) -> float:
         """P-value of lack of fit in any recording, Bonferroni-corrected for their number."""
-        number = len(self.fit.recordings)
-        return min(1.0, number * min(comparison_of(self.fit, i).lack_of_fit for i in range(number)))
+        return bonferroni_p_value([comparison_of(self.fit, i).lack_of_fit for i in range(len(self.fit.recordings))])
 
     @property
     def adequate(self) -> bool:
         """Whether the residual is consistent with the noise."""
-        return self.lack_of_fit >= SIGNIFICANCE
+        return self.lack_of_fit >= LEVELS.effect
 
     @property
     def excess(self) -> float:
@@ -103,7 +103,7 @@ class CandidateModel:
     @property
     def criterion(self) -> float:
         """Selection criterion: whitened chi-square plus the Bonferroni threshold of each effect."""
-        return self.cost + chi_square_penalty(self.fit.model, self.among)
+        return self.cost + chi_square_penalty(self.fit.model, self.candidates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ def _most_parsimonious(best: CandidateModel, tried: Sequence[CandidateModel]) ->
     for other in tried:
         saved = len(best.fit.theta) - len(other.fit.theta)
         worse = other.cost - best.cost
-        if saved > 0 and worse < bonferroni_threshold(saved, best.among) and other.adequate:
+        if saved > 0 and worse < bonferroni_threshold(saved, best.candidates) and other.adequate:
             alternatives.append(other)
     return min(alternatives, key=lambda c: (len(c.fit.theta), c.criterion))
 
@@ -189,8 +189,8 @@ def _best_with_common_noise(best: CandidateModel, tried: Sequence[CandidateModel
     Where each set's noise is estimated from its own residual, every reduced chi-square is near one: no comparison.
     """
     others = [c for c in tried if c.ids != best.ids and c.adequate]
-    shared = [*shared_objects(best.fit), best.workspace]
-    refits = best.workspace.workers.map(
+    shared = [*shared_objects(best.fit), best.cache]
+    refits = best.cache.workers.map(
         lambda c: refit_effects(best, c.fit.model.effects, c.fit.values),
         others,
         label=lambda c: _ids(c.fit.model.effects),
@@ -213,8 +213,8 @@ def _extended_sets(
     while wanted := [extension for extension in wanted if extension.ids not in tried]:
         first = list({extension.ids: extension for extension in reversed(wanted)}.values())[::-1]
         doing = "refit with " + "; ".join(" + ".join(sorted(extension.ids)) for extension in first)
-        shared = [thing for c in level for thing in (*shared_objects(c.fit), c.workspace)]
-        workers, announce = level[0].workspace.workers, count_progress(progress, doing)
+        shared = [thing for c in level for thing in (*shared_objects(c.fit), c.cache)]
+        workers, announce = level[0].cache.workers, count_progress(progress, doing)
         found = workers.map(
             _refit_extension,
             first,
@@ -246,10 +246,10 @@ class Extension:
 def screen_all(
     level: Sequence[CandidateModel], effects: Sequence[Effect], announce: CountCallback | None = None
 ) -> None:
-    """Run the grid searches of all effects that the candidates lack, in one batch per workspace."""
-    for workspace in {c.workspace: None for c in level}:
-        wanted = [key for c in level if c.workspace is workspace for key in absent_effects(c.fit, effects)]
-        run_searches(wanted, workspace, announce)
+    """Run the grid searches of all effects that the candidates lack, in one batch per cache."""
+    for cache in {c.cache: None for c in level}:
+        wanted = [key for c in level if c.cache is cache for key in absent_effects(c.fit, effects)]
+        run_searches(wanted, cache, announce)
 
 
 def _significant_extensions(candidate: CandidateModel, screenings: Sequence[ScoreTest]) -> list[Extension]:
@@ -271,11 +271,11 @@ def _refit_extension(extension: Extension) -> CandidateModel | None:
 def refit_with_effect(candidate: CandidateModel, screening: ScoreTest) -> CandidateModel:
     """The candidate with one more effect, refitted exactly from the score test's initial values."""
     before = candidate.fit
-    start = {**before.values, **refit_initial_values(before, screening, candidate.workspace)}
+    start = {**before.values, **refit_initial_values(before, screening, candidate.cache)}
     after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
     if noise_from_residual(before):
         after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
-    return CandidateModel(after, candidate.among, candidate.workspace)
+    return CandidateModel(after, candidate.candidates, candidate.cache)
 
 
 def refit_effects(
@@ -286,7 +286,7 @@ def refit_effects(
     model = before.model.base + effects
     start = {**before.values, **(start or {})}
     after = refit(model, before.recordings, noise=before.noise, start=start)
-    return CandidateModel(after, candidate.among, candidate.workspace)
+    return CandidateModel(after, candidate.candidates, candidate.cache)
 
 
 def _backward_elimination(

@@ -1,4 +1,4 @@
-"""Aliases of an added effect: whitened separation of best-fitting alternatives, probability of confusion."""
+"""Aliases of an added effect: best fits of other effects in its place to the noise-free prediction of the model."""
 
 from __future__ import annotations
 
@@ -10,40 +10,41 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.score_test import ScoreTest, absent_effects, run_searches, significant_effects
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
-from estimation.distributions import normal_cdf
 from estimation.fit import Fit, WhitenedProblem, initial_values
-from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum, levenberg_marquardt
 from estimation.parameter_layout import parameter_layout
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
+from modeling.rival_fit import RivalFit, error_probability, fit_rival
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
-ALIAS_SEPARATION = 10.8
-"""Squared whitened distance (lambda) below which the probability of confusing two effects exceeds 5 %."""
 GIVE_UP_FACTOR = 100
-"""Multiple of that separation above which a slowly converging refit is stopped: it cannot become an alias."""
+"""Multiple of `LEVELS.confusable` above which a slowly converging refit is stopped: it cannot become an alias."""
 MAX_ALIASES = 6
 """Significant effects tried in the place of another."""
 
 
 @dataclass(frozen=True, eq=False)
 class Alias:
-    """An alternative to an added effect, at its best fit; `separation` is the squared whitened distance (lambda) of
-    the two predictions."""
+    """An alternative to an added effect, and the noncentrality lambda of its best fit."""
 
     effect: Effect
-    separation: float
+    noncentrality: float
 
     @property
-    def chance(self) -> float:
-        """Probability of confusion, Phi(-sqrt(lambda) / 2)."""
-        return float(normal_cdf(-np.sqrt(self.separation) / 2))
+    def error_probability(self) -> float:
+        """Probability of confusion with the added effect."""
+        return error_probability(self.noncentrality)
 
 
 @dataclass(frozen=True, eq=False)
 class AliasProblem(WhitenedProblem):
-    """Least-squares problem of one model fitted to another's noise-free prediction."""
+    """Least-squares problem of one model fitted to another's whitened noise-free prediction, the `target`.
+
+    By Levenberg-Marquardt on square-root information: a trust-region method gives the same lambda in up to ten times
+    the time, as it cannot stop early where lambda stays far above that of an alias.
+    """
 
     target: tuple[Array, ...] = ()
 
@@ -52,10 +53,10 @@ class AliasProblem(WhitenedProblem):
         """The whitened prediction to be fitted."""
         return self.target
 
-    def minimise(self, start: Array) -> LeastSquaresMinimum:
-        """The least-squares minimum within the physical bounds, exact unless far above ALIAS_SEPARATION."""
-        low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
-        return levenberg_marquardt(self.information, start, (low, high), far=GIVE_UP_FACTOR * ALIAS_SEPARATION)
+    def fitted(self, start: Array) -> RivalFit:
+        """The fit within the physical bounds; far above `LEVELS.confusable` its lambda is an upper bound."""
+        found = self.minimise(start, far=GIVE_UP_FACTOR * LEVELS.confusable)
+        return RivalFit(found.theta, found.cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +72,10 @@ def alias_candidates(
     selection: SubsetSearch, candidate: CandidateModel, effects: Sequence[Effect]
 ) -> list[AliasCandidate]:
     """For each of a candidate's effects, the other effects that are significant in its place."""
-    workspace = candidate.workspace
+    cache = candidate.cache
     places = candidate.without_each((selection.base, *selection.tried))
     others = {i: [e for e in effects if e.id != i] for i in places}
-    run_searches([key for i, without in places.items() for key in absent_effects(without.fit, others[i])], workspace)
+    run_searches([key for i, without in places.items() for key in absent_effects(without.fit, others[i])], cache)
     return [
         AliasCandidate(i, without.fit, s)
         for i, without in places.items()
@@ -82,13 +83,13 @@ def alias_candidates(
     ]
 
 
-def aliases(alternatives: Sequence[AliasCandidate], separations: Sequence[float]) -> dict[str, list[Alias]]:
+def aliases(alternatives: Sequence[AliasCandidate], noncentralities: Sequence[float]) -> dict[str, list[Alias]]:
     """Alternatives to each of a candidate's effects by id, the closest first."""
     found: dict[str, list[Alias]] = {}
-    for alternative, far in zip(alternatives, separations, strict=True):
+    for alternative, far in zip(alternatives, noncentralities, strict=True):
         if np.isfinite(far):
             found.setdefault(alternative.place, []).append(Alias(alternative.screening.effect, far))
-    return {i: sorted(of, key=lambda r: r.separation) for i, of in found.items()}
+    return {i: sorted(of, key=lambda r: r.noncentrality) for i, of in found.items()}
 
 
 def _most_significant(screenings: Sequence[ScoreTest]) -> list[ScoreTest]:
@@ -103,17 +104,15 @@ def whitened_prediction(candidate: CandidateModel) -> tuple[Array, ...]:
     return tuple(m - r for m, r in zip(measured, residuals, strict=True))
 
 
-def alias_separation(target: tuple[Array, ...], alternative: AliasCandidate) -> float:
-    """Smallest squared whitened distance (lambda) of an alternative model from a whitened prediction.
+def noncentrality_of_alias(target: tuple[Array, ...], alternative: AliasCandidate) -> float:
+    """Noncentrality lambda of a whitened prediction, (rows,) of each recording, with respect to an alternative model.
 
-    The model is refitted exactly to a candidate's noise-free prediction, the `target`, (rows,) of each recording. Far
-    above ALIAS_SEPARATION the result is an upper bound.
+    Infinite when the alternative has no solution at the score test's initial values.
     """
     without, screening = alternative.without, alternative.screening
     unknowns = parameter_layout(without.model + screening.effect, without.recordings)
-    alias_problem = AliasProblem(unknowns, without.recordings, without.noise, target)
-    begin = initial_values(unknowns, {**without.values, **screening.start})
+    problem = AliasProblem(unknowns, without.recordings, without.noise, target)
     try:
-        return alias_problem.minimise(begin).cost
+        return fit_rival(problem, [initial_values(unknowns, {**without.values, **screening.start})]).noncentrality
     except InputError:
-        return np.inf  # no solution at the score test's initial values
+        return np.inf

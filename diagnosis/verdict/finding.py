@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.parallel.workers import WorkItem
-from diagnosis.screening.multiplicity import SIGNIFICANCE
 from diagnosis.screening.score_test import ScoreTest, adjusted_p_values, screen
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from diagnosis.verdict.aliasing import (
-    ALIAS_SEPARATION,
     Alias,
     alias_candidates,
-    alias_separation,
     aliases,
+    noncentrality_of_alias,
     whitened_prediction,
 )
-from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step
+from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectEvidence, EffectRule, beyond_range
+from diagnosis.verdict.selection_step import SelectionStep
 from diagnosis.verdict.upper_limit import contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import EffectVerdict
-from estimation.distributions import chi2_sf
-from estimation.fit import Estimate, Fit
+from diagnosis.verdict_rule import judge
+from estimation.fit import Estimate
 from modeling.chain.effect import Effect
+from modeling.significance import LEVELS
+from modeling.space import Space
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,77 +56,87 @@ class Finding:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Evidence for the verdicts.
+    """Evidence for the verdicts on the effects.
 
-    aliases  of each added effect, the closest first
-    limits   of each effect not added: upper 95 % limit of its contribution to each channel, RMS
+    aliases     of each added effect, the closest first
+    limits      of each effect not added: upper 95 % limit of its contribution to each channel, RMS
+    rejections  why an effect was not accepted, by id
     """
 
     aliases: Mapping[str, list[Alias]]
     limits: Mapping[str, Mapping[str, float]]
+    rejections: Mapping[str, str]
 
 
 def gather_evidence(
-    selection: SubsetSearch, final: CandidateModel, effects: Sequence[Effect], rejected: Collection[str]
+    selection: SubsetSearch, final: CandidateModel, effects: Sequence[Effect], rejections: Mapping[str, str]
 ) -> Evidence:
     """Aliases of the final model's effects, and upper limits of those that it lacks, in one batch of work."""
     alternatives = alias_candidates(selection, final, effects)
     limited = [
         s
         for s in final.screened(effects)
-        if s.excited and s.effect.id not in rejected and not _beyond_range(s, final.fit)
+        if s.excited and s.effect.id not in rejections and beyond_range(s, final.fit.model.space) is None
     ]
     target = whitened_prediction(final)
-    tasks = [WorkItem(c.screening.effect.id, partial(alias_separation, target, c)) for c in alternatives]
-    tasks += [WorkItem(s.effect.id, partial(contribution_upper_limit, final.fit, s, final.workspace)) for s in limited]
-    found = final.workspace.workers.run(tasks)
+    tasks = [WorkItem(c.screening.effect.id, partial(noncentrality_of_alias, target, c)) for c in alternatives]
+    tasks += [WorkItem(s.effect.id, partial(contribution_upper_limit, final.fit, s, final.cache)) for s in limited]
+    found = final.cache.workers.run(tasks)
     limits = {s.effect.id: limit for s, limit in zip(limited, found[len(alternatives) :], strict=True)}
-    return Evidence(aliases(alternatives, found[: len(alternatives)]), limits)
+    return Evidence(aliases(alternatives, found[: len(alternatives)]), limits, rejections)
 
 
 def judge_effects(
     selection: SubsetSearch,
     final: CandidateModel,
     steps: Sequence[SelectionStep],
+    power: Array,
     evidence: Evidence,
-    rejected: Mapping[str, str],
     candidates: Sequence[Effect],
     tolerance: Mapping[str, float],
+    rules: Sequence[EffectRule] = EFFECT_RULES,
 ) -> tuple[Finding, ...]:
-    """Findings on every candidate effect, the added ones first."""
-    aliases_of_added, power = evidence.aliases, explainable_power_by_step(steps)
+    """Findings on every candidate effect, the added ones first; the first of the rules that applies decides.
+
+    `power` is the systematic power after each step (`explainable_power_by_step`).
+    """
+    fit, space = steps[-1].fit, final.fit.model.space
     removed = np.clip((power[:-1] - power[1:]) / max(power[0], 1e-300), 0.0, 1.0)
+    close = {i: [a for a in of if a.noncentrality < LEVELS.confusable] for i, of in evidence.aliases.items()}
     added = [
-        _supported(screening, float(share), aliases_of_added.get(step.effect, []), steps[-1].fit, final.among)
-        for step, share, screening in zip(steps[1:], removed, _score_tests_of_added(final, steps), strict=True)
-        if step.effect is not None
+        _finding(
+            rules,
+            EffectEvidence(screening=screening, space=space, added=True),
+            p_value=min(1.0, final.candidates * screening.p_value),
+            error_removed=float(share),
+            confusable_with=tuple(a.effect.id for a in close.get(screening.effect.id, ())),
+            parameters={p.name.split(".", 1)[1]: fit.parameters[p.name] for p in screening.effect.qualified(space)},
+        )
+        for screening, share in zip(_score_tests_of_added(final, steps), removed, strict=True)
     ]
-    confusable = {
-        r.effect.id: (added_id, r)
-        for added_id, found in aliases_of_added.items()
-        for r in found
-        if r.separation < ALIAS_SEPARATION
-    }
+    confusable = {a.effect.id: (added_id, a) for added_id, of in close.items() for a in of}
     screenings = final.screened(candidates)
     adjusted = adjusted_p_values(screenings)
     excess = None if selection.base.adequate else selection.base.excess
     others = []
     for screening in screenings:
         effect_id = screening.effect.id
-        negligible = effect_id in evidence.limits and within_tolerance(evidence.limits[effect_id], tolerance)
-        verdict, reason = _effect_verdict(
-            screening, final.fit, confusable.get(effect_id), rejected.get(effect_id), negligible=negligible
+        alias, limit = confusable.get(effect_id), evidence.limits.get(effect_id)
+        known = EffectEvidence(
+            screening=screening,
+            space=space,
+            alias=alias,
+            rejection=evidence.rejections.get(effect_id),
+            negligible=limit is not None and within_tolerance(limit, tolerance),
         )
         others.append(
-            Finding(
-                effect=screening.effect,
-                verdict=verdict,
+            _finding(
+                rules,
+                known,
                 p_value=adjusted.get(effect_id),
                 error_removed=min(1.0, screening.statistic / excess) if excess and screening.excited else None,
-                detectable=_short_names(screening.effect, screening.detectable),
-                confusable_with=(confusable[effect_id][0],) if effect_id in confusable else (),
-                reason=reason,
-                parameters=_amounts(screening, final.fit),
+                confusable_with=() if alias is None else (alias[0],),
+                parameters=_amounts(screening, space),
             )
         )
     return (*added, *others)
@@ -133,69 +147,26 @@ def _score_tests_of_added(final: CandidateModel, steps: Sequence[SelectionStep])
     found = []
     for before, step in pairwise(steps):
         effect = next(e for e in final.fit.model.effects if e.id == step.effect)
-        found.append(screen(before.fit, [effect], candidates=final.among, workspace=final.workspace)[0])
+        found.append(screen(before.fit, [effect], candidates=final.candidates, cache=final.cache)[0])
     return found
 
 
-def _supported(screening: ScoreTest, removed: float, found: list[Alias], final: Fit, trials: int) -> Finding:
-    effect = screening.effect
-    names = [p.name for p in effect.qualified(final.model.space)]
-    return Finding(
-        effect=effect,
-        verdict=EffectVerdict.SUPPORTED,
-        p_value=min(1.0, trials * screening.p_value),
-        error_removed=removed,
-        detectable=_short_names(effect, screening.detectable),
-        confusable_with=tuple(r.effect.id for r in found if r.separation < ALIAS_SEPARATION),
-        reason="",
-        parameters={n.split(".", 1)[1]: final.parameters[n] for n in names},
-    )
-
-
-def _effect_verdict(
-    screening: ScoreTest,
-    final: Fit,
-    confusable: tuple[str, Alias] | None,
-    rejected: str | None,
+def _finding(
+    rules: Sequence[EffectRule],
+    evidence: EffectEvidence,
     *,
-    negligible: bool,
-) -> tuple[EffectVerdict, str]:
-    if confusable is not None:
-        added, alias = confusable
-        how = f"separation {alias.separation:.2g}, probability of confusion {alias.chance:.0%}"
-        return EffectVerdict.CONFUSABLE, f"indistinguishable from {added} ({how})"
-    if rejected is not None:
-        return EffectVerdict.NOT_SUPPORTED, f"rejected, because {rejected}"
-    if not screening.excited:
-        return EffectVerdict.NOT_EXCITED, screening.reason
-    if beyond := _beyond_range(screening, final):
-        return EffectVerdict.NOT_EXCITED, beyond
-    if negligible:
-        return EffectVerdict.NEGLIGIBLE, "the upper 95 % limit of its contribution is below tolerance"
-    if screening.p_value < SIGNIFICANCE / 10:
-        reason = "rejected, because it is significant in the score test, but not after the exact refit"
-        return EffectVerdict.NOT_SUPPORTED, reason
-    if chi2_sf(screening.statistic, max(1, len(screening.amounts))) < SIGNIFICANCE / 100:
-        reason = "rejected, because there are too few repeats to know the low-frequency noise"
-        return EffectVerdict.NOT_SUPPORTED, reason
-    return EffectVerdict.NOT_SUPPORTED, ""
+    p_value: float | None,
+    error_removed: float | None,
+    confusable_with: tuple[str, ...],
+    parameters: Mapping[str, Estimate],
+) -> Finding:
+    effect, (verdict, reason) = evidence.screening.effect, judge(rules, evidence)
+    detectable = {n.removeprefix(f"{effect.id}."): v for n, v in evidence.screening.detectable.items()}
+    return Finding(effect, verdict, p_value, error_removed, detectable, confusable_with, reason, parameters)
 
 
-def _beyond_range(screening: ScoreTest, fitted: Fit) -> str:
-    """Reason when all detectable amounts of an effect lie beyond the physical range, else empty."""
-    bounds = {p.name: p for p in screening.effect.qualified(fitted.model.space)}
-    wide = [n for n, amount in screening.detectable.items() if amount > max(np.abs(bounds[n].bounds))]
-    if wide and len(wide) == len(screening.detectable):
-        return f"{wide[0].split('.', 1)[1]} is not excited: detectable only beyond its physical range"
-    return ""
-
-
-def _short_names(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    return {name.removeprefix(f"{effect.id}."): value for name, value in values.items()}
-
-
-def _amounts(screening: ScoreTest, fitted: Fit) -> dict[str, Estimate]:
-    units = {p.name: p.unit for p in screening.effect.qualified(fitted.model.space)}
+def _amounts(screening: ScoreTest, space: Space) -> dict[str, Estimate]:
+    units = {p.name: p.unit for p in screening.effect.qualified(space)}
     return {
         name.split(".", 1)[1]: Estimate(name, value, std, units[name])
         for name, (value, std) in screening.amounts.items()

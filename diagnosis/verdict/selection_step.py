@@ -42,7 +42,7 @@ def selection_steps(
 
 def _selection_step(effect: str | None, fitted: Fit, held_out: Sequence[HeldOut]) -> SelectionStep:
     training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
-    validation = tuple(comparison_of(o.carried(fitted), 0) for o in held_out)
+    validation = tuple(comparison_of(o.validation_fit(fitted), 0) for o in held_out)
     return SelectionStep(effect, fitted, training, validation)
 
 

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def contribution_upper_limit(
-    fitted: Fit, screening: ScoreTest, workspace: ScreeningCache | None = None
+    fitted: Fit, screening: ScoreTest, cache: ScreeningCache | None = None
 ) -> Mapping[str, float]:
     """Upper 95 % limit of an effect's contribution to each channel, as RMS over the first recording it acts in.
 
@@ -34,7 +34,7 @@ def contribution_upper_limit(
     point = screening.point
     if point is None:
         raise ValueError("an effect that is not excited has no upper limit")
-    null_model = NullModel.of(fitted, ScreeningCache() if workspace is None else workspace)
+    null_model = NullModel.of(fitted, ScreeningCache() if cache is None else cache)
     model = fitted.model + screening.effect
     unknowns = parameter_layout(model, fitted.recordings)
     number = next(i for i, m in enumerate(unknowns.models) if screening.effect.id in [e.id for e in m.effects])
@@ -59,11 +59,9 @@ def _unwhitened_columns(
 
     Over one repeat where all of them are periodic, else over the whole record.
     """
-    fitted, own = null_model.fit, unknowns.models[number]
+    fitted = null_model.fit
     recording = fitted.recordings[number]
-    names = [unknowns.parameters[i].name for i in unknowns.index[number]]
-    known = {**fitted.values, **point.nuisances}
-    theta = np.array([known.get(n, p.nominal) for n, p in zip(names, own.parameters, strict=True)])
+    theta = unknowns.values_of(number, {**fitted.values, **point.nuisances})
     collinear = null_model.directions.amounts(columns[null_model.reached])[fitted.layout.index[number]]
     every = list(range(len(point.amplitudes)))
     parts = [(-part @ collinear, every, periodic) for part, periodic in null_model.derivatives(number)]

@@ -15,6 +15,7 @@ from estimation.distributions import chi2_isf, normal_cdf, normal_isf
 from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.disturbances.transient_windows import Windows, cumulative_sums, inside, largest_samples
 from modeling.noise.whitening import block_means
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 SampleMask = NDArray[np.bool_]
@@ -29,14 +30,10 @@ WINDOW_LENGTH_RATIO = 1.25
 """Ratio of successive window lengths: a contact of a length in between loses at most a tenth of its score."""
 ZERO_SEGMENTS = 200
 """Segments of a record whose means are candidates for the zero."""
-OUTSIDE_CLUSTER_PROBABILITY = 1e-3
-"""Probability that a contact-free segment is left out of the cluster about the zero."""
 MERGE_GAP = 10
 """Blocks: contacts with fewer between them are one interval, since a contact force can cross zero."""
 GUARD_BLOCKS = 2
 """Blocks next to an interval that do not count as free: the shortest window has three, and may miss an edge."""
-NOISE_LIMIT_PROBABILITY = 0.05
-"""Probability that the noise at a scale, estimated from few differences, exceeds the value used in the tests."""
 MAX_CLUSTER_STEPS = 120
 """Most growth steps of a cluster; one that has not converged by then is used as it is."""
 DETECTION_ROUNDS = 12
@@ -103,7 +100,7 @@ def detect_contacts(
     floor: Array,
     remainder: Array,
     zero: Array | None = None,
-    false_alarms: float = 0.01,
+    false_alarms: float = LEVELS.contact,
 ) -> ContactDetection:
     """Find the zero and the contacts of a record from its residual (n, p), measured minus predicted.
 
@@ -111,7 +108,7 @@ def detect_contacts(
     systematic residual `remainder` (p,) give a mean of that length, Bonferroni-corrected for windows and channels, so
     that a record without contact gives any interval with a probability of `false_alarms` at the most. The noise is the
     larger of an autoregression's and of that from differences of means, at its upper confidence limit
-    (`NOISE_LIMIT_PROBABILITY`). A window must be significant without its largest block too, against outliers. The
+    (`LEVELS.contact_noise`). A window must be significant without its largest block too, against outliers. The
     disjoint windows are chosen to maximise their total excess over the threshold; the edges of an interval are those
     by the autoregression alone. The zero is the mean of the free samples unless it is given. Intervals, zero and noise
     are iterated to convergence.
@@ -199,7 +196,7 @@ class ContactSearch:
         autoregressive = VarianceOfMeans.of_autoregression(fitted, len(quiet), self.constant)
         likely, limit = (
             autoregressive.at_least(VarianceOfMeans.of_differences(self.means, self.constant, quiet, exceedance=share))
-            for share in (0.5, NOISE_LIMIT_PROBABILITY)
+            for share in (0.5, LEVELS.contact_noise)
         )
         zero = mean if zero is None else zero
         significant, candidates = (self.exceeding(zero, noise, quiet) for noise in (limit, autoregressive))
@@ -275,7 +272,7 @@ def majority_mean(means: Array, noise: VarianceOfMeans) -> Array:
     segments = block_means(means, length)
     scale = np.sqrt(noise.variance[length - 1] + noise.constant)
     distance = (((segments[None] - segments[:, None]) / scale) ** 2).sum(axis=2)
-    near = distance < chi2_isf(OUTSIDE_CLUSTER_PROBABILITY, means.shape[1])
+    near = distance < chi2_isf(LEVELS.quiet_segment, means.shape[1])
     return np.asarray(segments[near[near.sum(axis=1).argmax()]].mean(axis=0))
 
 
@@ -285,12 +282,12 @@ def largest_cluster(means: Array, floor: Array, constant: Array) -> SampleMask:
     Its centre starts as the block with most others within the chi-square limit of its variance: the larger of `floor`
     (p,) and of the blocks' fast variance (half of the squared successive differences), plus the model's `constant`.
     Centre and covariance are then iterated with the members' mean and covariance to convergence: of Gaussian blocks,
-    however slow, all but `OUTSIDE_CLUSTER_PROBABILITY` are members. Where the cluster is too small, all blocks are.
+    however slow, all but `LEVELS.quiet_segment` are members. Where the cluster is too small, all blocks are.
     """
     steps = np.diff(means, axis=0)
     fast = (1.4826 * np.median(np.abs(steps), axis=0)) ** 2 / 2 if len(steps) else np.zeros(means.shape[1])
     scale = np.sqrt(np.maximum(np.maximum(floor, fast) + constant, 1e-300))
-    limit = chi2_isf(OUTSIDE_CLUSTER_PROBABILITY, means.shape[1])
+    limit = chi2_isf(LEVELS.quiet_segment, means.shape[1])
     candidates = means[:: max(1, len(means) // (2 * ZERO_SEGMENTS))]
     distance = (((means[None] - candidates[:, None]) / scale) ** 2).sum(axis=2)
     centre = candidates[int((distance < limit).sum(axis=1).argmax())]

@@ -22,6 +22,7 @@ from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.contact_gain import contact_gain_at, group_delay
 from modeling.number_format import P_VALUE
+from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Column, Table, Tabular
 from modeling.tool.wrench_components import contact_components
@@ -159,7 +160,7 @@ def compensate(
     *,
     keep_zero: bool = False,
     tip_length: float | None = None,
-    false_alarms: float = 0.01,
+    false_alarms: float = LEVELS.contact,
 ) -> ContactWrench:
     """The contact wrench of a recording: its readings less the fitted tool's load (22.13).
 

@@ -45,7 +45,7 @@ class LeastSquaresMinimum:
     def at(cls, theta: Array, steps: SquareRootInformation, converged: bool) -> LeastSquaresMinimum:
         """At theta, from the information on a step from theta."""
         scaled_svd = ScaledSVD.of(steps.root, SINGULAR_VALUE_TOLERANCE, NEGLIGIBLE_COLUMN_LENGTH)
-        return cls(theta, scaled_svd.covariance, scaled_svd.identifiable, steps.cost, converged, steps.moved(-theta))
+        return cls(theta, scaled_svd.covariance, scaled_svd.identifiable, steps.cost, converged, steps.shifted(-theta))
 
 
 def levenberg_marquardt(
@@ -68,7 +68,7 @@ def levenberg_marquardt(
     here = information(theta)
     for _ in range(MAX_STEPS):
         trial = np.clip(theta + levenberg_marquardt_step(here, theta, bounds, damping), *bounds)
-        predicted = here.moved(trial - theta)
+        predicted = here.shifted(trial - theta)
         if not damping and abs(here.cost - predicted.cost) < STEP_TOLERANCE and _is_negligible_step(theta, trial):
             return LeastSquaresMinimum.at(trial, predicted, True)
         there = _information_or_none(information, trial)
@@ -107,8 +107,8 @@ def levenberg_marquardt_step(
     """A Levenberg step with parameters at active bounds held fixed, zero along unidentifiable directions."""
     gradient = here.root.T @ here.target
     free = ~(((theta <= bounds[0]) & (gradient < 0)) | ((theta >= bounds[1]) & (gradient > 0)))
-    part = here.only(free)
+    part = here.restricted(free)
     step = np.zeros_like(theta)
-    damped = part.held(np.sqrt(damping)) if damping else part
+    damped = part.damped(np.sqrt(damping)) if damping else part
     step[free] = least_squares_solution(damped, rounding=SINGULAR_VALUE_TOLERANCE, faint=NEGLIGIBLE_COLUMN_LENGTH)
     return step

@@ -121,7 +121,7 @@ class SquareRootInformation:
         return _triangularised(rows, 0.0, count)
 
     @classmethod
-    def nothing(cls, size: int) -> Self:
+    def empty(cls, size: int) -> Self:
         """Of no rows: the neutral element of addition."""
         return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0)
 
@@ -135,17 +135,17 @@ class SquareRootInformation:
         stacked = np.vstack([np.column_stack([s.root, s.target]) for s in (self, other)])
         return _triangularised(stacked, self.power + other.power, self.rows + other.rows)
 
-    def moved(self, step: Array) -> SquareRootInformation:
+    def shifted(self, step: Array) -> SquareRootInformation:
         """Of the same rows, with the origin of x moved to `step` (k,)."""
         return replace(self, target=self.target - self.root @ step)
 
-    def held(self, strength: float) -> SquareRootInformation:
+    def damped(self, strength: float) -> SquareRootInformation:
         """With Levenberg damping: a further row per parameter, `strength` times its column's norm, with target 0."""
         lengths = np.linalg.norm(self.root, axis=0)
         rows = np.diag(strength * np.where(lengths > 0, lengths, 1.0))
         return self + SquareRootInformation(rows, np.zeros(len(rows)), 0.0, 0)
 
-    def only(self, kept: NDArray[np.bool_] | NDArray[np.intp]) -> SquareRootInformation:
+    def restricted(self, kept: NDArray[np.bool_] | NDArray[np.intp]) -> SquareRootInformation:
         """On a subset of the parameters, the others fixed at 0; an index also reorders."""
         return _triangularised(np.column_stack([self.root[:, kept], self.target]), self.power, self.rows)
 

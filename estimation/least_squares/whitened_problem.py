@@ -112,10 +112,10 @@ class WhitenedProblem:
         """Square-root information of the whitened rows on a step from theta."""
         return self.linearised(theta).information
 
-    def minimise(self, start: Array) -> LeastSquaresMinimum:
-        """The least-squares minimum within the parameters' bounds; derivatives are exact."""
+    def minimise(self, start: Array, far: float = np.inf) -> LeastSquaresMinimum:
+        """The least-squares minimum within the parameters' bounds; `far` as `levenberg_marquardt` takes it."""
         low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
-        return levenberg_marquardt(self.information, start, (low, high))
+        return levenberg_marquardt(self.information, start, (low, high), far)
 
 
 def _joined(parts: Sequence[Array]) -> Array:

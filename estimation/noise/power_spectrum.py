@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from estimation.distributions import gamma_isf
 from estimation.recordings.regression_spline import basis_matrix
 from modeling.errors import InputError
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
-TONE_PROBABILITY = 0.01
-"""Probability that a record without tones loses one ordinate to the search for tones."""
 CURVATURE_PRIORS = (1.0, 0.5)
 """Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which Akaike's criterion chooses.
 The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4: a stiffer curve
@@ -78,7 +77,7 @@ def smooth_power_spectrum(
     periodogram, R-1 for an average over R-1 differences); `start` the lowest frequency at which S will be evaluated.
     With the log link the Fisher information of each ordinate is `shape` whatever S, so that each scoring step is one
     penalised least-squares solve; the penalty on the curvature is chosen by Akaike's criterion. Ordinates above the
-    Bonferroni-corrected Gamma quantile (`TONE_PROBABILITY`) are tones and left out, with their neighbours.
+    Bonferroni-corrected Gamma quantile (`LEVELS.ordinate`) are tones and left out, with their neighbours.
     """
     begin = float(frequency.min()) if start is None else min(start, float(frequency.min()))
     valid = np.isfinite(ordinates) & (ordinates > 0)
@@ -91,7 +90,7 @@ def smooth_power_spectrum(
     tones = ~valid
     for _ in range(4):
         curve = _penalised_spline(frequency, ordinates, ~tones, shape, begin)
-        limit = gamma_isf(TONE_PROBABILITY / len(frequency), shape) / shape
+        limit = gamma_isf(LEVELS.ordinate / len(frequency), shape) / shape
         exceeding = valid & (ordinates > limit * curve(frequency))
         found = tones | exceeding | np.roll(exceeding, 1) | np.roll(exceeding, -1)
         if (found == tones).all() or found.mean() > 0.3:

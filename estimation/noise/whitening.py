@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+import scipy  # loads scipy.fft with its first use
 from numpy.typing import NDArray
-from scipy.fft import rfft
 
 from estimation.model_response import ModelResponse
 from modeling.noise.autoregressive_noise import NoiseModel
@@ -125,7 +125,7 @@ class FourierLineWhitener(Whitener):
         columns = _ColumnBatches.of(values, self.rows)
         excited, non_excited = np.split(columns.rows, [self.periodic_rows], axis=1)
         for part, selection in columns.parts():
-            lines = rfft(part)
+            lines = scipy.fft.rfft(part)
             self._whiten(lines[:, :, self.excited_lines], excited[selection], self._roots[0])
             if len(self.non_excited_lines):
                 self._whiten(lines[:, :, self.non_excited_lines], non_excited[selection], self._roots[1])
@@ -137,7 +137,7 @@ class FourierLineWhitener(Whitener):
         """Rows of a periodic series, given one repeat, at the excited lines."""
         columns, excited = _ColumnBatches.of(values, self.periodic_rows), self.excited_lines // self.repeats
         for part, selection in columns.parts():
-            self._whiten(rfft(part)[:, :, excited] * self.repeats, columns.rows[selection], self._roots[0])
+            self._whiten(scipy.fft.rfft(part)[:, :, excited] * self.repeats, columns.rows[selection], self._roots[0])
         _project_out(self.excited_leakage, columns.rows)
         return columns.result
 
@@ -145,7 +145,7 @@ class FourierLineWhitener(Whitener):
         """Rows of a series over the whole record at the non-excited lines."""
         columns = _ColumnBatches.of(values, self.rows - self.periodic_rows)
         for part, selection in columns.parts():
-            self._whiten(rfft(part)[:, :, self.non_excited_lines], columns.rows[selection], self._roots[1])
+            self._whiten(scipy.fft.rfft(part)[:, :, self.non_excited_lines], columns.rows[selection], self._roots[1])
         _project_out(self.non_excited_leakage, columns.rows)
         return columns.result
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.recordings.regression_spline import RegressionSpline
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
-LINE_FALSE_ALARM = 0.01  # probability that pure noise is found to have an excited line
 END_KNOTS_LEFT_OUT = 2  # left out at each end of a spline in coloured noise
 SPLINE_DEGREE = 5  # the second derivative of a quintic is continuously differentiable
 COEFFICIENTS_PER_LINE = 10  # of a spline: several per period, for a fit as close as clean data allow
@@ -96,10 +96,10 @@ def highest_excited_line(power: Array) -> int:
     """Index of the highest excited line of a power spectrum (lines 0, 1, 2, ..).
 
     Noise lines over their floor are exponential with mean one, so that the largest of M exceeds
-    ln(M / LINE_FALSE_ALARM) in one of a hundred spectra. The cut is where the sum of (power / floor - that bound) over
-    the lines up to it is largest: a strong line outweighs empty ones below it, a chance one does not.
+    ln(M / LEVELS.excited_line) in one of a hundred spectra. The cut is where the sum of (power / floor - that bound)
+    over the lines up to it is largest: a strong line outweighs empty ones below it, a chance one does not.
     """
-    bound = np.log(max(len(power), 2) / LINE_FALSE_ALARM)
+    bound = np.log(max(len(power), 2) / LEVELS.excited_line)
     # Clipped at what outweighs all lines: larger terms would lose later lines in the rounding of the sum.
     excess = np.minimum(power[1:] / line_noise_floor(power)[1:], 2 * bound * len(power))
     gain = np.cumsum(excess - bound)

@@ -71,11 +71,6 @@ class Recording:
         return None if self.time is None else float(self.time[1] - self.time[0])
 
     @property
-    def sample_rate(self) -> float | None:
-        """Samples per second; None for static poses."""
-        return None if self.dt is None else 1.0 / self.dt
-
-    @property
     def dimension(self) -> int:
         """2 in the plane, 3 in six axes."""
         return 2 if self.channels == PLANAR_CHANNELS else 3

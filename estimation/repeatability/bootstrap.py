@@ -15,8 +15,10 @@ from scipy.stats import f, norm, pearsonr, t
 from estimation.confidence_intervals import intervals
 from estimation.fit import Fit, WhitenedProblem
 from estimation.least_squares.estimates import PARAMETER_COLUMNS
+from estimation.multiplicity import bonferroni_p_value, holm_adjusted
 from estimation.recordings.recording import Recording, with_readings
 from modeling.errors import InputError
+from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
 
 Array = NDArray[np.float64]
@@ -25,8 +27,6 @@ RESAMPLES = 2000
 """Resamples: their std has a relative error of 1.6 %, far below that from the finite number of repeats."""
 FEW_REPEATS = 5
 """Repeats below which the t quantile is above 2.7 and there are fewer than 130 different resamples."""
-AGREEMENT_LEVEL = 0.01
-"""Probability that the whole table reports a difference when both stds are right (Holm)."""
 EXECUTOR_TASKS = 16
 """Tasks that refits are split into for an executor: enough to balance its workers."""
 
@@ -79,12 +79,6 @@ class Bootstrap(Tabular):
         """Relative standard error (k,) of std: variance 1/(2 f) for f degrees of freedom, and 1/(2 B) for B refits."""
         return np.asarray(np.sqrt(1 / (2 * self.freedom) + (1 / (2 * len(self.draws)) if self.refits else 0.0)))
 
-    @cached_property
-    def per_repeat(self) -> Array:
-        """The estimate (R, k) from each repeat alone, of a fit to one recording."""
-        (influences,) = self.pushes
-        return np.asarray(self.fit.theta + len(influences) * influences)
-
     def t_interval(self) -> tuple[Array, Array]:
         """Lower and upper ends (k,): theta ± t std."""
         half = t.ppf(0.5 + self.level / 2, self.freedom) * self.std
@@ -111,23 +105,23 @@ class Bootstrap(Tabular):
 
     @cached_property
     def agreement(self) -> tuple[Agreement, ...]:
-        """Agreement of every unknown; differences by Holm's procedure at `AGREEMENT_LEVEL`."""
-        return tuple(map(self._classified, range(len(self.std)), _holm(self.p_values)))
+        """Agreement of every unknown; differences by Holm's procedure at `LEVELS.agreement`."""
+        return tuple(map(self._classified, range(len(self.std)), holm_adjusted(list(self.p_values))))
 
     def _classified(self, number: int, p_value: float) -> Agreement:
         if not self.fit.identifiable[number]:
             return Agreement.NOT_IDENTIFIABLE
-        if p_value >= AGREEMENT_LEVEL:
+        if p_value >= LEVELS.agreement:
             return Agreement.AGREES
         if self.std[number] ** 2 < self.fit.covariance[number, number]:
             return Agreement.SHARED
-        return Agreement.DRIFTS if self._trend(number) < AGREEMENT_LEVEL else Agreement.SCATTERS
+        return Agreement.DRIFTS if self._trend(number) < LEVELS.agreement else Agreement.SCATTERS
 
     def _trend(self, number: int) -> float:
         """Bonferroni-corrected p-value over recordings of a correlation between influence and repeat number."""
         testable = [a[:, number] for a in self.pushes if len(a) > 2]
         p_values = [float(pearsonr(np.arange(len(a)), a).pvalue) for a in testable]
-        return min(p_values, default=1.0) * max(len(testable), 1)
+        return bonferroni_p_value(p_values)
 
     @property
     def table(self) -> Table:
@@ -175,7 +169,7 @@ def bootstrap(
     *,
     draws: int = RESAMPLES,
     seed: int = 0,
-    level: float = 0.95,
+    level: float = LEVELS.confidence,
     refits: bool = False,
     executor: Executor | None = None,
 ) -> Bootstrap:
@@ -251,12 +245,3 @@ def _resampled(fit: Fit, number: int, rng: np.random.Generator) -> Recording:
     mean, drawn = runs.mean(axis=0), rng.integers(repeats, size=repeats)
     wide = mean + np.sqrt(repeats / (repeats - 1)) * (runs[drawn] - mean)
     return with_readings(recording, recording.wrench - fit.residuals[number] + wide.reshape(recording.wrench.shape))
-
-
-def _holm(p_values: Array) -> list[float]:
-    """Holm-adjusted p-values."""
-    order = np.argsort(p_values)
-    stepped = np.maximum.accumulate(p_values[order] * np.arange(len(order), 0, -1))
-    adjusted = np.empty_like(stepped)
-    adjusted[order] = np.minimum(stepped, 1.0)
-    return [float(p) for p in adjusted]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from modeling.errors import InputError
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
@@ -91,7 +92,7 @@ class VarianceComponents:
         spread = float(np.sqrt(self.square_variance))
         return float(spread / (2 * max(self.remainder, np.sqrt(spread) / 2, 1e-300)))
 
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
+    def interval(self, level: float = LEVELS.confidence) -> tuple[float, float]:
         """Confidence interval of the systematic RMS: square roots of the interval of `square`, clipped at zero."""
         half_width = float(norm.ppf(0.5 + level / 2)) * float(np.sqrt(self.square_variance))
         low, high = (float(np.sqrt(max(end, 0.0))) for end in (self.square - half_width, self.square + half_width))

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
-from scipy.stats import norm
 
+from estimation.distributions import normal_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, smooth_power_spectrum
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
 from estimation.robust.robust_loss import Loss
+from modeling.significance import LEVELS
 from modeling.table import Column, Value
 
 Array = NDArray[np.float64]
@@ -21,9 +22,7 @@ MAX_ITERATIONS = 200
 """Of a fixed-point iteration: one for white noise, about 20 for first-order autoregressive noise with pole 0.98."""
 OUTLIER_TOLERANCE = 1e-4
 """Change of an outlier's size, in robust std, below which the iteration has converged."""
-OUTLIER_FALSE_ALARM = 0.01
-"""Probability of at least one false outlier in a channel of Gaussian noise."""
-STD_PER_MAD = float(1 / norm.ppf(0.75))
+STD_PER_MAD = float(1 / normal_isf(0.25))
 """Std of a normal variable over its median absolute value."""
 
 
@@ -108,8 +107,8 @@ class Outliers:
 
     @property
     def limit(self) -> float:
-        """Distance that Gaussian noise exceeds in a share `OUTLIER_FALSE_ALARM` of channels of this length."""
-        return float(norm.isf(OUTLIER_FALSE_ALARM / 2 / len(self.distance)))
+        """Distance that Gaussian noise exceeds in a share `LEVELS.outlier` of channels of this length."""
+        return float(normal_isf(LEVELS.outlier / 2 / len(self.distance)))
 
     @property
     def share(self) -> Array:

@@ -17,6 +17,7 @@ from estimation.recordings.sign_convention import with_decided_convention
 from estimation.robust.outliers import OUTLIER_COLUMNS, Outliers, separate_outliers
 from estimation.robust.robust_loss import Huber, Loss
 from modeling.chain.model import WrenchModel
+from modeling.significance import LEVELS
 from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ class RobustFit(Tabular):
         """The value of every parameter by name."""
         return self.fit.values
 
-    def intervals(self, level: float = 0.95) -> Intervals:
+    def intervals(self, level: float = LEVELS.confidence) -> Intervals:
         """Confidence intervals of every parameter, with the effective degrees of freedom of the estimated noise."""
         return intervals(self.fit, level=level, pull=self.pull)
 

@@ -30,9 +30,10 @@ def information_from(
     Raises InputError when it lacks a signal, has other channels, too little history for the noise or a value that is
     not finite, and for a chunk under a model with dynamics.
     """
-    require_matching_channels(part, model, noise)
+    require_channels(part, model)
+    _require_matching_noise(part, model, noise)
     map_ = linear_regressor_map(model) if theta is None else None
-    total = SquareRootInformation.nothing(len(model.parameters))
+    total = SquareRootInformation.empty(len(model.parameters))
     if map_ is not None and noise.is_white:
         for run in _runs(part):
             _require_signals(run, map_.inputs)
@@ -53,13 +54,20 @@ def run_name(part: RecordingOrChunk) -> str:
     return part.name if isinstance(part, Recording) else part.run
 
 
-def require_matching_channels(part: RecordingOrChunk, model: WrenchModel, noise: NoiseModel) -> None:
-    """Raise InputError when part, model and noise have different channels, or a chunk's history is too short."""
+def require_channels(part: RecordingOrChunk, model: WrenchModel) -> None:
+    """Raise InputError when a recording's channels, or the number of a chunk's, are not those of the model."""
     count = len(model.channels)
     if part.wrench.shape[1] != count or (isinstance(part, Recording) and part.channels != model.channels):
-        what = f"it has {part.wrench.shape[1]} channels, the model {', '.join(model.channels)}"
+        own = f"it has {part.wrench.shape[1]} channels"
+        own = f"its channels are {', '.join(part.channels)}" if isinstance(part, Recording) else own
+        what = f"{own}, the model's {', '.join(model.channels)}"
         remedy = "use planar() for fx, fy, tau and spatial() for six axes"
         raise InputError(what=what, where=run_name(part), remedy=remedy)
+
+
+def _require_matching_noise(part: RecordingOrChunk, model: WrenchModel, noise: NoiseModel) -> None:
+    """Raise InputError when noise and model have different channels, or a chunk's history is too short."""
+    count = len(model.channels)
     if len(noise.covariance) != count:
         what = f"the noise has {len(noise.covariance)} channels and the model {count}"
         raise InputError(what=what, where="noise", remedy=f"give it for {', '.join(model.channels)}")

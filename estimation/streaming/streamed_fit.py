@@ -72,7 +72,7 @@ class StreamedFit(Estimates):
     @property
     def misfit(self) -> float:
         """Reduced chi-square; 1 when the residual is the given noise alone."""
-        remaining = self.triangle.moved(self.theta)
+        remaining = self.triangle.shifted(self.theta)
         return remaining.cost / max(remaining.rows - int(self.scaled_svd.regular.sum()), 1)
 
 
@@ -87,8 +87,8 @@ class InformationSum:
         place = {p.name: i for i, p in enumerate(model.parameters)}
         self.size, self.zeros = len(place), len(model.biases)
         self.index = np.array([place[p.name] for p in others.parameters], dtype=np.intp)
-        self.first = SquareRootInformation.nothing(self.size)
-        self.other_recordings = SquareRootInformation.nothing(len(self.index) - self.zeros)
+        self.first = SquareRootInformation.empty(self.size)
+        self.other_recordings = SquareRootInformation.empty(len(self.index) - self.zeros)
         self.other_runs: dict[RunKey, SquareRootInformation] = {}
 
     def add(self, key: RunKey, is_first: bool, found: SquareRootInformation) -> None:
@@ -212,7 +212,7 @@ def estimate_streamed(
     known = stream.information(None) if is_linear else None
     low, high = (np.array([p.bounds[i] for p in model.parameters]) for i in (0, 1))
     begin = np.array([(start or {}).get(p.name, p.nominal) for p in model.parameters])
-    found = levenberg_marquardt(stream.information if known is None else known.moved, begin, (low, high))
+    found = levenberg_marquardt(stream.information if known is None else known.shifted, begin, (low, high))
     return StreamedFit(
         model=model,
         noise=noise,

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from modeling.significance import LEVELS
 from truewrench.commands.options import Subcommands, positive, print_result
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "distance of a planar contact from the sensor along the tip, m (default: the rig's tip_length)"
     command.add_argument("--tip-length", type=positive, metavar="M", help=text)
     text = "probability of any false contact in a recording without contact (default: %(default)s)"
-    command.add_argument("--false-alarms", type=chance, metavar="P", default=0.01, help=text)
+    command.add_argument("--false-alarms", type=chance, metavar="P", default=LEVELS.contact, help=text)
     command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")
     command.add_argument("--json", action="store_true", help="print the contacts and the zero as JSON alone")
     command.set_defaults(run=run)

@@ -121,7 +121,7 @@ def exciting_plan(request: DesignRequest) -> ExcitingTrajectory:
 
 def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
     """The trajectory that discriminates between the two effects of --tell, at the parameters of the model file."""
-    from design.discrimination import rival_models, tell_apart
+    from design.discrimination import discriminate, rival_models
     from design.trajectory_design import STARTS_WHEN_SLOW
     from modeling.effects import named
     from modeling.errors import InputError
@@ -138,7 +138,7 @@ def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
         raise InputError(what="the size of the effects is unknown", where="--tell", remedy=remedy)
     truth, rival = rival_models(request.model, one, other)
     with request.pool() as executor, progress_line() as progress:
-        return tell_apart(
+        return discriminate(
             request.rig,
             truth,
             values,

@@ -80,7 +80,7 @@ def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage
 def held_out_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
     """A section for each validation recording, with its recording-specific disturbances."""
     compared = [compared_models(diagnosis, i, held_out=True) for i in range(len(diagnosis.steps[0].validation))]
-    own = [tuple(str(o) for o in diagnosis.own if o.recording is sides[0].recording) for sides in compared]
+    own = [tuple(str(o) for o in diagnosis.disturbances if o.recording is sides[0].recording) for sides in compared]
     return [replace(_section(s, fitted=False), disturbances=o) for s, o in zip(compared, own, strict=True)]
 
 
@@ -99,7 +99,7 @@ def _map_images(sides: Sequence[LabelledComparison], tolerance: Mapping[str, flo
         variables = [m.variable for m in maps[0] if m.channel == channel][:MAX_MAP_VARIABLES]
         chosen = [[_map_of(found, channel, v) for v in variables] for found in maps]
         figure = residual_map_figure([(s.label, row) for s, row in zip(sides, chosen, strict=True)])
-        count = sum(int(m.striking.sum()) for m in chosen[0])
+        count = sum(int(m.practically_significant.sum()) for m in chosen[0])
         images.append(
             svg_image(
                 figure,

@@ -53,9 +53,9 @@ def report_page(diagnosis: Diagnosis) -> str:
             expanded=diagnosis.verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED),
             parameters=parameter_groups(diagnosis),
             zero_shift=_by_channel(diagnosis, diagnosis.zero_shift or {}),
-            unexplained=diagnosis.remainder,
+            unexplained=diagnosis.unexplained,
             unexplained_sizes=_by_channel(
-                diagnosis, diagnosis.remainder.explainable_rms if diagnosis.remainder else {}
+                diagnosis, diagnosis.unexplained.explainable_rms if diagnosis.unexplained else {}
             ),
         )
     )

@@ -121,10 +121,6 @@ class PlanarRig(SimulatedRig):
             tip_axis=np.array([0.0, -1.0, 0.0]),
         )
 
-    def in_world(self, x: float, y: float) -> Vector:
-        """A point of the plane (x right, y up, m) in MuJoCo's world."""
-        return x, 0.0, y
-
     def quantised(self, q: Array) -> Array:
         """Every angle to the resolver's step."""
         return np.round(q / self.resolver_step) * self.resolver_step

@@ -64,8 +64,8 @@ class CoulombFriction(ToolLoad):
 class CableSpring(ToolLoad):
     """Tether: pulls the point at d towards an anchor with k (distance - length), slack below `length`.
 
-    k in N/m, the others in m; the anchor is x, y, z of MuJoCo's world (`PlanarRig.in_world` of a point in the
-    plane). By default the anchor lies beyond the path and the tether is taut in half of the samples.
+    k in N/m, the others in m; the anchor is x, y, z of MuJoCo's world (x, 0, y of a point in the plane).
+    By default the anchor lies beyond the path and the tether is taut in half of the samples.
     """
 
     id = "cable_spring"

@@ -9,10 +9,10 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f
 
-from diagnosis.screening.multiplicity import SIGNIFICANCE
+from estimation.distributions import f_sf
 from modeling.number_format import format_number, format_p_value, format_unit
+from modeling.significance import LEVELS
 from truewrench.surveying.quantity_series import QuantitySeries, quantity_series
 from truewrench.surveying.survey_row import SurveyRow
 
@@ -88,7 +88,7 @@ def significant_change(series: QuantitySeries, *, tests: int = 1) -> QuantityCha
     p_values[1:] *= count - 1
     best = int(p_values.argmin())
     p_value, levels = min(1.0, float(p_values[best]) * CHANGE_KINDS * tests), found[best]
-    if p_value >= SIGNIFICANCE or levels is None:
+    if p_value >= LEVELS.drift_of_survey or levels is None:
         return None
     kind, place = (ChangeKind.STEP, (best - 1, best)) if best else (ChangeKind.TREND, (0, -1))
     start, end = (moments[i] for i in place)
@@ -120,4 +120,4 @@ def _p_value(value: Array, weight: Array, levels: Array) -> float:
     freedom = len(value) - 2
     constant = (weight * (value - np.average(value, weights=weight)) ** 2).sum()
     residual = (weight * (value - levels) ** 2).sum()
-    return float(f.sf(max(0.0, constant - residual) / max(1.0, residual / freedom), 1, freedom))
+    return float(f_sf(max(0.0, constant - residual) / max(1.0, residual / freedom), 1, freedom))

@@ -26,7 +26,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
         "\n".join(_evidence(diagnosis)),
         f"Candidate effects:\n{diagnosis.table}",
     ]
-    return "\n\n".join(parts if diagnosis.remainder is None else [*parts, _unexplained_text(diagnosis.remainder)])
+    return "\n\n".join(parts if diagnosis.unexplained is None else [*parts, _unexplained_text(diagnosis.unexplained)])
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:

@@ -60,4 +60,4 @@ def weaker_verdict_warning(diagnosis: Diagnosis) -> str:
 
 def disturbance_sentences(diagnosis: Diagnosis) -> list[str]:
     """Recording-specific disturbances of the validation recordings."""
-    return [f"{disturbance} (recording-specific, excluded from the verdict)." for disturbance in diagnosis.own]
+    return [f"{disturbance} (recording-specific, excluded from the verdict)." for disturbance in diagnosis.disturbances]

@@ -15,12 +15,10 @@ from estimation.least_squares.constrained.kkt_conditions import KKT_TOLERANCE, K
 from estimation.least_squares.constrained.null_space_step import NullSpaceStep
 from modeling.chain.pseudo_inertia import PseudoInertia
 from modeling.number_format import P_VALUE
+from modeling.significance import LEVELS
 from modeling.table import Column, Value
 
 Array = NDArray[np.float64]
-
-SIGNIFICANCE_LEVEL = 1e-3
-"""Significance level at which an active constraint is rejected by the data: one-sided, 3 std."""
 
 
 class ConstraintInterpretation(Enum):
@@ -169,7 +167,7 @@ def _active_inertia(found: KKTConditions, lifted: NullSpaceStep | None) -> Activ
 def _tested(
     idle: ActiveConstraint, wanted: float, std: float, cost: float, p_value: float, against: ConstraintInterpretation
 ) -> ActiveConstraint:
-    pressure = against if p_value < SIGNIFICANCE_LEVEL else ConstraintInterpretation.WITHIN_NOISE
+    pressure = against if p_value < LEVELS.constraint else ConstraintInterpretation.WITHIN_NOISE
     return replace(idle, wanted=wanted, std=std, chi_square=cost, p_value=p_value, pressure=pressure)
 
 

@@ -18,12 +18,11 @@ from estimation.noise.leakage import LEAKAGE_SAMPLES, impulse_responses
 from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
 MAX_EVENTS = 3
-EVENT_FALSE_ALARM = 1e-3
-"""Probability of finding an event in a recording without one."""
 
 
 def find_events_in_repeats(recording: Recording, residual: Array) -> tuple[tuple[float, float], ...]:
@@ -137,7 +136,7 @@ def _most_significant_window(
     windows = Windows.of_lengths(lengths, n - 1, np.maximum(1, lengths // 8))
     score = tests.scores(windows)
     first, last = _refined_window(tests, windows.best(score), n)
-    limit = chi2_isf(EVENT_FALSE_ALARM / len(windows), p)
+    limit = chi2_isf(LEVELS.transient_in_repeats / len(windows), p)
     if score.max() * tests.share_without_largest_sample(first, last) ** 2 < limit:
         return None
     return first * sample_step(recording), last * sample_step(recording)

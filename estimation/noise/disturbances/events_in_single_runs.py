@@ -19,6 +19,7 @@ from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.identifiability import ScaledSVD
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
@@ -26,8 +27,6 @@ BLOCKS_PER_RUN = 120
 """Blocks that a run is averaged into; an event lasts at least two of them."""
 COARSE_STEP = 6
 """Blocks between the ends of the windows that are tried first."""
-EVENT_FALSE_ALARM = 0.01
-"""Probability of finding an event in a run without one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,5 +158,5 @@ def _is_significant(wrench: Array, inflation: Array, outside: Array, raw_spread:
     spread = np.sqrt((outside**2).mean(axis=0))
     correlation = np.clip((outside[1:] * outside[:-1]).mean(axis=0) / np.maximum(spread**2, 1e-300), 0.0, 0.99)
     freedom = np.maximum(2.0, len(outside) * (1 - correlation) / (1 + correlation))
-    limit = student_isf(EVENT_FALSE_ALARM / 2 / (len(wrench) * windows), freedom)
+    limit = student_isf(LEVELS.transient / 2 / (len(wrench) * windows), freedom)
     return bool(np.any(np.abs(wrench) > limit * inflation * np.maximum(spread, raw_spread)))

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from estimation.noise.power_spectrum import smooth_power_spectrum
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
 MAX_TONES = 4
 """Tones searched for in a recording at the most."""
-TONE_FALSE_ALARM = 1e-3
-"""Probability of finding a tone in a record without one."""
 NEIGHBOURING_LINES = (3, 12)
 """Lines on either side whose median a tone must exceed: an event or a step raises all of them."""
 MAIN_LOBE_LINES = 2.0
@@ -113,7 +112,7 @@ def find_tones(recording: Recording, residual: Array) -> tuple[float, ...]:
     found: list[float] = []
     for _ in range(MAX_TONES):
         remaining = NonperiodicResidual(recording, residual, tuple(found))
-        if remaining.power.size == 0 or remaining.power.max() < np.log(remaining.power.size / TONE_FALSE_ALARM):
+        if remaining.power.size == 0 or remaining.power.max() < np.log(remaining.power.size / LEVELS.tone):
             break
         line, _channel = np.unravel_index(int(remaining.power.argmax()), remaining.power.shape)
         level = np.abs(np.fft.rfft(remaining.nonperiodic, axis=0)[remaining.lines[line]]) ** 2 / np.maximum(

@@ -42,8 +42,8 @@ def _cells(axes: Axes, shown: ResidualMap) -> None:
     axes.axhline(0, color=MUTED, lw=0.5, zorder=0.2)
     axes.plot(shown.centre, shown.mean, color=MEASURED, lw=0.6, alpha=0.6, zorder=1)
     for cells, face, edge, size in (
-        (~shown.striking, "white", MEASURED, 3.0),
-        (shown.striking, MISFIT_COLOUR, MISFIT_COLOUR, 3.8),
+        (~shown.practically_significant, "white", MEASURED, 3.0),
+        (shown.practically_significant, MISFIT_COLOUR, MISFIT_COLOUR, 3.8),
     ):
         if cells.any():
             axes.vlines(shown.centre[cells], shown.low[cells], shown.high[cells], color=edge, lw=1.1, zorder=2)

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from estimation.noise.recording_noise import NoiseSource, sample_step
 from modeling.number_format import axis_label
+from modeling.significance import LEVELS
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
 from truewrench.plots.residuals.time_series_plot import extremes
 from truewrench.plots.style import FAINT, INK, LEGEND, MEASURED, PanelGrid, label_y_axis, panel_title
 
 Array = NDArray[np.float64]
 
-FALSE_ALARM = 0.01
-"""Probability that noise alone exceeds the threshold at any excited line."""
 PIXEL_COLUMNS = 300
 
 
@@ -126,7 +125,7 @@ def _excited_lines(axes: Axes, lines: ResidualSpectrum, channel: int, colour: st
         axes.plot(frequency, amplitude, "o", ms=3.2, color=colour, label="excited lines")
         return
     noise = lines.noise[lines.motion, channel]
-    significant = amplitude > noise * np.sqrt(np.log(len(amplitude) / FALSE_ALARM))
+    significant = amplitude > noise * np.sqrt(np.log(len(amplitude) / LEVELS.spectral_line))
     axes.plot(
         frequency[~significant],
         amplitude[~significant],

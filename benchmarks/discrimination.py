@@ -1,4 +1,4 @@
-"""Effects that one recording cannot tell apart, told apart by a designed one: `python -m benchmarks.tell_apart`.
+"""Effects that one recording cannot tell apart, told apart by a designed one: `python -m benchmarks.discrimination`.
 
 An effect is hidden in the rig that MuJoCo simulates, which shares no equation with the models. An ordinary motion, slow
 and small, is recorded and diagnosed. What the diagnosis names is then told from what it calls confusable, and nothing
@@ -116,7 +116,7 @@ class Trial:
     def expected(self, told: Told) -> float:
         """lambda along the motion of a recording at the true size."""
         view = recorded_experiment(told.recording, self.plan.setting.noise)
-        return told.recording.repeats * self.truth.rival_fit([view], self.plan.setting.reach).separation
+        return told.recording.repeats * self.truth.rival_fit([view], self.plan.setting.reach).noncentrality
 
 
 def recorded(motion: Trajectory, effect: simulated.HiddenEffect, seed: int) -> Recording:

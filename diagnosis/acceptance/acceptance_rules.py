@@ -1,0 +1,180 @@
+"""Acceptance rules: which effect of a set is rejected on held-out data, and when the set is accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import isfinite
+
+import numpy as np
+
+from diagnosis.acceptance.coefficient_consistency import inconsistent_effect
+from diagnosis.acceptance.held_out import HeldOut
+from diagnosis.comparison.comparison import comparison_of, noise_from_residual
+from diagnosis.comparison.data_split import half_splits
+from diagnosis.selection.subset_search import CandidateModel
+from diagnosis.verdict_rule import VerdictRule
+from estimation.fit import Fit, refit
+from estimation.noise.recording_noise import RecordingNoise
+from modeling.significance import LEVELS
+from modeling.tool.rigid_body import inertial_parameters
+
+
+@dataclass(frozen=True, eq=False)
+class AcceptanceEvidence:
+    """Evidence on a set of effects, computed when a rule asks for it.
+
+    candidate  the set, fitted to the training recordings
+    base       the rigid tool, fitted to them
+    held_out   recordings with their disturbances given the candidate
+    """
+
+    candidate: CandidateModel
+    base: CandidateModel
+    held_out: Sequence[HeldOut] = ()
+
+    @cached_property
+    def at_bound(self) -> tuple[str, str] | None:
+        """An effect with an estimate on a physical bound other than the nominal value, and the reason to reject it."""
+        fitted = self.candidate.fit
+        for effect in fitted.model.effects:
+            for p in effect.qualified(fitted.model.space):
+                estimated = p.nuisance or isfinite(fitted.parameters[p.name].std)
+                if estimated and fitted.values[p.name] in p.bounds and fitted.values[p.name] != p.nominal:
+                    name = p.name.split(".", 1)[1]
+                    return effect.id, f"its {name} is estimated at the bound of its physical range"
+        return None
+
+    @cached_property
+    def lasting(self) -> bool:
+        """Whether any effect is not recording-specific: only such effects are tested on held-out data."""
+        return bool(self.candidate.fit.model.lasting.effects)
+
+    @cached_property
+    def collinear_parameter(self) -> str | None:
+        """An inertial parameter of the tool that the base model determines and the candidate no longer does.
+
+        Its std is below a tenth of its value in the base model, and above its value in the candidate.
+        """
+        for p in inertial_parameters(self.candidate.fit.model.space):
+            before, after = (c.fit.parameters[p.name] for c in (self.base, self.candidate))
+            if before.std < abs(before.value) / 10 and after.std > abs(before.value):
+                return p.name
+        return None
+
+    @cached_property
+    def not_improved(self) -> str | None:
+        """The first held-out recording whose excited chi-square does not fall."""
+        for other in self.held_out if self.lasting else ():
+            if _excited_cost(other.validation_fit(self.candidate.fit)) >= _excited_cost(
+                other.validation_fit(self.base.fit)
+            ):
+                return other.recording.name
+        return None
+
+    @cached_property
+    def adequate(self) -> bool:
+        """Whether lack of fit is significant neither in training nor in held-out data, in noise known independently."""
+        fit = self.candidate.fit
+        tested = self.held_out if self.lasting else ()
+        return (
+            not noise_from_residual(fit)
+            and self.candidate.adequate
+            and all(comparison_of(h.validation_fit(fit), 0).lack_of_fit >= LEVELS.held_out for h in tested)
+        )
+
+    @cached_property
+    def holds_across_halves(self) -> bool:
+        """Twofold cross-validation: whether effects estimated on one half of the training data explain the other.
+
+        Their chi-square drop on the test halves has to exceed half of that on the fitted halves: a true effect keeps
+        nearly all of it, one that fits noise raises the error by as much as it had lowered it.
+        """
+        halves = half_splits(self.candidate.fit)
+        ways: list[tuple[Fit, Sequence[RecordingNoise], Sequence[RecordingNoise]]]
+        ways = [(c.fit, a, b) for c in (self.base, self.candidate) for a, b in (halves, halves[::-1])]
+
+        def costs(way: tuple[Fit, Sequence[RecordingNoise], Sequence[RecordingNoise]]) -> tuple[float, float]:
+            whole, trained_on, tested_on = way
+            half = refit(whole.model, whole.recordings, noise=trained_on, start=whole.values)
+            return _cost(half, trained_on), _cost(half, tested_on)
+
+        both_ways = np.array(self.candidate.cache.workers.map(costs, ways)).reshape(2, 2, 2).sum(axis=1)
+        fitted_drop, tested_drop = both_ways[0] - both_ways[1]
+        return bool(tested_drop > fitted_drop / 2)
+
+    @cached_property
+    def inconsistent(self) -> tuple[str, str] | None:
+        """The effect with the most inconsistent coefficients, and the reason to reject it."""
+        return inconsistent_effect(self.candidate, self.held_out)
+
+    @cached_property
+    def least_significant(self) -> str:
+        """The effect whose removal raises the training chi-square least; among lasting effects if there are any."""
+        model = self.candidate.fit.model
+        ids = [e.id for e in (model.lasting.effects or model.effects)]
+        if len(ids) == 1:
+            return ids[0]
+        costs = {i: smaller.cost for i, smaller in self.candidate.without_each().items() if i in ids}
+        return min(costs, key=lambda effect_id: costs[effect_id])
+
+
+def _cost(fitted: Fit, noise: Sequence[RecordingNoise]) -> float:
+    """Whitened chi-square of a fit in the rows of a noise."""
+    return replace(fitted, noise=tuple(noise)).linearised().cost
+
+
+def _excited_cost(fitted: Fit) -> float:
+    """Whitened chi-square of the first recording's excited lines."""
+    rows = fitted.linearised().residual[: fitted.noise[0].whitener.periodic_rows]
+    return float(rows @ rows)
+
+
+RejectedEffect = Callable[[AcceptanceEvidence], str | None]
+"""The id of the effect to reject; None accepts the set."""
+
+
+def _accepted(_evidence: AcceptanceEvidence) -> str | None:
+    return None
+
+
+def _least_significant(evidence: AcceptanceEvidence) -> str | None:
+    return evidence.least_significant
+
+
+def _at_bound(evidence: AcceptanceEvidence) -> str | None:
+    return evidence.at_bound and evidence.at_bound[0]
+
+
+def _inconsistent(evidence: AcceptanceEvidence) -> str | None:
+    return evidence.inconsistent and evidence.inconsistent[0]
+
+
+AcceptanceRule = VerdictRule[AcceptanceEvidence, RejectedEffect]
+ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
+    VerdictRule("no effect", lambda e: not e.candidate.ids, _accepted),
+    VerdictRule("a parameter on a physical bound", lambda e: e.at_bound is not None, _at_bound, "{e.at_bound[1]}"),
+    VerdictRule(
+        "collinear with a tool parameter",
+        lambda e: e.collinear_parameter is not None and e.lasting,
+        _least_significant,
+        "it is collinear with the tool's {e.collinear_parameter} in these data",
+    ),
+    VerdictRule(
+        "no smaller error on held-out data",
+        lambda e: e.not_improved is not None,
+        _least_significant,
+        "it does not lower the error on held-out {e.not_improved}",
+    ),
+    VerdictRule("no lack of fit", lambda e: e.adequate, _accepted),
+    VerdictRule(
+        "not confirmed by the other half of the training data",
+        lambda e: not e.held_out and not e.holds_across_halves,
+        _least_significant,
+        "it does not explain the other half of the data",
+    ),
+    VerdictRule("inconsistent", lambda e: e.inconsistent is not None, _inconsistent, "{e.inconsistent[1]}"),
+    VerdictRule("consistent coefficients", lambda e: True, _accepted),
+)
+"""In order: a set with lack of fit is accepted when its coefficients are consistent between data sets."""

@@ -1,0 +1,84 @@
+"""Verdict rules on an effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.screening.score_test import ScoreTest
+from diagnosis.verdict.aliasing import Alias
+from diagnosis.verdict.verdict import EffectVerdict
+from diagnosis.verdict_rule import VerdictRule
+from estimation.distributions import chi2_sf
+from modeling.significance import LEVELS
+from modeling.space import Space
+
+ALIAS_SENTENCE = (
+    "indistinguishable from {e.alias[0]} (separation {e.alias[1].noncentrality:.2g}, "
+    "probability of confusion {e.alias[1].error_probability:.0%})"
+)
+RANGE_SENTENCE = "{e.beyond_range} is not excited: detectable only beyond its physical range"
+LIMIT_SENTENCE = "the upper 95 % limit of its contribution is below tolerance"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EffectEvidence:
+    """Evidence on an effect, with the final model.
+
+    screening   its score test given the model without it
+    added       whether the final model has it
+    alias       the added effect's id and itself as an alias of that, None unless indistinguishable from one
+    rejection   why it was not accepted, None unless it was tried for acceptance
+    negligible  whether the upper 95 % limit of its contribution is within tolerance
+    """
+
+    screening: ScoreTest
+    space: Space
+    added: bool = False
+    alias: tuple[str, Alias] | None = None
+    rejection: str | None = None
+    negligible: bool = False
+
+    @property
+    def beyond_range(self) -> str | None:
+        """The first of its amplitudes, when all are detectable only beyond their physical range, else None."""
+        return beyond_range(self.screening, self.space)
+
+    @property
+    def chi_square_p_value(self) -> float:
+        """P-value of its score by chi-square: as if the noise were known."""
+        return float(chi2_sf(self.screening.statistic, max(1, len(self.screening.amounts))))
+
+
+def beyond_range(screening: ScoreTest, space: Space) -> str | None:
+    """The first amplitude of an effect, when all are detectable only beyond their physical range, else None."""
+    bounds = {p.name: p.bounds for p in screening.effect.qualified(space)}
+    wide = [n for n, amount in screening.detectable.items() if amount > max(np.abs(bounds[n]))]
+    return wide[0].split(".", 1)[1] if wide and len(wide) == len(screening.detectable) else None
+
+
+EffectRule = VerdictRule[EffectEvidence, EffectVerdict]
+V = EffectVerdict
+EFFECT_RULES: tuple[EffectRule, ...] = (
+    VerdictRule("added to the model", lambda e: e.added, V.SUPPORTED),
+    VerdictRule("alias of an added effect", lambda e: e.alias is not None, V.CONFUSABLE, ALIAS_SENTENCE),
+    VerdictRule("not accepted", lambda e: e.rejection is not None, V.NOT_SUPPORTED, "rejected, because {e.rejection}"),
+    VerdictRule("not identifiable", lambda e: not e.screening.excited, V.NOT_EXCITED, "{e.screening.reason}"),
+    VerdictRule("only beyond its physical range", lambda e: e.beyond_range is not None, V.NOT_EXCITED, RANGE_SENTENCE),
+    VerdictRule("upper limit within tolerance", lambda e: e.negligible, V.NEGLIGIBLE, LIMIT_SENTENCE),
+    VerdictRule(
+        "significant only in the score test",
+        lambda e: e.screening.p_value < LEVELS.refuted,
+        V.NOT_SUPPORTED,
+        "rejected, because it is significant in the score test, but not after the exact refit",
+    ),
+    VerdictRule(
+        "significant only in noise that is known",
+        lambda e: e.chi_square_p_value < LEVELS.poorly_known_noise,
+        V.NOT_SUPPORTED,
+        "rejected, because there are too few repeats to know the low-frequency noise",
+    ),
+    VerdictRule("not significant", lambda e: True, V.NOT_SUPPORTED),
+)
+"""In order; `diagnose(..., effect_rules=(rule, *EFFECT_RULES))` asks another one first."""

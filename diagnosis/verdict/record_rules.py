@@ -1,0 +1,60 @@
+"""Verdict rules on the recordings as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import VerdictRule
+from modeling.significance import LEVELS
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordEvidence:
+    """Evidence on the recordings, with the final model.
+
+    lack_of_fit           p-value in training, corrected for the number of recordings
+    held_out_lack_of_fit  smallest p-value over the held-out recordings, 1 without any
+    effects               number of effects added
+    unaccepted            whether, in noise that is estimated from the residual, some effect was significant in the
+                          search: the lack-of-fit test has little power there
+    within_tolerance      whether the systematic error is within tolerance in every channel of every recording
+    power_share           systematic power of the final model's residual over that of the rigid tool's
+    """
+
+    lack_of_fit: float
+    held_out_lack_of_fit: float = 1.0
+    effects: int = 0
+    unaccepted: bool = False
+    within_tolerance: bool = False
+    power_share: float = 1.0
+
+    @property
+    def adequate(self) -> bool:
+        """Whether no lack of fit is significant, neither in training nor on held-out data."""
+        return self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
+
+    @property
+    def rigid_tool_suffices(self) -> bool:
+        """Whether the model without effects is adequate, and none was significant on the way."""
+        return self.adequate and not self.effects and not self.unaccepted
+
+
+RecordRule = VerdictRule[RecordEvidence, RecordVerdict]
+V = RecordVerdict
+RECORD_RULES: tuple[RecordRule, ...] = (
+    VerdictRule(
+        "adequate without effects", lambda e: not e.effects and e.adequate and not e.unaccepted, V.NOTHING_MISSING
+    ),
+    VerdictRule("no effect accepted", lambda e: not e.effects, V.UNEXPLAINED),
+    VerdictRule("no lack of fit", lambda e: e.adequate, V.EXPLAINED),
+    VerdictRule("error within tolerance", lambda e: e.within_tolerance, V.EXPLAINED),
+    VerdictRule("systematic power at least halved", lambda e: e.power_share <= 0.5, V.PARTLY_EXPLAINED),
+    VerdictRule(
+        "more than half of the systematic power remains",
+        lambda e: True,
+        V.UNEXPLAINED,
+        "it removes less than half of the systematic error, and the residual stays significant",
+    ),
+)
+"""In order; a model without effects ends at the second rule."""

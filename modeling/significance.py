@@ -1,0 +1,82 @@
+"""Significance levels and decision thresholds of the whole package, each with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecisionLevels:
+    """Levels of all tests, and thresholds of all decisions that are not tests.
+
+    A level is the probability of a false alarm under the null hypothesis: family-wise, over all that is searched in one
+    recording or result, unless it says "each". A level is the stricter, the more a false alarm costs and the less it
+    can be noticed afterwards.
+    """
+
+    effect: float = 0.01
+    """Adding an effect (Holm over the candidates), and lack of fit in training (Bonferroni over bands, recordings).
+    Family-wise per diagnosis: a false effect is a wrong statement about the rig, which somebody will look for."""
+    held_out: float = 0.001
+    """Lack of fit on each held-out recording: the residual there has the errors of the training estimates, too, which
+    the test does not count. A false alarm rejects a right model."""
+    refuted: float = 0.001
+    """Score test, each, of an effect that the final model lacks, from which on its absence needs a reason: so
+    significant an effect was tried and failed in its exact refit. A false alarm costs a remark in a table."""
+    poorly_known_noise: float = 1e-4
+    """Chi-square test, each, of an effect not significant by F: so much power is missed only because the noise was
+    averaged over too few repeats. A false alarm costs a remark in a table."""
+    drift_of_survey: float = 0.01
+    """Trend or step in a survey, family-wise over its quantities (Bonferroni): a false alarm is a maintenance visit."""
+    power: float = 0.8
+    """Power with which the amount reported as detectable is detected: the usual convention."""
+    upper_limit: float = 1.96
+    """Standard deviations of the 95 % limit of an absent effect's contribution, each (two-sided normal): an effect is
+    called negligible by it, which is said of one effect at a time."""
+    residual_cells: float = 0.10
+    """False discovery rate over the cells of one residual map: a map is looked at, and a grey cell in ten that is
+    coloured misleads nobody as long as the others are right."""
+    confusable: float = 10.8
+    """Noncentrality lambda below which two models are confusable: the error probability Phi(-sqrt(lambda) / 2) of
+    choosing between them is then 5 %, for each pair."""
+    separated: float = 21.6
+    """Noncentrality lambda from which on two models count as separated: an error probability of 1 %, each pair."""
+    transient: float = 0.01
+    """A transient event in a single run, family-wise over its windows: samples inside it get a noise of their own, so
+    that a false alarm costs little data."""
+    transient_in_repeats: float = 0.001
+    """A transient event in a recording with repeats, family-wise over all windows of one search. Up to three searches
+    follow each other, and a false alarm leaves the affected lines out of the noise estimate."""
+    tone: float = 0.001
+    """A tone between the excited lines, family-wise over the lines: up to four searches follow each other, and each
+    false alarm takes the largest of the noise's ordinates out of its spectrum."""
+    ordinate: float = 0.01
+    """An ordinate left out of a smooth power spectrum, family-wise over the ordinates: a false alarm leaves out one
+    ordinate and its neighbours of very many."""
+    excited_line: float = 0.01
+    """An excited line in a spectrum of noise alone, family-wise over its lines: a false alarm raises the bandwidth of a
+    derivative, and so its noise."""
+    outlier: float = 0.01
+    """An outlier in a channel, family-wise over its samples: a false alarm downweights one sample."""
+    constraint: float = 0.001
+    """Rejection of an active constraint, each (one-sided, 3 std): it says that a physical law or a bound stated by the
+    user contradicts the data, and there are up to a dozen constraints in a fit."""
+    agreement: float = 0.01
+    """Disagreement of bootstrap and analytic std, family-wise over a fit's parameters (Holm): a false alarm makes
+    somebody search for a drift."""
+    contact: float = 0.01
+    """A contact in a record without one, family-wise over all windows; the default, as users may choose another."""
+    quiet_segment: float = 0.001
+    """A contact-free segment left out of the cluster about the sensor's zero, each: a false alarm loses one segment of
+    two hundred."""
+    contact_noise: float = 0.05
+    """Noise at a time scale above the value used to detect contacts, each: it makes the level of `contact` hold where
+    few differences determine that noise."""
+    spectral_line: float = 0.01
+    """A line marked in the plot of a residual's spectrum, family-wise over the excited lines of a channel."""
+    confidence: float = 0.95
+    """Coverage of confidence intervals, each: the usual convention."""
+
+
+LEVELS = DecisionLevels()
+"""The levels used unless a caller states others."""

@@ -1,0 +1,199 @@
+"""Every verdict rule alone: a case where it decides, before which no other rule applies; and every rule has a case."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from diagnosis.acceptance.acceptance_rules import ACCEPTANCE_RULES, AcceptanceEvidence
+from diagnosis.screening.score_test import ScoreTest
+from diagnosis.verdict.aliasing import Alias
+from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectEvidence
+from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
+from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
+from diagnosis.verdict_rule import VerdictRule, judge
+from modeling.effects import named
+from modeling.errors import InputError
+from modeling.space import Space
+
+DRAG = named("viscous_drag")
+TESTED = ScoreTest(DRAG, 1.0, 0.3, {}, {"viscous_drag.c": (0.1, 0.1)}, {"viscous_drag.c": 0.2})
+NOTHING = EffectEvidence(screening=TESTED, space=Space.PLANE)
+
+
+def screened(**changed: Any) -> EffectEvidence:
+    return replace(NOTHING, screening=replace(TESTED, **changed))
+
+
+EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
+    "added to the model": (replace(NOTHING, added=True), EffectVerdict.SUPPORTED, ""),
+    "alias of an added effect": (
+        replace(NOTHING, alias=("sensor_lag", Alias(DRAG, 4.0))),
+        EffectVerdict.CONFUSABLE,
+        "indistinguishable from sensor_lag (separation 4, probability of confusion 16%)",
+    ),
+    "not accepted": (
+        replace(NOTHING, rejection="it is too large"),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because it is too large",
+    ),
+    "not identifiable": (
+        screened(reason="the recording has no position"),
+        EffectVerdict.NOT_EXCITED,
+        "the recording has no position",
+    ),
+    "only beyond its physical range": (
+        screened(effect=named("sensor_lag"), detectable={"sensor_lag.time_constant": 10.1}),
+        EffectVerdict.NOT_EXCITED,
+        "time_constant is not excited: detectable only beyond its physical range",
+    ),
+    "upper limit within tolerance": (
+        replace(NOTHING, negligible=True),
+        EffectVerdict.NEGLIGIBLE,
+        "the upper 95 % limit of its contribution is below tolerance",
+    ),
+    "significant only in the score test": (
+        screened(p_value=9e-4),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because it is significant in the score test, but not after the exact refit",
+    ),
+    "significant only in noise that is known": (
+        screened(statistic=15.2),  # chi-square with one degree of freedom: p = 1e-4 at 15.14
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because there are too few repeats to know the low-frequency noise",
+    ),
+    "not significant": (screened(p_value=2e-3, statistic=15.0), EffectVerdict.NOT_SUPPORTED, ""),
+}
+
+FITS, MISFITS = RecordEvidence(lack_of_fit=0.01), RecordEvidence(lack_of_fit=0.0099)
+HALVES = "it removes less than half of the systematic error, and the residual stays significant"
+RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
+    "adequate without effects": [(FITS, RecordVerdict.NOTHING_MISSING, "")],
+    "no effect accepted": [
+        (MISFITS, RecordVerdict.UNEXPLAINED, ""),
+        (replace(FITS, held_out_lack_of_fit=9e-4), RecordVerdict.UNEXPLAINED, ""),
+        (replace(FITS, unaccepted=True), RecordVerdict.UNEXPLAINED, ""),
+        (replace(MISFITS, within_tolerance=True, power_share=0.1), RecordVerdict.UNEXPLAINED, ""),
+    ],
+    "no lack of fit": [
+        (replace(FITS, effects=1, held_out_lack_of_fit=1e-3), RecordVerdict.EXPLAINED, ""),
+        (replace(FITS, effects=2, unaccepted=True), RecordVerdict.EXPLAINED, ""),
+    ],
+    "error within tolerance": [(replace(MISFITS, effects=1, within_tolerance=True), RecordVerdict.EXPLAINED, "")],
+    "systematic power at least halved": [
+        (replace(MISFITS, effects=1, power_share=0.5), RecordVerdict.PARTLY_EXPLAINED, "")
+    ],
+    "more than half of the systematic power remains": [
+        (replace(MISFITS, effects=1, power_share=0.51), RecordVerdict.UNEXPLAINED, HALVES)
+    ],
+}
+
+
+@dataclass(frozen=True)
+class KnownSet:
+    """The ids of a set of effects."""
+
+    ids: frozenset[str] = frozenset({"viscous_drag", "sensor_lag"})
+
+
+@dataclass(frozen=True)
+class KnownEvidence:
+    """What `AcceptanceEvidence` computes, stated: a set that is rejected by no rule and accepted by the last one."""
+
+    candidate: KnownSet = KnownSet()
+    held_out: Sequence[str] = ()
+    at_bound: tuple[str, str] | None = None
+    lasting: bool = True
+    collinear_parameter: str | None = None
+    not_improved: str | None = None
+    adequate: bool = False
+    holds_across_halves: bool = True
+    inconsistent: tuple[str, str] | None = None
+    least_significant: str = "sensor_lag"
+
+
+CHANGE = ("viscous_drag", "its prediction changes by 25 % on run 7")
+ACCEPTANCE_CASES: dict[str, list[tuple[KnownEvidence, str | None, str]]] = {
+    "no effect": [(KnownEvidence(candidate=KnownSet(frozenset())), None, "")],
+    "a parameter on a physical bound": [
+        (
+            KnownEvidence(at_bound=("viscous_drag", "its c is at its bound"), adequate=True),
+            "viscous_drag",
+            "its c is at its bound",
+        )
+    ],
+    "collinear with a tool parameter": [
+        (KnownEvidence(collinear_parameter="m"), "sensor_lag", "it is collinear with the tool's m in these data")
+    ],
+    "no smaller error on held-out data": [
+        (
+            KnownEvidence(not_improved="run 7", adequate=True),
+            "sensor_lag",
+            "it does not lower the error on held-out run 7",
+        )
+    ],
+    "no lack of fit": [
+        (KnownEvidence(adequate=True, inconsistent=CHANGE, holds_across_halves=False), None, ""),
+        (KnownEvidence(adequate=True, lasting=False, collinear_parameter="m"), None, ""),
+    ],
+    "not confirmed by the other half of the training data": [
+        (KnownEvidence(holds_across_halves=False), "sensor_lag", "it does not explain the other half of the data")
+    ],
+    "inconsistent": [
+        (
+            KnownEvidence(inconsistent=CHANGE),
+            "viscous_drag",
+            "its prediction changes by 25 % on run 7",
+        ),
+    ],
+    "consistent coefficients": [
+        (KnownEvidence(), None, ""),
+        (KnownEvidence(held_out=("run 7",), holds_across_halves=False), None, ""),
+    ],
+}
+
+
+@pytest.mark.parametrize("rule", EFFECT_RULES, ids=lambda rule: rule.name)
+def test_a_rule_on_an_effect_decides(rule: Any) -> None:
+    evidence, verdict, sentence = EFFECT_CASES[rule.name]
+    assert next(r for r in EFFECT_RULES if r.condition(evidence)) is rule
+    assert judge(EFFECT_RULES, evidence) == (verdict, sentence)
+
+
+@pytest.mark.parametrize("rule", RECORD_RULES, ids=lambda rule: rule.name)
+def test_a_rule_on_the_recordings_decides(rule: Any) -> None:
+    for evidence, verdict, sentence in RECORD_CASES[rule.name]:
+        assert next(r for r in RECORD_RULES if r.condition(evidence)) is rule
+        assert judge(RECORD_RULES, evidence) == (verdict, sentence)
+
+
+@pytest.mark.parametrize("rule", ACCEPTANCE_RULES, ids=lambda rule: rule.name)
+def test_an_acceptance_rule_decides(rule: Any) -> None:
+    for known, rejected, sentence in ACCEPTANCE_CASES[rule.name]:
+        evidence = cast(AcceptanceEvidence, known)
+        assert next(r for r in ACCEPTANCE_RULES if r.condition(evidence)) is rule
+        verdict, reason = judge(ACCEPTANCE_RULES, evidence)
+        assert (verdict(evidence), reason) == (rejected, sentence)
+
+
+def test_only_amounts_beyond_the_range_of_all_amplitudes_are_not_excited() -> None:
+    """Of several gains one may be within its range; where no amount is known, there is no such verdict."""
+    gains = named("sensor_gain")
+    names = [p.name for p in gains.qualified(Space.PLANE)]
+    detectable = dict.fromkeys(names, 1e9)
+    several = screened(effect=gains, detectable=detectable)
+    assert len(names) > 1
+    assert several.beyond_range == names[0].split(".", 1)[1]
+    assert screened(effect=gains, detectable={**detectable, names[-1]: 1e-6}).beyond_range is None
+    assert screened(detectable={}).beyond_range is None
+
+
+def test_the_first_rule_decides_and_a_list_without_one_is_an_error() -> None:
+    rules = [VerdictRule[float, str](f"above {x}", lambda e, x=x: e > x, f"{x}") for x in (2, 1)]  # type: ignore[misc]
+    assert [judge(rules, np.float64(e))[0] for e in (3, 1.5)] == ["2", "1"]
+    with pytest.raises(InputError, match="none of 2 rules applies"):
+        judge(rules, 0.5)
