@@ -42,6 +42,11 @@ def gamma_isf(probability: Numbers, shape: Numbers) -> Numbers:
     return scipy.special.gammainccinv(shape, probability)
 
 
+def normal_cdf(value: Numbers) -> Numbers:
+    """P(X < value) of the standard normal."""
+    return scipy.special.ndtr(value)
+
+
 def normal_isf(probability: Numbers) -> Numbers:
     """The value that a standard normal exceeds with that probability."""
     return -scipy.special.ndtri(probability)
