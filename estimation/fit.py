@@ -50,6 +50,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+MAX_NOISE_ROUNDS = 4
+"""Fits, each in the noise that the residual of the last one shows."""
+
 
 @dataclass(frozen=True, eq=False)
 class Fit(Estimates):
@@ -217,22 +220,27 @@ def refit(
     unknowns = parameter_layout(model, several)
     theta = initial_values(unknowns, start or {})
     if constraints is not None:
-        from estimation.least_squares.constrained import minimise_constrained
-
         constraints.region(unknowns)  # raises before any work when they are invalid or infeasible
     known = tuple(noise) if noise is not None else initial_noise(model, several)
-    for _ in range(1 if noise is not None else 4):
+    rounds = 1 if noise is not None else MAX_NOISE_ROUNDS
+    while True:
         problem = WhitenedProblem(unknowns, several, known)
-        held = None if constraints is None else minimise_constrained(problem, theta, constraints)
+        held = None if constraints is None else _constrained(problem, theta, constraints)
         found = problem.minimise(theta) if held is None else held
         theta = found.theta
         estimated = Fit(
             model, several, known, unknowns, theta, found.covariance, found.identifiable, found.converged, held
         )
-        if noise is not None or all(n.source is not NoiseSource.RESIDUAL for n in known):
-            break
+        rounds -= 1
+        if not rounds or all(n.source is not NoiseSource.RESIDUAL for n in known):
+            return estimated
         known = reestimated_noise(estimated)
-    return estimated
+
+
+def _constrained(problem: WhitenedProblem, theta: Array, constraints: Constraints) -> ConstrainedMinimum:
+    from estimation.least_squares.constrained import minimise_constrained  # loads cvxpy where a cone needs it
+
+    return minimise_constrained(problem, theta, constraints)
 
 
 def require_positive_fitted_mass(fitted: Fit) -> None:

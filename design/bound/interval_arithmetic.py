@@ -32,7 +32,9 @@ class IntervalEvaluation:
         tape = self.tape
         last = {operand: at for at, (_, *operands) in enumerate(tape.operations) for operand in operands}
         values: dict[int, IntervalArrays] = dict(enumerate(zip(low.T, high.T, strict=True)))
-        values |= {tape.inputs + i: (np.full(len(low), c),) * 2 for i, c in enumerate(tape.constants)}
+        for i, constant in enumerate(tape.constants):
+            everywhere = np.full(len(low), constant)
+            values[tape.inputs + i] = everywhere, everywhere
         for at, (name, *numbers) in enumerate(tape.operations):
             if name not in INTERVAL_OPERATIONS:
                 what = f"the operation '{name}' has no enclosure, so that no bound can be proven for this model"

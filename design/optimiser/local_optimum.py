@@ -57,10 +57,12 @@ def screen_start(task: DesignTask, start: Trajectory) -> LocalOptimum:
 
     For tasks that are `direct`. Raises InputError when no static posture of the series is within the limits.
     """
-    begun, evaluations, motion = perf_counter(), 0, start
-    for case, last in enumerate(LAST_BARRIER[:2]):
-        solution = _solved(task, task.thinned, task.ranking_limits.polytope, motion, case=case, last=last)
-        motion, evaluations = Trajectory(start.series, solution.coefficients), evaluations + solution.evaluations
+    begun, limits = perf_counter(), task.ranking_limits.polytope
+    first, second = LAST_BARRIER[:2]
+    rough = _solved(task, task.thinned, limits, start, case=0, last=first)
+    motion = Trajectory(start.series, rough.coefficients)
+    solution = _solved(task, task.thinned, limits, motion, case=1, last=second)
+    motion, evaluations = Trajectory(start.series, solution.coefficients), rough.evaluations + solution.evaluations
     return LocalOptimum(
         motion=motion,
         value=task.objective.value(motion.coefficients),

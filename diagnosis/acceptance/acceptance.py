@@ -33,6 +33,7 @@ def accept(
     """
     reasons: dict[str, str] = {}
     while True:
+        known: tuple[HeldOut, ...] = ()
         try:
             known = tuple(with_disturbances(h, candidate.fit, effects, candidate.cache.workers) for h in held_out)
             evidence = AcceptanceEvidence(candidate, base, known)

@@ -89,6 +89,7 @@ def score_columns(null_model: NullModel, model: WrenchModel, grid: Sequence[Grid
     amplitudes = grid[0].amplitudes
     named = {p.name for p in grid[0].named}
     differentiated = [i for i, p in enumerate(amplitudes) if p.name not in named]
+    found: Array | None = None
     if differentiated:
         plain = model if len(grid) <= MAX_EXACT_POINTS else without_deflection(model)
         values, names = [p.nuisances for p in grid], [amplitudes[i].name for i in differentiated]
@@ -97,7 +98,7 @@ def score_columns(null_model: NullModel, model: WrenchModel, grid: Sequence[Grid
             return found
     ranges = [rows.within(n.whitener) for rows, n in zip(choice, null_model.fit.noise, strict=True)]
     columns = np.zeros((sum(last - first for first, last in ranges), len(grid), len(amplitudes)))
-    if differentiated:
+    if found is not None:
         columns[:, :, differentiated] = found
     unknowns, start = parameter_layout(model, null_model.fit.recordings), 0
     for number, (noise, (first, last)) in enumerate(zip(null_model.fit.noise, ranges, strict=True)):

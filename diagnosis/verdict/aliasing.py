@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ class AliasProblem(WhitenedProblem):
 
     target: tuple[Array, ...] = ()
 
-    @property
+    @cached_property
     def measured(self) -> tuple[Array, ...]:
         """The whitened prediction to be fitted."""
         return self.target

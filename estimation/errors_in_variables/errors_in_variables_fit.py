@@ -85,8 +85,9 @@ def errors_in_variables_fit(
     first = fit(model, recordings, noise=noise, start=start)
     _require_no_dynamics(first)
     inputs = input_noise if input_noise is not None else InputNoise.measured(_first_repeated(first.recordings))
-    problem, theta = CorrectedScoreProblem.of(first, inputs), first.theta
-    for _ in range(REWEIGHTING_ROUNDS):
+    problem = CorrectedScoreProblem.of(first, inputs).weighted(first.theta, first.noise)
+    theta, found, converged = problem.minimise(first.theta)
+    for _ in range(REWEIGHTING_ROUNDS - 1):
         problem = problem.weighted(theta, first.noise)
         theta, found, converged = problem.minimise(theta)
     plain = refit(first.model, first.recordings, noise=problem.problem.noise, start=first.values)

@@ -63,7 +63,7 @@ class Estimates(Tabular):
     identifiable: NDArray[np.bool_]
     converged: bool
 
-    @property
+    @cached_property
     @abstractmethod
     def information(self) -> SquareRootInformation:
         """Square-root information of theta from the whitened rows."""

@@ -14,6 +14,8 @@ from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
+MAX_TONE_ROUNDS = 4
+"""Fits of the curve, each without the tones that the last one left above it."""
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
 CURVATURE_PRIORS = (1.0, 0.5)
@@ -87,16 +89,16 @@ def smooth_power_spectrum(
             where="recording",
             remedy="record longer, or the raw sensor instead of rounded readings",
         )
-    tones = ~valid
-    for _ in range(4):
+    tones, rounds = ~valid, MAX_TONE_ROUNDS
+    while True:
         curve = _penalised_spline(frequency, ordinates, ~tones, shape, begin)
         limit = gamma_isf(LEVELS.ordinate / len(frequency), shape) / shape
         exceeding = valid & (ordinates > limit * curve(frequency))
         found = tones | exceeding | np.roll(exceeding, 1) | np.roll(exceeding, -1)
-        if (found == tones).all() or found.mean() > 0.3:
-            break
-        tones = found
-    return replace(curve, tones=tones)
+        settled, rounds = (found == tones).all() or found.mean() > 0.3, rounds - 1
+        tones = tones if settled else found
+        if settled or not rounds:
+            return replace(curve, tones=tones)
 
 
 def _penalised_spline(

@@ -106,13 +106,13 @@ def _pandas_columns(text: str, names: list[str], where: str) -> dict[str, Array]
                 dtype=np.float64,
                 skip_blank_lines=False,
             )
-        problem = "" if np.isfinite(frame.to_numpy()).all() else "a value is missing or not finite"
+        if np.isfinite(frame.to_numpy()).all():
+            return {name: frame[name].to_numpy(dtype=float) for name in names}
+        problem = "a value is missing or not finite"
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # parser errors are ValueErrors
         problem = str(error)
-    if problem:
-        raise_first_bad_cell(io.StringIO(text), names, where, names)
-        raise InputError(what=problem, where=where, remedy="correct the file")
-    return {name: frame[name].to_numpy(dtype=float) for name in names}
+    raise_first_bad_cell(io.StringIO(text), names, where, names)
+    raise InputError(what=problem, where=where, remedy="correct the file")
 
 
 def _decoded(content: bytes, where: str) -> str:
@@ -155,8 +155,8 @@ def require_unique_names(names: Sequence[str], where: str) -> list[str]:
 
 def raise_first_bad_cell(lines: Iterable[str], names: Sequence[str], where: str, wanted: Container[str]) -> None:
     """Raise the InputError of the first cell of a wanted column that is not a finite number; slow, after a failure."""
+    reader = csv.reader(lines, strict=True)
     try:
-        reader = csv.reader(lines, strict=True)
         next(reader)
         for cells in reader:
             _raise_bad_cell(cells, names, reader.line_num, where, wanted)

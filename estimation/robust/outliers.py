@@ -186,13 +186,14 @@ def separate_outliers(
         undisturbed = residual if before is None else residual - before.residual + before.undisturbed
         precision = inverse_covariance_filter(recording, _by_runs(recording, undisturbed))
     part = np.zeros_like(runs) if before is None else _by_runs(recording, before.part)
-    for _ in range(MAX_ITERATIONS):
+    rounds = MAX_ITERATIONS
+    while True:
         distance = part + precision.prediction_error(runs - part)
         scale = known if known is not None else STD_PER_MAD * np.median(np.abs(distance), axis=(0, 1))
         scale = np.maximum(scale, 1e-12 * np.abs(residual).max(initial=1e-288))
         step = distance - scale * loss.psi(distance / scale) - part
-        part = part + precision.damping * step
-        if (np.abs(step) <= OUTLIER_TOLERANCE * scale).all():
+        part, rounds = part + precision.damping * step, rounds - 1
+        if not rounds or (np.abs(step) <= OUTLIER_TOLERANCE * scale).all():
             break
     part, distance = (series.reshape(residual.shape) for series in (part, distance / scale))
     return Outliers(recording, loss, precision, residual, part, distance, scale)

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,7 +65,7 @@ class StreamedFit(Estimates):
         """The model's parameters."""
         return self.model.parameters
 
-    @property
+    @cached_property
     def information(self) -> SquareRootInformation:
         """Square-root information on theta of all parts."""
         return self.triangle

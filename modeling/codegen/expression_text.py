@@ -44,7 +44,7 @@ def _printer_class() -> type[Any]:
         def _print_Symbol(self, expr: sp.Symbol) -> str:  # noqa: N802
             return self.names[expr]
 
-        def _print_Pow(self, expr: sp.Pow) -> str:  # noqa: N802
+        def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:  # noqa: N802
             base, exponent = expr.args
             if exponent.is_Rational and exponent.is_negative:
                 return f"1.0/{self.parenthesize(1 / expr, PRECEDENCE['Pow'])}"

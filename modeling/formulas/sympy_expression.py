@@ -28,12 +28,11 @@ def to_sympy(tree: ast.expr, values: Mapping[str, sp.Expr], source: FormulaSourc
             return values[name]
     try:
         built = _combined(tree, values, source)
-        finite = not built.has(*_NOT_FINITE) and all(map(_is_representable, (built, *built.args)))
-    except (ValueError, TypeError):  # SymPy cannot compare infinite or complex values
-        finite = False
-    if not finite:
-        raise source.error(tree.col_offset, "it simplifies to no finite real number", "correct the formula there")
-    return built
+        if not built.has(*_NOT_FINITE) and all(map(_is_representable, (built, *built.args))):
+            return built
+    except (ValueError, TypeError):
+        pass  # SymPy cannot compare infinite or complex values
+    raise source.error(tree.col_offset, "it simplifies to no finite real number", "correct the formula there")
 
 
 _NOT_FINITE = (sp.zoo, sp.nan, sp.oo, sp.S.NegativeInfinity, sp.I)

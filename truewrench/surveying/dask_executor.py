@@ -92,8 +92,9 @@ async def _check_scheduler(scheduler: str) -> None:
             identity = await send_recv(comm, op="identity", reply=True)
         finally:
             comm.abort()
-    if identity["type"] != "Scheduler":
-        raise TypeError(f"a {identity['type'].lower()} answers there")
+    kind = "process without a name" if identity is None else str(identity["type"]).lower()
+    if kind != "scheduler":
+        raise TypeError(f"a {kind} answers there")
 
 
 @contextmanager

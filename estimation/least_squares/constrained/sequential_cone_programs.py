@@ -75,10 +75,16 @@ def _tangent_step(found: KKTConditions) -> Array:
     step = NullSpaceStep(
         active_set.local, *sum_of_squares(active_set, found.inner), active_set.normals, active_set.values
     ).step
-    for _ in range(MAX_STEPS):
-        theta = active_set.local.theta + step
-        theta = np.asarray(np.where(active_set.low, region.low, np.where(active_set.high, region.high, theta)))
+    theta = _with_active_bounds(active_set, step)
+    for _ in range(MAX_STEPS - 1):
         if np.isfinite(region.added(theta)):
             break
         step = step / 2
+        theta = _with_active_bounds(active_set, step)
     return theta
+
+
+def _with_active_bounds(active_set: ActiveSet, step: Array) -> Array:
+    """The point a step away from the active set's, its active bounds met exactly."""
+    region, theta = active_set.region, active_set.local.theta + step
+    return np.asarray(np.where(active_set.low, region.low, np.where(active_set.high, region.high, theta)))

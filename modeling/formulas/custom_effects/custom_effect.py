@@ -85,7 +85,7 @@ class CustomEffect(Effect):
         increment = sp.Matrix(size, size, lambda i, j: added.get(f"{channels[i]}_{channels[j]}", sp.S.Zero))
         return replace(chain, gain=(sp.eye(size) + increment) * chain.gain)
 
-    def nuisance_grid(self, extent: SearchDomain) -> tuple[NuisanceValues, ...]:
+    def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
         """Every combination of the values of the nuisance parameters."""
         return self.definition.nuisance_grid
 

@@ -85,20 +85,20 @@ def formula_text(expression: sp.Expr | float, *, where: str = "formula") -> str:
 class _Printer(StrPrinter):  # type: ignore[misc]
     """SymPy's printer with the function names of formulas and all digits."""
 
-    def _print_Float(self, e: sp.Float) -> str:  # noqa: N802
-        return repr(float(e))
+    def _print_Float(self, expr: sp.Float) -> str:  # noqa: N802
+        return repr(float(expr))
 
-    def _print_Exp1(self, e: sp.Expr) -> str:  # noqa: N802
+    def _print_Exp1(self, expr: sp.Expr) -> str:  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride]
         return "exp(1)"
 
-    def _print_Abs(self, e: sp.Expr) -> str:  # noqa: N802
-        return f"abs({self._print(e.args[0])})"
+    def _print_Abs(self, expr: sp.Expr) -> str:  # noqa: N802
+        return f"abs({self._print(expr.args[0])})"
 
-    def _print_Max(self, e: sp.Expr) -> str:  # noqa: N802
-        return f"max({self.stringify(e.args, ', ')})"
+    def _print_Max(self, expr: sp.Expr) -> str:  # noqa: N802
+        return f"max({self.stringify(expr.args, ', ')})"
 
-    def _print_Min(self, e: sp.Expr) -> str:  # noqa: N802
-        return f"min({self.stringify(e.args, ', ')})"
+    def _print_Min(self, expr: sp.Expr) -> str:  # noqa: N802
+        return f"min({self.stringify(expr.args, ', ')})"
 
-    def _print_Pow(self, e: sp.Expr, rational: bool = False) -> str:  # noqa: N802
-        return str(super()._print_Pow(e, rational)).replace("**", "^")
+    def _print_Pow(self, expr: sp.Expr, rational: bool = False) -> str:  # noqa: N802
+        return str(super()._print_Pow(expr, rational)).replace("**", "^")
