@@ -35,7 +35,7 @@ def orthogonal(model: WrenchModel, recording: Recording, inputs: InputNoise, flo
     for _ in range(MOST_STEPS):
         known = dict(recording.signals)
         known |= {name: known[name] + shift[:, i] for i, name in enumerate(inputs.names)}
-        both = [part.tangent(known, theta, n) for part in (parts.load, parts.zero)]
+        both = [part.tangent(known, theta, n) for part in (parts.load, parts.bias)]
         value, tangent = both[0][0] + both[1][0], both[0][1] + both[1][1]
         slope = slopes.value(known, theta, n).reshape(n, len(floor), -1)
         weight = np.linalg.inv(np.diag(floor**2) + slope @ inputs.covariance @ slope.swapaxes(1, 2))

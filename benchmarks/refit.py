@@ -106,7 +106,7 @@ class Task:
             model_signals(recording),
             compiled_prediction(self.fitted.model),
         )
-        value = model.load.value(signals, theta, once) + model.zero.value(signals, theta, once)
+        value = model.load.value(signals, theta, once) + model.bias.value(signals, theta, once)
         steady = noise.whitener.periodic_rows
         return np.asarray(self.problem.measured[0][:steady] - noise.whitener.steady_state(value))
 

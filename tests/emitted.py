@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
+import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
 
-from modeling.codegen.fitted_model import FittedModel
+from modeling.chain.contact_gain import contact_gain_at
+from modeling.chain.model import WrenchModel
+from modeling.codegen.casadi_sample import CasadiSample, RecursiveFunction, state_size
+from modeling.codegen.fitted_model import FittedModel, sample_inputs, sample_program
+from modeling.dynamics.sample_program import SampleProgram
+from modeling.space import signals
 
 Array = NDArray[np.float64]
 
@@ -124,6 +131,70 @@ class CasadiFilter:
         found = self.function(**signals, reading=reading, state=self.state)
         self.state = found["next_state"]
         return np.asarray(found["contact"].full()[:, 0], dtype=np.float64)
+
+
+@dataclass(eq=False)
+class SampleRunner:
+    """A program of one sample, evaluated by CasADi from its inputs and readings; `values` are its parameters."""
+
+    program: SampleProgram
+    inputs: Sequence[sp.Symbol]
+    values: Mapping[sp.Symbol, float]
+
+    def __post_init__(self) -> None:
+        self.restart()
+
+    @cached_property
+    def function(self) -> Any:
+        """From inputs, reading and state to prediction, aligned reading and next state."""
+        u, reading = ca.SX.sym("u", len(self.inputs)), ca.SX.sym("reading", len(self.program.result))
+        state = ca.SX.sym("state", state_size(self.program))
+        known = dict(zip(self.inputs, ca.vertsplit(u) if self.inputs else [], strict=True))
+        known |= {symbol: ca.SX(float(value)) for symbol, value in self.values.items()}
+        found = CasadiSample.of(self.program, known, reading, state)
+        graphs = [ca.densify(graph) for graph in (found.prediction, found.measured, found.next_state)]
+        return ca.Function("sample", [u, reading, state], graphs)
+
+    def restart(self) -> None:
+        """Forget all samples."""
+        self.step = RecursiveFunction(self.function)
+
+    def __call__(self, u: ArrayLike, reading: ArrayLike | None = None) -> tuple[Array, Array]:
+        """The result (p,), and the reading (p,) of the same sample."""
+        given = np.zeros(len(self.program.result)) if reading is None else np.array(reading, dtype=float)
+        result, measured = self.step(np.array(u, dtype=float), given)
+        return result, measured
+
+
+class DiscreteTimeModel:
+    """Prediction and compensation of a model sample by sample; readings of `wait` samples ago."""
+
+    def __init__(self, model: WrenchModel, theta: ArrayLike, *, dt: float | None = None) -> None:
+        self.model, self.theta, self.inputs = model, np.array(theta, dtype=float), sample_inputs(model)
+        values = dict(zip((p.symbol for p in model.parameters), self.theta, strict=True))
+        self.runner = SampleRunner(sample_program(model, self.theta, dt), signals(*self.inputs), values)
+        self.wait = self.runner.program.latency
+        self.gain = contact_gain_at(model, self.theta)[0]
+
+    def predict(self, u: ArrayLike) -> Array:
+        """The reading (p,) without contact."""
+        return self.runner(u)[0]
+
+    def compensate(self, u: ArrayLike, reading: ArrayLike) -> Array:
+        """The contact (p,)."""
+        predicted, measured = self.runner(u, reading)
+        return np.asarray(np.linalg.solve(self.gain, measured - predicted))
+
+
+def sampled(
+    program: SampleProgram,
+    inputs: Sequence[sp.Symbol],
+    rows: Array,
+    values: Mapping[sp.Symbol, float] = MappingProxyType({}),
+) -> Array:
+    """The results (n, p) of a program at rows (n, m) of its inputs, sample by sample."""
+    runner = SampleRunner(program, inputs, values)
+    return np.stack([runner(row)[0] for row in rows])
 
 
 def pointer(values: Array) -> Any:

@@ -22,6 +22,7 @@ from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.prediction import Prediction
+from modeling.chain.stages.bias import Bias
 from modeling.evaluation import cache as store
 from modeling.evaluation.cache import DerivationCache, cached, source_digest
 from modeling.parameter import Parameter
@@ -69,17 +70,22 @@ def readings(model: WrenchModel, case: Case) -> list[Any]:
     """All that a model's prediction says of itself, and its parts at random signals."""
     rng, samples = np.random.default_rng(8), 50
     prediction = Prediction(model)
-    found: list[Any] = [model.inputs, prediction.has_memory, prediction.transfer_parameters, prediction.instantaneous]
+    found: list[Any] = [
+        model.inputs,
+        prediction.has_transfer_function,
+        prediction.transfer_parameters,
+        prediction.instantaneous,
+    ]
     bent = () if prediction.deflection is None else (prediction.deflection.load, prediction.deflection.equilibrium)
     load = () if bent else (prediction.load,)
-    for part in (*load, prediction.zero, prediction.play, prediction.level, *bent):
+    for part in (*load, prediction.bias, prediction.play, prediction.saturation, *bent):
         if part is None:
             found.append(None)
             continue
         signals = random_signals(case, part.inputs, samples, rng)
         theta = np.concatenate([case.theta, rng.uniform(0.01, 0.1, part.count - len(case.theta))])
         found += [part.inputs, part.active, part.rows, *part.tangent(signals, theta, samples)]
-    if prediction.has_memory:
+    if prediction.has_transfer_function:
         gain, slopes = prediction.transfer(np.linspace(0.0, 100.0, 7), case.theta)
         found += [gain, *slopes]
     return found
@@ -123,7 +129,7 @@ class Elsewhere(Effect):
 
     id = "elsewhere"
     title = "of another package"
-    stage = Stage.ZERO
+    stage = Stage.BIAS
     equation = "zero = level"
     advice = "look there"
 
@@ -131,12 +137,12 @@ class Elsewhere(Effect):
         return (Parameter(name="level", unit="N"),)
 
     def perturb(self, chain: Chain, p: Mapping[str, Any]) -> Chain:
-        return replace(chain, zero=chain.zero.applyfunc(lambda entry: entry + p["level"]))
+        return chain.with_stage(Bias(chain.bias.applyfunc(lambda entry: entry + p["level"])))
 
 
 def test_effects_of_other_packages_are_not_kept(folder: Path) -> None:
     model = planar() + Elsewhere()
-    assert Prediction(model).zero.active == (0, 1, 2, 6)
+    assert Prediction(model).bias.active == (0, 1, 2, 6)
     assert not entries(folder)
 
 

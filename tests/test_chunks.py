@@ -242,7 +242,7 @@ def test_regressor_map_is_the_compiled_prediction(space: Space) -> None:
     signals, theta = {n: rng.standard_normal(50) for n in model.inputs}, rng.standard_normal(len(model.parameters))
     rows = emitted(signals, 50)
     prediction = compiled_prediction(model)
-    value = prediction.load.value(signals, theta, 50) + prediction.zero.value(signals, theta, 50)
+    value = prediction.load.value(signals, theta, 50) + prediction.bias.value(signals, theta, 50)
     np.testing.assert_allclose(np.tensordot(theta, rows[:-1], 1) + rows[-1], value.T, atol=1e-12)  # rounding
 
 
@@ -256,7 +256,7 @@ def by_lstsq(model: WrenchModel, chunk: Chunk, noise: NoiseModel) -> tuple[Array
     """Parameters and std by `lstsq` of every whitened row, with Phi from CasADi: nothing in common but the physics."""
     prediction, samples = compiled_prediction(model), len(chunk.wrench)
     parts = [
-        e.tangent(chunk.signals, np.zeros(len(model.parameters)), samples) for e in (prediction.load, prediction.zero)
+        e.tangent(chunk.signals, np.zeros(len(model.parameters)), samples) for e in (prediction.load, prediction.bias)
     ]
     value, slopes = parts[0][0] + parts[1][0], parts[0][1] + parts[1][1]
     root = np.linalg.inv(np.linalg.cholesky(noise.covariance))

@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
-from modeling.codegen.generated_code import GeneratedCode, Language
+from modeling.codegen.code_target import CodeTarget, code_target, target_names
+from modeling.codegen.generated_code import GeneratedCode
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.expressions.operation_count import OperationCount
 from modeling.expressions.straight_line_program import StraightLineProgram
@@ -39,13 +40,13 @@ EDGES = np.array([0.0, -0.0, 5e-324, 1e-310, np.pi, -np.pi, 2 * np.pi, 100 * np.
 
 
 @cache
-def code(space: Space, language: Language) -> GeneratedCode:
+def code(space: Space, language: CodeTarget) -> GeneratedCode:
     return GeneratedCode.of_base(RigidToolRegressor(space), language, "truewrench test")
 
 
 @cache
 def library(space: Space) -> Library:
-    return Library(code(space, Language.C).text)
+    return Library(code(space, code_target("c")).text)
 
 
 def inputs(space: Space, count: int = 300) -> Array:
@@ -56,7 +57,7 @@ def inputs(space: Space, count: int = 300) -> Array:
 
 
 def by_numpy(space: Space, u: Array) -> Array:
-    emitted = module(code(space, Language.NUMPY).text)
+    emitted = module(code(space, code_target("numpy")).text)
     parts = u.T if space is Space.PLANE else (u[:, :3], u[:, 3:6], u[:, 6:])
     return np.asarray(emitted.regressor(*parts))
 
@@ -120,7 +121,7 @@ def test_spatial_regressor_is_the_models_in_any_orientation() -> None:
 def test_c_numpy_and_casadi_agree(space: Space) -> None:
     u = inputs(space)
     size = 10 + np.max(np.abs(u), axis=1) + np.max(np.abs(u), axis=1) ** 2
-    read_back = ca.Function.deserialize(code(space, Language.CASADI).text)
+    read_back = ca.Function.deserialize(code(space, code_target("casadi")).text)
     widths = [1] * 5 if space is Space.PLANE else [3] * 3
     arguments = np.split(u.T, np.cumsum(widths)[:-1])
     graph = read_back.map(len(u))(*arguments).full()
@@ -133,7 +134,7 @@ def test_c_numpy_and_casadi_agree(space: Space) -> None:
 
 
 def test_planar_module_takes_numbers_arrays_and_nothing() -> None:
-    emitted = module(code(Space.PLANE, Language.NUMPY).text)
+    emitted = module(code(Space.PLANE, code_target("numpy")).text)
     assert emitted.PARAMETERS == ("bias_fx", "bias_fy", "bias_tau", "m", "mlg", "I")
     assert emitted.CHANNELS == ("fx", "fy", "tau")
     assert emitted.regressor(0, 0, 1, 2, 3).shape == (1, 3, 6)
@@ -149,7 +150,7 @@ def test_planar_module_takes_numbers_arrays_and_nothing() -> None:
 
 
 def test_spatial_module_takes_vectors_and_arrays_of_them() -> None:
-    emitted = module(code(Space.SPACE, Language.NUMPY).text)
+    emitted = module(code(Space.SPACE, code_target("numpy")).text)
     assert emitted.PARAMETERS == PARAMETERS
     u = inputs(Space.SPACE)[:4]
     whole = emitted.regressor(u[:, :3], u[:, 3:6], u[:, 6:])
@@ -177,7 +178,7 @@ sys.exit(str(strange) if strange else 0)
 @SPACES
 def test_module_needs_numpy_alone(space: Space, tmp_path: Path) -> None:
     path = tmp_path / "code.py"
-    path.write_text(code(space, Language.NUMPY).text)
+    path.write_text(code(space, code_target("numpy")).text)
     command = [sys.executable, "-W", "error", "-c", PROBE, str(path), "5" if space is Space.PLANE else "3"]
     done = subprocess.run(command, cwd=tmp_path, env={"PATH": ""}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -213,7 +214,7 @@ def test_input_and_output_may_overlap() -> None:
 @SPACES
 def test_operations_are_those_in_the_text(space: Space) -> None:
     """Python's own parser counts the operators and the calls of NumPy's functions in the emitted module."""
-    tree = ast.parse(code(space, Language.NUMPY).text)
+    tree = ast.parse(code(space, code_target("numpy")).text)
     function = next(n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == "regressor")
     start = next(i for i, n in enumerate(function.body) if ast.unparse(n).startswith("Phi = np.zeros"))
     nodes = [n for statement in function.body[start + 1 :] for n in ast.walk(statement)]
@@ -225,7 +226,7 @@ def test_operations_are_those_in_the_text(space: Space) -> None:
         quotients=kinds.count(ast.Div),
         calls=calls,
     )
-    ((_, shared, unshared),) = code(space, Language.NUMPY).costs
+    ((_, shared, unshared),) = code(space, code_target("numpy")).costs
     assert counted == shared
     assert shared.total < unshared.total
 
@@ -263,7 +264,7 @@ def test_programs_are_the_expression_and_powers_are_products(expression: sp.Expr
 
 @SPACES
 def test_formulas_are_balanced_and_show_the_matrix(space: Space) -> None:
-    text = code(space, Language.LATEX).text
+    text = code(space, code_target("latex")).text
     assert balanced(text)
     if space is Space.PLANE:
         assert "1 & 0 & 0 & M_1 & M_2 & 0 \\\\\n0 & 1 & 0 & M_3 & M_4 & 0 \\\\\n0 & 0 & 1 & 0 & M_1 & M_2" in text
@@ -280,15 +281,16 @@ def test_the_balance_is_no_formality(broken: str) -> None:
 
 HASHED = """
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
-from modeling.codegen.generated_code import GeneratedCode, Language
+from modeling.codegen.code_target import CodeTarget, code_target, target_names
+from modeling.codegen.generated_code import GeneratedCode
 from modeling.codegen.fitted_model import FittedModel
 from modeling.chain.model import planar
 from modeling.space import Space
 from modeling import effects
 model = planar() + effects.viscous_drag() + effects.sensor_crosstalk()
 fitted = FittedModel.of(model, [0.5] * len(model.parameters))
-texts = [GeneratedCode.of_base(RigidToolRegressor(space), Language.C, "x").text for space in Space]
-texts += [GeneratedCode.of_fitted(fitted, language, "x").text for language in Language]
+texts = [GeneratedCode.of_base(RigidToolRegressor(space), code_target("c"), "x").text for space in Space]
+texts += [GeneratedCode.of_fitted(fitted, code_target(name), "x").text for name in target_names()]
 """
 
 
@@ -306,12 +308,13 @@ def test_the_same_model_gives_the_same_text_in_every_process() -> None:
 
 
 def test_the_options_are_the_languages() -> None:
-    assert tuple(language.value for language in Language) == emit.LANGUAGES
+    assert target_names() == ("numpy", "casadi", "c", "latex")
+    assert all(code_target(name).name == name for name in target_names())
     assert set(NAMES.values()) == set(emit.BASES)
 
 
 @pytest.mark.parametrize("base", ["planar", "spatial"])
-@pytest.mark.parametrize("language", [language.value for language in Language])
+@pytest.mark.parametrize("language", target_names())
 def test_command_writes_the_same_everywhere_and_counts_beside_it(
     base: str, language: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

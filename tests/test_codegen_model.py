@@ -23,12 +23,13 @@ from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.prediction import compiled_prediction
-from modeling.codegen.c_target import c_model
+from modeling.chain.stages.bias import Bias
+from modeling.chain.stages.linear_dynamics import LinearDynamics
+from modeling.codegen.c_target import CTarget
 from modeling.codegen.casadi_target import casadi_model
-from modeling.codegen.discrete_time_model import DiscreteTimeModel
 from modeling.codegen.fitted_model import FittedModel
-from modeling.codegen.latex_target import latex_model
-from modeling.codegen.numpy_target import numpy_model
+from modeling.codegen.latex_target import LatexTarget
+from modeling.codegen.numpy_target import NumpyTarget
 from modeling.dynamics.play import PlayResponse
 from modeling.dynamics.time_base import TimeBase
 from modeling.effects import catalogue, named
@@ -37,7 +38,7 @@ from modeling.formulas.custom_effects.python_definition import own_effect
 from modeling.parameter import Parameter
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space, signals
-from tests.emitted import CasadiFilter, CFilter, Library, balanced, module
+from tests.emitted import CasadiFilter, CFilter, DiscreteTimeModel, Library, balanced, module
 from truewrench.command_line import main
 from truewrench.files.model_file import ModelFile
 
@@ -104,7 +105,7 @@ def case(name: str) -> Case:
 
 def emitted(fitted: FittedModel) -> Case:
     function = ca.Function.deserialize(casadi_model(fitted).serialize())
-    return Case(fitted, Library(c_model(fitted, "test")), module(numpy_model(fitted, "test")), function)
+    return Case(fitted, Library(CTarget().model(fitted, "test")), module(NumpyTarget().model(fitted, "test")), function)
 
 
 EDGES = np.array([0.0, -0.0, 5e-324, np.pi, -np.pi, 50 * np.pi, np.pi / 2, 1e8, -1e8])
@@ -113,14 +114,14 @@ EDGES = np.array([0.0, -0.0, 5e-324, np.pi, -np.pi, 50 * np.pi, np.pi / 2, 1e8, 
 def samples(fitted: FittedModel, count: int = 60) -> Array:
     """Random signals, then edge values in random company, (N, m); none where a spring has to bear 1e8 m/s²."""
     rng, width = np.random.default_rng(1), len(fitted.inputs)
-    if fitted.deflection is not None:
+    if fitted.model.chain.deflection is not None:
         return rng.normal(0, 1, (2 * count, width))
     return np.concatenate([rng.normal(0, 1, (count, width)), rng.choice(EDGES, (count, width))])
 
 
 def size_of(fitted: FittedModel, u: Array) -> Array:
     """Sum (N,) of what every parameter contributes to the largest reading, and 1 N; of a bent tool's, 100 N."""
-    if fitted.deflection is not None:
+    if fitted.model.chain.deflection is not None:
         return np.full(len(u), 100.0)
     series = dict(zip(fitted.inputs, u.T, strict=True))
     prediction = compiled_prediction(fitted.model)
@@ -170,7 +171,7 @@ def test_derivative_is_casadis_own(name: str) -> None:
     found, fitted = case(name), case(name).fitted
     u = samples(fitted)[:60]
     series, prediction = dict(zip(fitted.inputs, u.T, strict=True)), compiled_prediction(fitted.model)
-    slopes = [part.tangent(series, fitted.theta, len(u))[1] for part in (prediction.load, prediction.zero)]
+    slopes = [part.tangent(series, fitted.theta, len(u))[1] for part in (prediction.load, prediction.bias)]
     place = [list(fitted.model.parameters).index(p) for p in fitted.parameters]
     expected = (slopes[0] + slopes[1])[:, :, place]
     size = np.abs(expected).max(axis=(1, 2), keepdims=True)
@@ -200,7 +201,7 @@ def test_c_allocates_nothing(name: str) -> None:
 @every_case
 def test_formulas_are_balanced_and_name_every_effect(name: str) -> None:
     fitted = case(name).fitted
-    text = latex_model(replace(fitted, dt=None), "test")
+    text = LatexTarget().model(replace(fitted, dt=None), "test")
     assert balanced(text)
     for effect in fitted.model.effects:
         assert effect.id.replace("_", r"\_") in text
@@ -211,9 +212,9 @@ def test_formulas_are_balanced_and_name_every_effect(name: str) -> None:
 @every_case
 def test_sharing_saves_operations(name: str) -> None:
     fitted = case(name).fitted
-    for program in (fitted.program, fitted.sensitivity or fitted.equilibrium):
-        assert program is not None
-        assert 0 < program.shared.operations.total <= program.operations_unshared.total
+    assert 0 < fitted.program.operations(shared=True).total <= fitted.program.operations(shared=False).total
+    if fitted.sensitivity is not None:
+        assert 0 < fitted.sensitivity.shared.operations.total <= fitted.sensitivity.operations_unshared.total
 
 
 # ------------------------------------------------------------------------------------------------ the state
@@ -296,7 +297,7 @@ class Filter(Effect):
         return ()
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
-        return replace(chain, memory=self.transfer)
+        return chain.with_stage(LinearDynamics(self.transfer))
 
 
 S = laplace()
@@ -407,7 +408,7 @@ def test_effects_of_one_recording_stay_behind() -> None:
     fitted = FittedModel.of(model, np.arange(len(model.parameters), dtype=float))
     assert [p.name for p in fitted.model.parameters][6:] == ["viscous_drag.c", "viscous_drag.d"]
     assert fitted.theta[6:].tolist() == [12.0, 13.0]
-    assert "bias_drift" in c_model(fitted, "test")
+    assert "bias_drift" in CTarget().model(fitted, "test")
     assert "progress" not in fitted.inputs
 
 
@@ -449,7 +450,7 @@ class Magnet(Effect):
 
     id = "int"
     title = "\"\"\"*/ int evil(void) { return 0; } /* \\*/ ??/ ''' }} {{ 7*7 }} %> é ²"
-    stage = Stage.ZERO
+    stage = Stage.BIAS
     equation = "*/"
     advice = "*/"
     spaces = (Space.PLANE,)
@@ -460,7 +461,7 @@ class Magnet(Effect):
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         inputs = signals("for", "u", "phi", "np", "t0", "return", "reading", "null")
         total = sum((a * b for a, b in zip(p.values(), inputs, strict=False)), inputs[6] * inputs[7])
-        return replace(chain, zero=chain.zero + sp.Matrix([total, 0, 0]))
+        return chain.with_stage(Bias(chain.bias + sp.Matrix([total, 0, 0])))
 
 
 def test_names_and_titles_cannot_become_code() -> None:
@@ -474,7 +475,7 @@ def test_names_and_titles_cannot_become_code() -> None:
         expected = running.predict(row)
         np.testing.assert_allclose(c.predict(row), expected, rtol=1e-12)
         np.testing.assert_allclose(found.numpy.predict(state, row), expected, rtol=1e-12)
-    assert balanced(latex_model(found.fitted, "test"))
+    assert balanced(LatexTarget().model(found.fitted, "test"))
 
 
 def test_a_force_at_a_place_of_ones_own_is_emitted() -> None:
@@ -482,7 +483,7 @@ def test_a_force_at_a_place_of_ones_own_is_emitted() -> None:
     pull = own_effect(id="pull", title="spring to a wall", parameters={"k": "N/m"}, tip_body={"force_x": "-k*tip_x"})
     model = planar() + pull
     fitted = FittedModel.of(model, np.array([0.1, 0.2, 0.3, 1.0, 0.1, 0.02, 5.0]))
-    library, running = Library(c_model(fitted, "test")), DiscreteTimeModel(model, fitted.theta)
+    library, running = Library(CTarget().model(fitted, "test")), DiscreteTimeModel(model, fitted.theta)
     u = samples(fitted, 3)[:3]
     for row in u:
         np.testing.assert_allclose(CFilter(library, 3).predict(row), running.predict(row), rtol=1e-12, atol=1e-12)

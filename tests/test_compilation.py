@@ -93,7 +93,7 @@ def samples_of(signals: Mapping[str, Array]) -> int:
 
 
 def parts(model: WrenchModel) -> tuple[VectorFunction, VectorFunction]:
-    return compiled_prediction(model).load, compiled_prediction(model).zero
+    return compiled_prediction(model).load, compiled_prediction(model).bias
 
 
 def assert_one_truth(model: WrenchModel, signals: Mapping[str, Array], theta: Array, *, in_sympy: int = 3) -> None:
@@ -262,7 +262,7 @@ def test_a_missing_signal_is_named() -> None:
     model = planar() + effects.thermal_drift()
     signals = {name: np.zeros(3) for name in model.inputs if name != "temperature"}
     with pytest.raises(InputError, match="temperature"):
-        compiled_prediction(model).zero.value(signals, np.zeros(len(model.parameters)), 3)
+        compiled_prediction(model).bias.value(signals, np.zeros(len(model.parameters)), 3)
 
 
 def test_one_model_is_compiled_once() -> None:

@@ -347,7 +347,7 @@ def reference(known: CalibratedModel, recording: Recording, window: LocalPolynom
         }
     prediction = compiled_prediction(known.model)
     samples = recording.samples - 2 * window.half
-    load, zero = (part.value(signals, known.theta, samples) for part in (prediction.load, prediction.zero))
+    load, zero = (part.value(signals, known.theta, samples) for part in (prediction.load, prediction.bias))
     values = dict(zip((p.name for p in known.model.parameters), known.theta, strict=True))
     if "sensor_lag.time_constant" in values:
         tau = values["sensor_lag.time_constant"]

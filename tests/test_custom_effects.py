@@ -116,7 +116,7 @@ def test_an_effect_of_the_catalogue_written_down_is_that_effect(case: str) -> No
     assert set(ours.inputs) <= set(signals)
     order = [p.name.replace("written.", f"{effect_id}.") for p in ours.parameters]
     places = [list(values).index(name) for name in order]
-    for part in ("load", "zero"):
+    for part in ("load", "bias"):
         value, slopes = getattr(compiled_prediction(ours), part).tangent(
             signals, np.array([values[n] for n in order]), samples
         )

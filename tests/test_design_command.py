@@ -79,7 +79,7 @@ def logdet_of(plan: pd.DataFrame) -> float:
     q, dq, ddq = (plan[[f"{p}{j}" for j in (1, 2, 3)]].to_numpy() for p in ("q", "dq", "ddq"))
     prediction, count = compiled_prediction(planar()), len(plan)
     signals = arm.pose(q, dq, ddq)
-    phi = sum(part.tangent(signals, np.zeros(6), count)[1] for part in (prediction.load, prediction.zero))
+    phi = sum(part.tangent(signals, np.zeros(6), count)[1] for part in (prediction.load, prediction.bias))
     rows = np.asarray(phi).reshape(-1, 6)
     return float(np.linalg.slogdet(rows.T @ rows)[1])
 

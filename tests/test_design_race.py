@@ -33,7 +33,7 @@ def logdet(motion: Trajectory) -> float:
     model = planar()
     signals = ARM.pose(*motion.evaluate(np.arange(SAMPLES) * PERIOD / SAMPLES))
     prediction = compiled_prediction(model)
-    phi = sum(part.tangent(signals, np.zeros(6), SAMPLES)[1] for part in (prediction.load, prediction.zero))
+    phi = sum(part.tangent(signals, np.zeros(6), SAMPLES)[1] for part in (prediction.load, prediction.bias))
     rows = np.asarray(phi).reshape(-1, 6)
     return 2 * float(np.log(np.abs(np.diag(np.linalg.qr(rows)[1]))).sum())
 

@@ -16,11 +16,14 @@ from scipy.spatial.transform import Rotation
 from modeling.chain.model import planar, spatial
 from modeling.chain.prediction import DeflectedLoad, compiled_prediction
 from modeling.dynamics.deflection_solver import DeflectionSeries, solve_deflection
-from modeling.dynamics.discrete_deflection import DeflectionIntegrator
+from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
 from modeling.dynamics.play import PlayResponse
+from modeling.dynamics.sample_program import SampleProgramBuilder
 from modeling.dynamics.time_base import TimeBase
 from modeling.effects.tip_flexibility import TipFlexibility
 from modeling.errors import InputError
+from modeling.space import signals
+from tests.emitted import sampled
 
 Array = NDArray[np.float64]
 Values = dict[str, float]
@@ -306,14 +309,25 @@ def test_a_negative_inertia_does_not_start_from_rest() -> None:
         solved(TOOL | {"I": -0.02, "stiffness": 60.0}, times, TimeBase(dt, False))
 
 
+def stepped(tool: DeflectedLoad, theta: Array, rows: Array, dt: float) -> Array:
+    """The deflection (n, 3 d) by its program of one sample."""
+    model = planar() + TipFlexibility()
+    deflection = model.chain.deflection
+    assert deflection is not None
+    values = dict(zip((p.symbol for p in model.parameters), theta, strict=True))
+    sample = SampleProgramBuilder(values, dt, model.definitions)
+    discrete = DiscreteDeflection.of(tool.equation, rows.shape[1], theta, dt)
+    deflected(discrete, sample, deflection, model.chain.equilibrium())
+    return sampled(sample.finished(deflection.signals), signals(*tool.inputs), rows, values)
+
+
 def test_one_sample_at_a_time() -> None:
     values = TOOL | {"stiffness": 60.0, "damping": 0.3}
     tool, errors = bent("plane"), []
     for samples in (200, 400):
         times, dt = grid(samples, 1.0)
         rows = tool.load.samples(turn(times), samples)
-        stepper = DeflectionIntegrator(tool.equation, rows.shape[1], vector("plane", values), dt)
-        found = np.array([stepper.step(row) for row in rows])
+        found = stepped(tool, vector("plane", values), rows, dt)
         expected = integrated(60.0, 0.3, np.array([at_first(60.0), 0.0]), times)
         errors.append(np.max(np.abs(found[:, 0] - expected[:, 0])))
     # Second order: four times better with half the step, up to the next order.

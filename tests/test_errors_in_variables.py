@@ -87,7 +87,7 @@ def _moved(recording: Recording, seed: int) -> Recording:
 def _prediction(model: WrenchModel, recording: Recording, theta: Array) -> Array:
     parts = compiled_prediction(model)
     known, n = model_signals(recording), recording.samples
-    return parts.load.value(known, theta, n) + parts.zero.value(known, theta, n)
+    return parts.load.value(known, theta, n) + parts.bias.value(known, theta, n)
 
 
 def _regressor(model: WrenchModel, known: Mapping[str, Array]) -> Array:

@@ -35,7 +35,7 @@ def fitted(model: WrenchModel, motion: Mapping[str, Array], tool: Mapping[str, f
     """A fit to a rigid tool's readings for that motion, with white noise of a hundredth."""
     theta = np.array([tool.get(p.name, 0.0) for p in model.base.parameters])
     count, rigid = len(next(iter(motion.values()))), compiled_prediction(model.base)
-    wrench = rigid.load.value(motion, theta, count) + rigid.zero.value(motion, theta, count)
+    wrench = rigid.load.value(motion, theta, count) + rigid.bias.value(motion, theta, count)
     wrench = wrench + 0.01 * np.random.default_rng(0).standard_normal(wrench.shape)
     noise = dict.fromkeys(model.channels, 0.01)
     rig = Rig(sensor=SensorDescription(noise=noise, convention=Convention.ON_TOOL))

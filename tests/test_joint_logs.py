@@ -170,7 +170,7 @@ def test_contact_filter_takes_rows_of_joints() -> None:
     assert ELBOW.arm is not None
     signals = ELBOW.arm.pose(*(part[:, :6] for part in smooth))
     prediction = compiled_prediction(model)
-    load, zero = (part.value(signals, theta, len(smooth[0])) for part in (prediction.load, prediction.zero))
+    load, zero = (part.value(signals, theta, len(smooth[0])) for part in (prediction.load, prediction.bias))
     # The sensor does as much less as the environment does; rounding / dt².
     np.testing.assert_allclose(results, load + zero - smooth[0][:, 6:], atol=1e-8)
 

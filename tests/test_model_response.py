@@ -209,7 +209,7 @@ def test_derivative_of_the_body_passes_the_memory_too(effect: Effect, repeats: i
 def by_the_sample(model: WrenchModel, recording: Recording, theta: Array) -> Array:
     prediction, signals = compiled_prediction(model), model_signals(recording)
     samples = recording.samples
-    return prediction.load.value(signals, theta, samples) + prediction.zero.value(signals, theta, samples)
+    return prediction.load.value(signals, theta, samples) + prediction.bias.value(signals, theta, samples)
 
 
 CASES: dict[str, tuple[Callable[[], Effect], bool]] = {

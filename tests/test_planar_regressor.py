@@ -121,7 +121,7 @@ def test_wrench_is_mujocos(seed: int) -> None:
     pose = PlanarArm(rig.link_lengths).pose(q, dq, ddq)
     theta = np.array([*rng.uniform(-10, 10, 3), mass, mlg, inertia])
     prediction = compiled_prediction(planar())
-    bias = prediction.zero.value(pose, theta, 20)
+    bias = prediction.bias.value(pose, theta, 20)
     np.testing.assert_array_equal(bias, np.tile(theta[:3], (20, 1)))
     # rounding of MuJoCo's recursion on forces of order 1000 N
     np.testing.assert_allclose(prediction.load.value(pose, theta, 20), felt, rtol=1e-10, atol=1e-10)

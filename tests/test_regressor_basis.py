@@ -53,7 +53,7 @@ def functions(form: RegressorBasis, signals: dict[str, Array], samples: int) -> 
 
 def bends(model: WrenchModel, signals: dict[str, Array]) -> bool:
     """Whether the derivative in the parameters changes with them, anywhere among ten of their values."""
-    parts, rng = (compiled_prediction(model).load, compiled_prediction(model).zero), np.random.default_rng(2)
+    parts, rng = (compiled_prediction(model).load, compiled_prediction(model).bias), np.random.default_rng(2)
     thetas = rng.standard_normal((10, len(model.parameters)))
     slopes = [sum(part.tangent(signals, theta, 60)[1] for part in parts) for theta in thetas]
     return not all(np.allclose(slopes[0], other) for other in slopes[1:])
@@ -75,7 +75,7 @@ def test_form_is_the_prediction(name: str) -> None:
         return
     values = functions(form, signals, samples)
     found = np.einsum("i,icj,jn->nc", np.append(theta, 1.0), form.weights, values)
-    expected = prediction.load.value(signals, theta, samples) + prediction.zero.value(signals, theta, samples)
+    expected = prediction.load.value(signals, theta, samples) + prediction.bias.value(signals, theta, samples)
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)  # rounding of sums of some 50 numbers of size 1
     elements = form.weights.reshape(-1, len(values)) @ values
     assert np.linalg.matrix_rank(elements) == np.linalg.matrix_rank(values) == len(values)

@@ -28,7 +28,7 @@ def test_sensitivities_are_the_derivatives_at_nominal_amplitudes(case: Case) -> 
     nominal = tuple(parameters[i].nominal for i in which)
     theta = case.theta * rng.uniform(0.9, 1.1, (sets, len(case.theta)))
     theta[:, list(which)] = nominal
-    for emitted in (prediction.load, prediction.zero):
+    for emitted in (prediction.load, prediction.bias):
         found = Sensitivity.of(emitted, which, nominal)
         assert len(found.tape.operations) <= len(emitted.compiled.tape.operations)
         signals = random_signals(case, emitted.inputs, samples, rng)

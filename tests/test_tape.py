@@ -45,7 +45,9 @@ def parts_of(case: Case) -> list[VectorFunction]:
     prediction = Prediction(case.model)
     bent = () if prediction.deflection is None else (prediction.deflection.load, prediction.deflection.equilibrium)
     load = () if bent else (prediction.load,)
-    return [part for part in (*load, prediction.zero, prediction.play, prediction.level, *bent) if part is not None]
+    return [
+        part for part in (*load, prediction.bias, prediction.play, prediction.saturation, *bent) if part is not None
+    ]
 
 
 @every_case

@@ -12,10 +12,13 @@ from scipy.signal import lsim
 
 from modeling import effects
 from modeling.chain.model import planar
-from modeling.dynamics.discrete_transfer_function import TransferFunctionFilter
+from modeling.dynamics.discrete_transfer_function import DiscreteTransferFunction, filtered
+from modeling.dynamics.sample_program import SampleProgram, SampleProgramBuilder
 from modeling.dynamics.transfer_function import SymbolicTransferFunction, TransferFunction
 from modeling.errors import InputError
 from modeling.expressions.laplace_variable import laplace
+from modeling.space import signals
+from tests.emitted import sampled
 
 Array = NDArray[np.float64]
 
@@ -28,9 +31,13 @@ def ticks(count: int, dt: float = DT) -> Array:
     return np.arange(count, dtype=np.float64) * dt
 
 
-def run(transfer: TransferFunction, series: Array, dt: float = DT) -> tuple[Array, TransferFunctionFilter]:
-    memory = TransferFunctionFilter(transfer, dt)
-    return np.stack([memory.step(row) for row in series]), memory
+def run(transfer: TransferFunction, series: Array, dt: float = DT) -> tuple[Array, SampleProgram]:
+    """The filter of a series (n, p) by its program of one sample."""
+    inputs = signals(*(f"load_{i}" for i in range(series.shape[1])))
+    sample = SampleProgramBuilder({}, dt)
+    reading = sample.assigned("load", inputs)
+    program = sample.finished(filtered(DiscreteTransferFunction.of(transfer, dt), sample, reading))
+    return sampled(program, inputs, series), program
 
 
 def transfer(delay: float, *polynomials: tuple[float, ...]) -> TransferFunction:
@@ -50,7 +57,7 @@ def transfer(delay: float, *polynomials: tuple[float, ...]) -> TransferFunction:
         sp.exp(-S * DELAY) / (1 + S * TAU),
         sp.exp(-S * DELAY) * sp.exp(S * TAU / 3) * (1 + 2 * S) / (1 + S * TAU) ** 2 / (3 + S),
         (1 + S / (1 + S * TAU)) * sp.exp(-S * DELAY - 2),
-        (planar() + effects.sensor_lag() + effects.time_delay()).memory,
+        (planar() + effects.sensor_lag() + effects.time_delay()).transfer_function,
         1 / (1 + S * TAU / 7 + (S * TAU) ** 2),
     ],
     ids=str,
@@ -120,7 +127,7 @@ def test_straight_input_gives_the_exact_response(
     series -= series[0]  # at rest before
     got, memory = run(transfer(samples_late * DT, *ratio), series)
     expected = np.stack([lsim(ratio, column, ticks(200))[1] for column in series.T], axis=1)
-    assert memory.wait == 0
+    assert memory.latency == 0
     np.testing.assert_allclose(got[samples_late:], expected[: 200 - samples_late], atol=1e-9)  # rounding
     np.testing.assert_allclose(got[:samples_late], 0.0, atol=1e-12)
 
@@ -137,17 +144,19 @@ def test_a_sine_comes_out_as_the_transfer_function_says(frequency: float, tau: f
     got, memory = run(
         transfer(late * DT, (1.0,), (tau, 1.0)) if tau else transfer(late * DT), np.sin(w * time)[:, None]
     )
-    late_by = late * DT + memory.wait * DT
+    late_by = late * DT + memory.latency * DT
     expected = np.sin(w * (time - late_by) - np.arctan(w * tau)) / np.hypot(1, w * tau)
     # What a straight line between samples and a cubic between four of them lose of a sine, at the most.
     bound = (w * DT) ** 2 / 12 * (tau > 0) + (w * DT) ** 4 / 42
     settled = slice(memory.settling + int(9 * tau / DT), None)  # exp(-9 - ln 1000) is 1e-7
     assert np.abs(got[settled, 0] - expected[settled]).max() < 1.05 * bound + 1e-6
-    assert 0 <= memory.wait < max(-late, 0) + 2
+    assert 0 <= memory.latency < max(-late, 0) + 2
 
 
 def test_the_wait_is_no_longer_than_the_lead_and_its_fraction_ask() -> None:
-    waits = {late: TransferFunctionFilter(transfer(late * DT), DT).wait for late in (0.0, 3.0, 1.5, 0.5, -2.0, -1.5)}
+    waits = {
+        late: DiscreteTransferFunction.of(transfer(late * DT), DT).wait for late in (0.0, 3.0, 1.5, 0.5, -2.0, -1.5)
+    }
     assert waits == {0.0: 0, 3.0: 0, 1.5: 0, 0.5: 1, -2.0: 2, -1.5: 3}
 
 

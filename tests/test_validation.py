@@ -26,6 +26,7 @@ from estimation.recordings.recording import Recording
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
+from modeling.chain.stages.bias import Bias
 from modeling.effects import BiasDrift as DriftEffect
 from modeling.effects import named, viscous_drag
 from modeling.parameter import Parameter
@@ -230,7 +231,7 @@ class Bump(Effect):
 
     id = "bump"
     title = "a bump"
-    stage = Stage.ZERO
+    stage = Stage.BIAS
     equation = "fx += height for 3 s < time < 4 s"
     advice = "look"
     per_recording = True
@@ -241,7 +242,7 @@ class Bump(Effect):
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         (time,) = signals("time")
         during = sp.Min(1, sp.Max(0, 1000 * sp.Min(time - 3, 4 - time)))
-        return replace(chain, zero=chain.zero + sp.Matrix([p["height"] * during, 0, 0]))
+        return chain.with_stage(Bias(chain.bias + sp.Matrix([p["height"] * during, 0, 0])))
 
 
 def test_effects_of_ones_own_are_sought_there_too() -> None:

@@ -50,9 +50,9 @@ class WhitenedPrediction:
         """
         prediction, count = compiled_prediction(model), self.sampling.samples
         value, slopes = prediction.load.tangent(self.known, theta, count)
-        if prediction.has_memory:
+        if prediction.has_transfer_function:
             value, slopes = self._filtered(model, theta, value, slopes)
-        zero, zero_slopes = prediction.zero.tangent(self.known, theta, count)
+        zero, zero_slopes = prediction.bias.tangent(self.known, theta, count)
         stacked = np.concatenate([(value + zero)[:, :, None], slopes + zero_slopes], axis=2)
         rows = self.noise.whitened(stacked, self.sampling.step).reshape(-1, 1 + len(theta))
         return rows[:, 0], rows[:, 1:]

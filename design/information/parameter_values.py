@@ -51,8 +51,8 @@ def nonlinear_parameters(model: WrenchModel) -> tuple[int, ...]:
 
     prediction = compiled_prediction(model)
     found = set(prediction.transfer_parameters)
-    for part in (prediction.load, prediction.zero):
+    for part in (prediction.load, prediction.bias):
         parameters = part.symbols[1]
         slopes = ca.vec(ca.jacobian(part.graph, parameters))
         found |= {i for i, depends in enumerate(ca.which_depends(slopes, parameters, 1, False)) if depends}
-    return tuple(sorted(found | (set(prediction.load.active) if prediction.has_memory else set())))
+    return tuple(sorted(found | (set(prediction.load.active) if prediction.has_transfer_function else set())))

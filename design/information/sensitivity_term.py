@@ -22,7 +22,7 @@ class ReadingPart(Enum):
     """Which part of reading = H(s) load + zero."""
 
     LOAD = "load"
-    ZERO = "zero"
+    BIAS = "bias"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,7 @@ class SensitivityTerm:
     @property
     def _vector_function(self) -> VectorFunction:
         prediction = compiled_prediction(self.model)
-        return prediction.load if self.part is ReadingPart.LOAD else prediction.zero
+        return prediction.load if self.part is ReadingPart.LOAD else prediction.bias
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions are not pickled: workers of a pool compile their own.
@@ -97,7 +97,7 @@ def sensitivity_terms(model: WrenchModel, theta: Array, first: int = 0) -> tuple
     reading = H(s) load + zero, so d reading = H d load + dH load + d zero, the second for each parameter of H.
     """
     prediction = compiled_prediction(model)
-    parts = zip(prediction_terms(model, theta, first), (prediction.load, prediction.zero), strict=True)
+    parts = zip(prediction_terms(model, theta, first), (prediction.load, prediction.bias), strict=True)
     terms = [replace(t, by=part.active, columns=tuple(first + i for i in part.active)) for t, part in parts]
     for number, index in enumerate(prediction.transfer_parameters):
         slope = ModelTransferFunction(model=model, theta=tuple(theta), slope=number)
@@ -110,8 +110,12 @@ def sensitivity_terms(model: WrenchModel, theta: Array, first: int = 0) -> tuple
 
 def prediction_terms(model: WrenchModel, theta: Array, column: int, factor: float = 1.0) -> tuple[SensitivityTerm, ...]:
     """The terms of `factor` times the predicted reading at theta (k,), in one column of an experiment."""
-    response = ModelTransferFunction(model=model, theta=tuple(theta)) if compiled_prediction(model).has_memory else None
+    response = (
+        ModelTransferFunction(model=model, theta=tuple(theta))
+        if compiled_prediction(model).has_transfer_function
+        else None
+    )
     load = SensitivityTerm(
         model=model, theta=theta, part=ReadingPart.LOAD, by=None, columns=(column,), response=response, factor=factor
     )
-    return load, replace(load, part=ReadingPart.ZERO, response=None)
+    return load, replace(load, part=ReadingPart.BIAS, response=None)

@@ -50,7 +50,7 @@ def affected_rows(
     """
     fit, effect = null_model.fit, model.effects[-1]
     alone = compiled_prediction(model.base + effect)
-    inputs = {*alone.load.inputs, *alone.zero.inputs}
+    inputs = {*alone.load.inputs, *alone.bias.inputs}
     lasting = all(signals_are_periodic(inputs, recording) for recording in fit.recordings)
     unknowns = parameter_layout(model, fit.recordings)
     choice = []
@@ -70,9 +70,9 @@ def affected_rows(
 def sensitivity_signals(model: WrenchModel, point: GridPoint | None) -> set[str]:
     """Signals that the sensitivities of a model's last effect depend on; all of the model's for finite differences."""
     prediction = compiled_prediction(model)
-    parts = (prediction.load, prediction.zero)
+    parts = (prediction.load, prediction.bias)
     everything = {name for part in parts for name in part.inputs}
-    if point is None or point.named or prediction.play or prediction.level or prediction.deflection:
+    if point is None or point.named or not all(s.linear for s in prediction.stages) or prediction.deflection:
         return everything
     names = [p.name for p in model.parameters]
     which = tuple(names.index(p.name) for p in point.amplitudes)
@@ -114,7 +114,7 @@ def _cache_key(
     names = [p.name for p in model.parameters]
     which = tuple(names.index(p.name) for p in blocks[0].amplitudes)
     parts = []
-    for emitted in (prediction.load, prediction.zero):
+    for emitted in (prediction.load, prediction.bias):
         if set(which) & set(emitted.active):
             found = sensitivity_of(model, emitted, which)
             parts.append((found.expression, tuple((n, fit.values[n]) for n in found.parameters if n in fit.values)))

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.row_selection import RowChoice, RowSet
-from estimation.model_response import SensorDynamics, model_response, model_signals, signals_are_periodic
+from estimation.model_response import model_response, model_signals, motion_record, signals_are_periodic
 from estimation.noise.whitening import FourierLineWhitener, Whitener
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import NuisanceValues
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import VectorFunction, compiled_prediction
+from modeling.dynamics.motion_record import MotionRecord
+from modeling.dynamics.play import PlayedRecord
+from modeling.dynamics.transfer_function_response import through_transfer_function
 from modeling.evaluation.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
@@ -82,10 +85,10 @@ def _whitened_derivatives(
 ) -> Array:
     """Whitened derivatives (r, g, len(which)) in some parameters, at g parameter vectors theta (g, k)."""
     prediction, first, last = compiled_prediction(model), *rows.within(whitener)
-    clipped = prediction.level is not None
+    clipped = prediction.saturation is not None
     if (
         set(which) & set(prediction.transfer_parameters)
-        or prediction.deflection is not None
+        or not prediction.linearised
         or (clipped and len(theta) <= MAX_EXACT_POINTS)
     ):
         found = np.zeros((last - first, len(theta), len(which)))
@@ -103,33 +106,32 @@ def _whitened_derivatives(
 class SensitivitySummand:
     """A summand (n, p, g, a) of a reading's derivatives, over one repeat (`periodic`) or the whole record.
 
-    `passage` are the sensor dynamics still to be applied to it, None where there are none.
+    `unfiltered` is the record whose transfer function is still to be applied to it, None where there is none.
     """
 
     series: Array
     periodic: bool
-    passage: SensorDynamics | None = None
+    unfiltered: MotionRecord | None = None
 
     def read(self) -> Array:
-        """The summand after the sensor dynamics."""
-        return self.series if self.passage is None else self.passage.remembered(self.series)
+        """The summand after the transfer function."""
+        return self.series if self.unfiltered is None else through_transfer_function(self.unfiltered, self.series)
 
     def whitened(self, rows: RowSet, whitener: Whitener) -> Array:
         """Whitened, in some rows (r, g, a); on Fourier lines a transfer function is a factor of each line."""
-        after = whitener if self.passage is None else _whitener_with_transfer(self.passage, whitener)
+        after = whitener if self.unfiltered is None else _whitener_with_transfer(self.unfiltered, whitener)
         if after is None:
             return rows.whitened(whitener, self.read(), periodic=self.periodic)
         return rows.whitened(after, self.series, periodic=self.periodic)
 
 
-def _whitener_with_transfer(passage: SensorDynamics, whitener: Whitener) -> Whitener | None:
+def _whitener_with_transfer(record: MotionRecord, whitener: Whitener) -> Whitener | None:
     """Whitener that also applies the sensor's transfer function; None where that is not a factor of each line."""
-    prediction, recording = passage.prediction, passage.recording
-    if not prediction.has_memory or recording.dt is None:
+    if record.dt is None:
         return whitener
-    if not (isinstance(whitener, FourierLineWhitener) and recording.repeats > 1 and recording.continuous):
+    if not (isinstance(whitener, FourierLineWhitener) and record.clock.periodic):
         return None
-    return whitener.with_filter(lambda omega: prediction.transfer(omega, passage.theta)[0], recording.dt)
+    return whitener.with_filter(lambda omega: record.transfer(omega, record.theta)[0], record.dt)
 
 
 def sensitivity_series(
@@ -139,10 +141,10 @@ def sensitivity_series(
 
     For models without deflection, in parameters that are not of the transfer function.
     """
-    prediction = compiled_prediction(model)
-    outside = None if prediction.level is None else _clipped(model, recording, theta[0])
-    repeats = all(signals_are_periodic(e.inputs, recording) for e in (prediction.load, prediction.zero))
-    for emitted, passed in ((prediction.load, True), (prediction.zero, False)):
+    prediction, record = compiled_prediction(model), motion_record(model, recording, theta[0])
+    outside = None if prediction.saturation is None else _clipped(model, recording, theta[0])
+    repeats = all(signals_are_periodic(e.inputs, recording) for e in (prediction.load, prediction.bias))
+    for emitted, passed in ((prediction.load, True), (prediction.bias, False)):
         if not set(which) & set(emitted.active):
             continue
         sensitivity = sensitivity_of(model, emitted, which)
@@ -153,11 +155,10 @@ def sensitivity_series(
         slopes = sensitivity.values(model_signals(recording), values, samples)
         if slopes.shape[2] != len(theta):  # equal for all parameter vectors
             slopes = np.repeat(slopes, len(theta), axis=2)
-        summand = SensitivitySummand(slopes, periodic)
-        if passed and (prediction.play is not None or prediction.has_memory):
+        if passed and prediction.play is not None:
             load = emitted.value(model_signals(recording), theta[0], samples)  # amplitudes nominal: equal for all
-            passage = SensorDynamics(prediction, recording, theta[0], load)
-            summand = SensitivitySummand(passage.played(slopes), periodic, passage)
+            slopes = PlayedRecord.of(load, record).through(slopes)
+        summand = SensitivitySummand(slopes, periodic, record if passed and prediction.has_transfer_function else None)
         yield summand if outside is None else _zero_where_clipped(summand, outside, recording, whole=not repeats)
 
 
@@ -176,8 +177,8 @@ def _zero_where_clipped(
 def _clipped(model: WrenchModel, recording: Recording, theta: Array) -> NDArray[np.bool_]:
     """Mask (n, p) of clipped readings, whose only non-zero derivative is that in the saturation level."""
     prediction = compiled_prediction(model)
-    assert prediction.level is not None
-    limit = prediction.level.value({}, theta, 1)[0]
+    assert prediction.saturation is not None
+    limit = prediction.saturation.value({}, theta, 1)[0]
     return np.asarray(np.abs(model_response(model, recording, theta, derivative=False).value) >= limit)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from typing import Any
 
@@ -14,12 +13,12 @@ from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.local_polynomial import LocalPolynomial
 from estimation.contact.row_signals import ColumnDerivative, RowSignals
 from estimation.fit import Fit
-from modeling import symbolic as sp
 from modeling.chain.contact_gain import contact_gain_at, group_delay
-from modeling.dynamics.discrete_transfer_function import TransferFunctionFilter
-from modeling.dynamics.transfer_function import SymbolicTransferFunction
+from modeling.codegen.casadi_sample import CasadiSample, RecursiveFunction, state_size
+from modeling.codegen.fitted_model import sample_inputs, sample_program
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
+from modeling.space import signals
 from modeling.table import Table, Tabular
 from modeling.tool.wrench_components import contact_components
 
@@ -59,17 +58,14 @@ class ContactFilter(Tabular):
         self.calibration = (fitted if isinstance(fitted, CalibratedModel) else CalibratedModel.of(fitted)).lasting
         self.window = window
         model, theta = self.calibration.model, self.calibration.theta
-        model.require_direct("contact filter")
         biases = len(model.biases)
         self.zero = np.array(theta[:biases] if zero is None else zero, dtype=float)
         if self.zero.shape != (biases,) or not np.isfinite(self.zero).all():
             raise _error(f"a zero {self.zero.tolist()} for {biases} channels", "give one number for each channel")
-        self._shift = self.zero - theta[:biases]
         self.motion = RowSignals.of(columns, model.channels, rig)
         self.columns = (*self.motion.columns, *model.channels)
+        self._program = sample_program(model, theta, window.dt)
         self._derivatives, self._function = self._compiled()
-        values = dict(zip((p.symbol for p in model.parameters), theta, strict=True))
-        self._transfer = SymbolicTransferFunction.of(model.memory).at(values)
         self._inverse = np.linalg.inv(contact_gain_at(model, theta)[0])
         order = np.array([d.order for d in self._derivatives], dtype=np.intp)
         place = np.array([self.columns.index(d.column) for d in self._derivatives], dtype=np.intp)
@@ -77,20 +73,31 @@ class ContactFilter(Tabular):
         self.restart()
 
     def _compiled(self) -> tuple[tuple[ColumnDerivative, ...], Any]:
-        """Column derivatives that the model needs, and the CasADi function from them to load and zero (2p,)."""
-        model = self.calibration.model
-        expression = self.motion.substituted(sp.Matrix.vstack(model.load, model.zero), model)
-        return self.motion.function(expression, [p.symbol for p in model.parameters])
+        """Column derivatives that the model needs, and the CasADi function of one sample.
+
+        From the derivatives, the biases, the reading and the state to the residual, reading minus prediction, and the
+        next state.
+        """
+        import casadi as ca
+
+        model, theta = self.calibration.model, self.calibration.theta
+        derivatives, given, graphs = self.motion.graphs(model)
+        zero, reading = (ca.SX.sym(name, len(model.channels)) for name in ("zero", "reading"))
+        state = ca.SX.sym("state", state_size(self._program))
+        values = dict(zip((p.symbol for p in model.parameters), map(ca.SX, theta), strict=True))
+        values |= dict(zip((p.symbol for p in model.biases), ca.vertsplit(zero), strict=True))
+        values |= dict(zip(signals(*sample_inputs(model)), graphs, strict=True))
+        sample = CasadiSample.of(self._program, values, reading, state)
+        results = [ca.densify(sample.measured - sample.prediction), ca.densify(sample.next_state)]
+        return derivatives, ca.Function("row", [given, zero, reading, state], results)
 
     # ---------------------------------------------------------------------------------------- running
 
     def restart(self) -> None:
         """Clear all rows and states."""
-        self._predict = _direct(self._function, self.calibration.theta)
-        self._dynamics = TransferFunctionFilter(self._transfer, self.window.dt)
+        self._step = RecursiveFunction(self._function)
         self._rows = np.zeros((self.window.samples, len(self.columns)))
         self._row_count = 0
-        self._readings: deque[Array] = deque(maxlen=self._dynamics.wait + 1)
 
     def update(self, row: FilterRow) -> Array | None:
         """The contact wrench (p,), N and N m, `delay` seconds before this row; None during `warm_up`.
@@ -114,7 +121,7 @@ class ContactFilter(Tabular):
 
     def _with_zero(self, zero: Array) -> ContactFilter:
         other = copy(self)
-        other.zero, other._shift = zero, self._shift + zero - self.zero
+        other.zero = zero
         other.restart()
         return other
 
@@ -130,10 +137,9 @@ class ContactFilter(Tabular):
         if self._row_count < self.window.samples:
             return None
         moments = self.window.kernels @ self._rows
-        load, zero = self._predict(moments[self._order_and_column]).reshape(2, -1)
-        self._readings.append(moments[0, len(self.motion.columns) :] - zero - self._shift)
-        filtered_load = self._dynamics.step(load)
-        return self._readings[0] - filtered_load if self._row_count >= self.warm_up else None
+        reading = np.ascontiguousarray(moments[0, len(self.motion.columns) :])
+        (residual,) = self._step(moments[self._order_and_column], self.zero, reading)
+        return residual if self._row_count >= self.warm_up else None
 
     def _values(self, row: FilterRow) -> Array:
         if isinstance(row, Mapping):
@@ -151,7 +157,7 @@ class ContactFilter(Tabular):
     @property
     def delay(self) -> float:
         """Delay (s) of the contact wrench after its reading: half the window, and the wait for a leading sensor."""
-        return self.window.delay + self._dynamics.wait * self.window.dt
+        return self.window.delay + self._program.latency * self.window.dt
 
     @property
     def late(self) -> float:
@@ -161,7 +167,7 @@ class ContactFilter(Tabular):
     @property
     def warm_up(self) -> int:
         """Rows up to and including the first result."""
-        return self.window.samples + max(self._dynamics.wait, self._dynamics.settling)
+        return self.window.samples + max(self._program.latency, self._program.settling)
 
     @property
     def bandwidth(self) -> float:
@@ -211,23 +217,6 @@ class ContactFilter(Tabular):
             ("inertial load leaking into contact", f"{share:.2g} % at {self.bandwidth / 4:.3g} Hz"),
         ]
         return Table.of(("contact filter", "value"), rows)
-
-
-def _direct(function: Any, theta: Array) -> Callable[[Array], Array]:
-    """A CasADi function of (u, theta) as a function of u (m,) alone; only its result is copied."""
-    buffer, evaluate = function.buffer()
-    result = np.zeros(function.size1_out(0))
-
-    def run(values: Array) -> Array:
-        # Set at every call: the buffer holds no reference to its arguments.
-        for place, argument in enumerate((values, theta)):
-            if argument.size:
-                buffer.set_arg(place, memoryview(argument))  # type: ignore[arg-type]
-        buffer.set_res(0, memoryview(result))  # type: ignore[arg-type]
-        evaluate()
-        return result.copy()
-
-    return run
 
 
 def _error(what: str, remedy: str) -> InputError:

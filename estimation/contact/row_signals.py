@@ -14,11 +14,13 @@ from estimation.recordings.motion_form import motion_form
 from estimation.recordings.recording import QUATERNION, MotionForm, motion_columns, numbered_names
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
-from modeling.chain.prediction import VectorFunction
+from modeling.codegen.fitted_model import sample_inputs
 from modeling.errors import InputError
+from modeling.expressions.compilation import casadi_expressions
 from modeling.kinematics.arm import Arm
 from modeling.kinematics.quaternion import angular_motion
 from modeling.rig.rig import Rig
+from modeling.space import signals
 
 Array = NDArray[np.float64]
 SignalExpressions: TypeAlias = "dict[str, sp.Expr]"
@@ -44,7 +46,7 @@ class RowSignals:
 
     Rates and accelerations are those recorded, else derivatives of the highest recorded order below; without any of
     the sensor origin its acceleration is zero. Columns that are not part of the motion are signals by their own name.
-    With an `arm` the signals of its kinematics are symbols until `function` computes them from the joints.
+    With an `arm` the signals of its kinematics are symbols until `graphs` computes them from the joints.
     """
 
     columns: tuple[str, ...]
@@ -71,12 +73,30 @@ class RowSignals:
             signals |= _rotation(columns) | _translation(columns, "p", "vp", "ap", "xyz")
         return cls(tuple(columns), form, signals, arm)
 
-    def substituted(self, expression: sp.Matrix, model: WrenchModel) -> sp.Matrix:
-        """An expression of the model in terms of column derivatives and parameters.
+    def graphs(self, model: WrenchModel) -> tuple[tuple[ColumnDerivative, ...], Any, list[Any]]:
+        """Column derivatives that a sample of the model needs, their CasADi vector, and the graphs of its signals.
 
         Raises InputError when it needs signals that a row does not give.
         """
-        missing = [name for name in model.inputs_of(expression) if name not in self.signals]
+        import casadi as ca
+
+        names = sample_inputs(model)
+        self._require(names, model)
+        needs_kinematics = self.arm is not None and not set(self.arm.names).isdisjoint(names)
+        needed = {symbol.name for name in names for symbol in self.signals[name].free_symbols}
+        needed |= set(self._joint_state if needs_kinematics else ())
+        candidates = (ColumnDerivative(column, order) for column in self.columns for order in range(3))
+        derivatives = tuple(d for d in candidates if d.symbol.name in needed)
+        values = ca.SX.sym("derivatives", len(derivatives))
+        known = {d.symbol: values[i] for i, d in enumerate(derivatives)}
+        if self.arm is not None and needs_kinematics:
+            state = ca.vertcat(*(known[sp.Symbol(name, real=True)] for name in self._joint_state))
+            motion = self.arm.function(*ca.vertsplit(state, self.arm.joints))
+            known |= dict(zip(signals(*self.arm.names), ca.vertsplit(motion), strict=True))
+        return derivatives, values, casadi_expressions(known, [self.signals[name] for name in names])
+
+    def _require(self, names: Sequence[str], model: WrenchModel) -> None:
+        missing = [name for name in names if name not in self.signals]
         if missing:
             affected = [e.id for e in model.effects if set(missing) & set((model.base + e).inputs)]
             by = f" (for {', '.join(affected)})" if affected else ""
@@ -85,31 +105,6 @@ class RowSignals:
                 where="contact filter",
                 remedy="give these columns too, or leave the effect out",
             )
-        return expression.xreplace({sp.Symbol(name, real=True): value for name, value in self.signals.items()})
-
-    def function(
-        self, expression: sp.Matrix, parameters: Sequence[sp.Symbol]
-    ) -> tuple[tuple[ColumnDerivative, ...], Any]:
-        """Column derivatives in an expression of the model, and the CasADi function of them and the parameters."""
-        import casadi as ca
-
-        inputs = tuple(sorted(symbol.name for symbol in expression.free_symbols - set(parameters)))
-        needs_kinematics = self.arm is not None and not set(self.arm.names).isdisjoint(inputs)
-        needed = {*inputs, *(self._joint_state if needs_kinematics else ())}
-        candidates = (ColumnDerivative(column, order) for column in self.columns for order in range(3))
-        derivatives = tuple(d for d in candidates if d.symbol.name in needed)
-        values = ca.SX.sym("derivatives", len(derivatives))
-        known = {d.symbol.name: values[i] for i, d in enumerate(derivatives)}
-        if self.arm is not None and needs_kinematics:
-            state = ca.vertcat(*(known[name] for name in self._joint_state))
-            motion = self.arm.function(*ca.vertsplit(state, self.arm.joints))
-            known |= dict(zip(self.arm.names, ca.vertsplit(motion), strict=True))
-        compiled = VectorFunction.of(expression, inputs, tuple(parameters))
-        function = ca.Function("row", list(compiled.symbols), [compiled.graph])
-        theta = compiled.symbols[1]
-        return derivatives, ca.Function(
-            "row", [values, theta], [function(ca.vertcat(*(known[n] for n in inputs)), theta)]
-        )
 
     @property
     def _joint_state(self) -> list[str]:

@@ -108,7 +108,7 @@ def _first_repeated(recordings: Sequence[Recording]) -> Recording:
 def _require_no_dynamics(fitted: Fit) -> None:
     for own in fitted.layout.models:
         own.require_direct("errors_in_variables_fit")
-    if any(compiled_prediction(own).has_memory for own in fitted.layout.models):
+    if any(compiled_prediction(own).has_transfer_function for own in fitted.layout.models):
         raise InputError(
             what="input noise cannot be propagated through a lag or a delay",
             where="errors_in_variables_fit",

@@ -122,7 +122,7 @@ def whitened_pose_sensitivity(fitted: Fit, number: int, poses: CandidatePoses) -
     """Derivative (n, p, k) of the readings at poses in all unknowns of a fit, over the noise std of a recording."""
     fitted.layout.models[number].require_direct("pose advice")
     index, model = fitted.layout.index[number], compiled_prediction(fitted.layout.models[number])
-    parts = (e.tangent(poses.signals, fitted.theta[index], len(poses))[1] for e in (model.load, model.zero))
+    parts = (e.tangent(poses.signals, fitted.theta[index], len(poses))[1] for e in (model.load, model.bias))
     rows = np.zeros((len(poses), len(fitted.recordings[number].channels), fitted.layout.size))
     rows[:, :, index] = sum(parts) / fitted.noise[number].floor[:, None]
     return rows

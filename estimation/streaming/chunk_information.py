@@ -124,7 +124,7 @@ def _rows(piece: Chunk, model: WrenchModel, theta: Array | None) -> Array:
     samples, prediction = len(piece.wrench), compiled_prediction(model)
     _require_signals(piece, model.inputs)
     at = np.zeros(len(model.parameters)) if theta is None else theta
-    parts = [e.tangent(piece.signals, at, samples) for e in (prediction.load, prediction.zero)]
+    parts = [e.tangent(piece.signals, at, samples) for e in (prediction.load, prediction.bias)]
     return _stacked(piece.wrench, parts[0][0] + parts[1][0], parts[0][1] + parts[1][1])
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from typing import TYPE_CHECKING, TypeVar
 
 from modeling import symbolic as sp
+from modeling.chain.stages.bias import Bias
+from modeling.chain.stages.calibration import Gain, Mounting
+from modeling.chain.stages.linear_dynamics import LinearDynamics
+from modeling.chain.stages.stage import ChainStage, Stage, SymbolicMap
 from modeling.expressions.intermediate_variables import Definitions
 from modeling.space import SensorMotion, Space, vector
 from modeling.tool.rigid_body import RigidBody, newton_euler, rigid_body
@@ -16,62 +20,66 @@ if TYPE_CHECKING:
     from modeling.kinematics.perturbed_arm import PerturbedArm
 
 
-class Stage(Enum):
-    """Stage of the measurement chain on which an effect acts, in the order of the chain."""
-
-    JOINTS = "joints"
-    KINEMATICS = "kinematics"
-    DEFLECTION = "tip flexibility"
-    TIP_BODY = "tip body"
-    MOUNTING = "mounting"
-    GAIN = "gain"
-    NONLINEARITY = "nonlinearity"
-    PLAY = "play"
-    LINEAR_DYNAMICS = "linear dynamics"
-    ZERO = "zero"
-    SATURATION = "saturation"
-
-    @property
-    def adds(self) -> bool:
-        """Whether its effects change only load, transfer function and bias: no deflection, play or saturation."""
-        return self not in (Stage.DEFLECTION, Stage.PLAY, Stage.SATURATION)
+__all__ = ["Chain", "Stage", "point_on_tip", "rigid_chain", "velocity_on_tip", "world_vector"]
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Every stage of a wrench model as an expression.
+    """Every stage of a wrench model: the motion and wrench of the tool, then the stages of the sensor in order.
 
     arm        the perturbed arm, if an effect acts on joints or links: the motion signals follow from joint signals
     deflection  of the tool on a spring, None if rigid; all tool quantities are then in tool axes
     gravity    in the world, m/s²
     body       the tool's moments about the sensor origin
     force, torque   of the environment on the tool, tool axes, about the sensor origin
-    mounting   rotation from true sensor axes to the axes of the readings
-    sign       +1 or -1 per channel: the convention of the readings (and a mirrored axis)
-    gain       p x p, from the true wrench to the reading
-    quadratic, cubic   p each: a reading r becomes r + quadratic r² + cubic r³
-    play       half-widths (p) of the play operator between load and reading, None without
-    memory     transfer function in s of all channels
-    zero       bias and drift (p), added after the transfer function
-    level      saturation levels (p), None without
+    stages     from the true wrench to the reading: mounting, gain, nonlinearity, play, linear dynamics, bias, clipping
     """
 
     space: Space
     gravity: sp.Matrix
     body: RigidBody
-    sign: tuple[int, ...]
-    gain: sp.Matrix
-    zero: sp.Matrix
-    quadratic: sp.Matrix
-    cubic: sp.Matrix
+    stages: tuple[ChainStage, ...]
     arm: PerturbedArm | None = None
     deflection: Deflection | None = None
     force: sp.Matrix = field(default_factory=lambda: sp.zeros(3, 1))
     torque: sp.Matrix = field(default_factory=lambda: sp.zeros(3, 1))
-    mounting: sp.Matrix = field(default_factory=lambda: sp.eye(3))
-    play: sp.Matrix | None = None
-    memory: sp.Expr = field(default_factory=lambda: sp.S.One)
-    level: sp.Matrix | None = None
+
+    # ------------------------------------------------------------------------------- stages of the sensor
+
+    def __getitem__(self, kind: type[AnyStage]) -> AnyStage:
+        """The stage of that class; KeyError without."""
+        for stage in self.stages:
+            if isinstance(stage, kind):
+                return stage
+        raise KeyError(kind.__name__)
+
+    def with_stage(self, stage: ChainStage) -> Chain:
+        """The chain with that stage at its place, instead of an earlier one of its class."""
+        others = [other for other in self.stages if type(other) is not type(stage)]
+        return replace(self, stages=tuple(sorted([*others, stage], key=lambda s: s.place.number)))
+
+    @property
+    def maps(self) -> tuple[SymbolicMap, ...]:
+        """The stages up to the nonlinearity, from the true wrench to the load: symbolic maps."""
+        return tuple(s for s in self.stages if isinstance(s, SymbolicMap) and not _dynamic(s))
+
+    @property
+    def dynamics(self) -> tuple[ChainStage, ...]:
+        """The stages after the nonlinearity, from load to reading."""
+        return tuple(s for s in self.stages if _dynamic(s))
+
+    @property
+    def bias(self) -> sp.Matrix:
+        """Bias and drift (p, 1)."""
+        return self[Bias].value
+
+    @property
+    def transfer_function(self) -> sp.Expr:
+        """Transfer function in s of all channels, 1 without."""
+        found = [s.transfer_function for s in self.stages if isinstance(s, LinearDynamics)]
+        return found[0] if found else sp.S.One
+
+    # ------------------------------------------------------------------------------------ the tool's wrench
 
     @property
     def motion(self) -> SensorMotion:
@@ -94,19 +102,22 @@ class Chain:
 
     def load(self) -> sp.Matrix:
         """The reading before play, transfer function and bias: nonlinearity of gain · sign · mounting · wrench."""
-        linear = self.reading(*self.wrench())
-        terms = zip(linear, self.quadratic, self.cubic, strict=True)
-        return sp.Matrix([r + a * r**2 + b * r**3 if a != 0 or b != 0 else r for r, a, b in terms])
+        return self.reading(*self.wrench())
 
     def equilibrium(self) -> sp.Matrix:
         """Residual of the deflection's equation of motion, in the deflection signals; empty for a rigid mounting."""
         return sp.zeros(0, 1) if self.deflection is None else self.deflection.equilibrium(self.wrench()[1])
 
     def reading(self, force: sp.Matrix, torque: sp.Matrix) -> sp.Matrix:
-        """Linear reading of a wrench of the sensor on the tool (sensor frame): gain · sign · mounting · wrench."""
-        wrench = sp.Matrix.vstack(self.mounting * force, self.mounting * torque)
-        measured = sp.Matrix([wrench[row] for row in self.space.rows])
-        return self.gain * sp.diag(*self.sign) * measured
+        """The load of a wrench of the sensor on the tool (sensor frame)."""
+        return reduce(lambda reading, stage: stage.map(reading), self.maps, sp.Matrix.vstack(force, torque))
+
+
+AnyStage = TypeVar("AnyStage", bound=ChainStage)
+
+
+def _dynamic(stage: ChainStage) -> bool:
+    return stage.place.number > Stage.NONLINEARITY.number
 
 
 def rigid_chain(
@@ -114,24 +125,13 @@ def rigid_chain(
     *,
     gravity: float,
     sign: tuple[int, ...],
-    zero: sp.Matrix,
+    bias: sp.Matrix,
     mounting: sp.Matrix,
     arm: PerturbedArm | None = None,
 ) -> Chain:
     """The chain without effects: a rigid tool under gravity (m/s²), readings with the given signs."""
-    channels = len(space.channels)
-    return Chain(
-        space=space,
-        gravity=-sp.Float(gravity) * space.up,
-        body=rigid_body(space),
-        sign=sign,
-        gain=sp.eye(channels),
-        quadratic=sp.zeros(channels, 1),
-        cubic=sp.zeros(channels, 1),
-        zero=zero,
-        arm=arm,
-        mounting=mounting,
-    )
+    sensor = (Mounting(mounting, tuple(space.rows)), Gain(sp.eye(len(space.channels)), sign), Bias(bias))
+    return Chain(space=space, gravity=-sp.Float(gravity) * space.up, body=rigid_body(space), stages=sensor, arm=arm)
 
 
 def point_on_tip(chain: Chain, distance: sp.Expr) -> sp.Matrix:

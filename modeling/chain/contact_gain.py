@@ -26,7 +26,7 @@ def contact_gain(model: WrenchModel) -> sp.Matrix:
     """
     symbols = [sp.Symbol(name, real=True) for name in contact_components(model.space)]
     force, torque = contact_force_torque(model.space, symbols)
-    gain = sp.Matrix(model.chain.reading(-force, -torque).jacobian(symbols))
+    gain = sp.Matrix(model.chain.reading(-force, -torque).jacobian(symbols)).xreplace(dict.fromkeys(symbols, sp.S.Zero))
     if changing := model.inputs_of(gain):
         raise InputError(
             what=f"the gain from contact wrench to reading depends on '{changing[0]}', and a constant one is needed",
@@ -55,8 +55,8 @@ def group_delay(model: WrenchModel, theta: Array) -> float:
     """Group delay (s) of the transfer function at zero frequency: -dH/ds at s = 0."""
     from modeling.expressions.laplace_variable import laplace
 
-    if model.memory == 1:
+    if model.transfer_function == 1:
         return 0.0
-    slope = -sp.diff(model.memory, laplace()).subs(laplace(), 0)
+    slope = -sp.diff(model.transfer_function, laplace()).subs(laplace(), 0)
     symbols = [p.symbol for p in model.parameters]
     return float(numpy_function(symbols, [slope])(*theta)[0])

@@ -10,8 +10,9 @@ from itertools import permutations, product
 from typing import Any, Self, TypeVar
 
 from modeling import symbolic as sp
-from modeling.chain.chain import Chain, Stage, rigid_chain
+from modeling.chain.chain import Chain, rigid_chain
 from modeling.chain.effect import Effect
+from modeling.chain.stages.linear_dynamics import LinearDynamics
 from modeling.errors import InputError
 from modeling.evaluation.cache import PlainData, cached, canonical_data
 from modeling.expressions.intermediate_variables import Definitions, required_definitions
@@ -35,22 +36,22 @@ class ModelPart:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOutline:
-    """Outline of a model: its parts by name (see `WrenchModel.columns`), and whether it has a transfer function."""
+    """Outline of a model: its parts by name (see `WrenchModel.columns`), and the classes of stages after the load."""
 
     parts: Mapping[str, ModelPart]
-    has_memory: bool
+    stages: tuple[str, ...]
 
     @classmethod
-    def of(cls, columns: Mapping[str, SymbolicVector], memory: sp.Expr) -> Self:
+    def of(cls, model: WrenchModel) -> Self:
         """The outline of derived expressions."""
-        parts = {n: ModelPart(inputs=c.inputs, names=c.names, active=c.active) for n, c in columns.items()}
-        return cls(parts=parts, has_memory=bool(memory != 1))
+        parts = {n: ModelPart(inputs=c.inputs, names=c.names, active=c.active) for n, c in model.columns.items()}
+        return cls(parts=parts, stages=tuple(type(stage).__name__ for stage in model.chain.dynamics))
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Self:
         """Inverse of `to_data`; KeyError or TypeError for other data."""
         parts = {name: _part(**part) for name, part in data["parts"].items()}
-        return cls(parts=parts, has_memory=bool(data["has_memory"]))
+        return cls(parts=parts, stages=tuple(data["stages"]))
 
     def to_data(self) -> dict[str, Any]:
         """The outline as plain data."""
@@ -58,9 +59,9 @@ class ModelOutline:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of all input signals of the parts, and the time if the model has memory."""
+        """Names of all input signals of the parts, and the time if the model has a transfer function."""
         names = {name for part in self.parts.values() for name in part.inputs}
-        return tuple(sorted(names | ({"time"} if self.has_memory else set())))
+        return tuple(sorted(names | ({"time"} if LinearDynamics.__name__ in self.stages else set())))
 
 
 def _part(*, inputs: list[str], names: list[str], active: list[int]) -> ModelPart:
@@ -182,18 +183,16 @@ class WrenchModel:
         """The measurement chain with all effects, applied in the order of the stages."""
         sign = -1 if self.convention is Convention.ON_SENSOR else 1
         signs = tuple(-sign if self.mirror_y and c == "fy" else sign for c in self.channels)
-        zero = sp.Matrix([p.symbol for p in self.biases])
         perturbed = self.arm is not None and any(effect.needs_joints for effect in self.effects)
         chain = rigid_chain(
             self.space,
             gravity=self.gravity,
             sign=signs,
-            zero=zero,
+            bias=sp.Matrix([p.symbol for p in self.biases]),
             mounting=sp.Matrix(self.mounting),
             arm=PerturbedArm.as_described(self.arm) if perturbed and self.arm is not None else None,
         )
-        stages = list(Stage)
-        for effect in sorted(self.effects, key=lambda e: stages.index(e.stage)):
+        for effect in sorted(self.effects, key=lambda e: e.stage.number):
             chain = effect.applied(chain)
         return chain
 
@@ -208,20 +207,20 @@ class WrenchModel:
         return self.chain.definitions()
 
     @property
-    def zero(self) -> sp.Matrix:
+    def bias(self) -> sp.Matrix:
         """Biases and drift, added after the transfer function, (p, 1)."""
-        return self.chain.zero
+        return self.chain.bias
 
     @property
-    def memory(self) -> sp.Expr:
+    def transfer_function(self) -> sp.Expr:
         """Transfer function in s from load to reading."""
-        return self.chain.memory
+        return self.chain.transfer_function
 
     @property
     def direct(self) -> bool:
         """Whether the model is load, transfer function and bias: no play, deflection, saturation or perturbed arm."""
         chain = self.chain
-        return chain.play is None and chain.deflection is None and chain.level is None and chain.arm is None
+        return chain.deflection is None and chain.arm is None and all(stage.linear for stage in chain.dynamics)
 
     def require_direct(self, where: str) -> None:
         """Raise InputError, naming the effects at fault, when the model is not `direct`."""
@@ -240,16 +239,13 @@ class WrenchModel:
 
     @cached_property
     def columns(self) -> Mapping[str, SymbolicVector]:
-        """The symbolic parts as vectors of expressions: load and zero; play, level and deflection if present.
+        """The symbolic parts as vectors of expressions: the load, those of the stages after it, and the deflection.
 
         `deflected load` and `equilibrium` have the deflection signals among their parameters, and the same inputs.
         """
         chain, symbols = self.chain, tuple(p.symbol for p in self.parameters)
-        parts = {"load": self.load, "zero": chain.zero, "play": chain.play, "level": chain.level}
-        present = {name: part for name, part in parts.items() if part is not None}
-        found = {
-            n: SymbolicVector(part, self.inputs_of(part), symbols, self.definitions) for n, part in present.items()
-        }
+        parts = {"load": self.load} | {name: part for s in chain.dynamics for name, part in s.vectors().items()}
+        found = {n: SymbolicVector(part, self.inputs_of(part), symbols, self.definitions) for n, part in parts.items()}
         if chain.deflection is not None:
             deflected, equilibrium = symbols + chain.deflection.signals, chain.equilibrium()
             inputs = self.inputs_of(sp.Matrix.vstack(self.load, equilibrium))
@@ -260,9 +256,7 @@ class WrenchModel:
     @cached_property
     def outline(self) -> ModelOutline:
         """Outline of the model, from the disk cache if it was derived before."""
-        return self.stored(
-            "outline", lambda: ModelOutline.of(self.columns, self.memory).to_data(), ModelOutline.from_data
-        )
+        return self.stored("outline", lambda: ModelOutline.of(self).to_data(), ModelOutline.from_data)
 
     @property
     def inputs(self) -> tuple[str, ...]:

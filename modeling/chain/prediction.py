@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -11,7 +12,13 @@ from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
+from modeling.chain.stages.bias import Bias
+from modeling.chain.stages.linear_dynamics import LinearDynamics
+from modeling.chain.stages.play import Play
+from modeling.chain.stages.saturation import Clipping
+from modeling.chain.stages.stage import ChainStage
 from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
+from modeling.dynamics.motion_record import MotionRecord, ResponsePart
 from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.evaluation.vector_function import Array, CompiledVector, Signals, VectorFunction
 from modeling.expressions.laplace_variable import laplace
@@ -22,6 +29,9 @@ if TYPE_CHECKING:
     from modeling.dynamics.time_base import TimeBase
 
 ValueAndDerivative = tuple[Array, Array]
+
+STAGES: Mapping[str, type[ChainStage]] = {s.__name__: s for s in (Play, LinearDynamics, Bias, Clipping)}
+"""The stages from load to reading, by name."""
 
 __all__ = ["Array", "DeflectedLoad", "Prediction", "Signals", "VectorFunction", "compiled_prediction"]
 
@@ -76,6 +86,20 @@ class DeflectedLoad:
         self._tangent.run(changing, theta[None], outputs)
         return value, slopes[:, :, : self.size] + slopes[:, :, self.size :] @ deflected.slopes
 
+    def response(self, record: MotionRecord, tolerance: float = DEFLECTION_TOLERANCE) -> ResponsePart:
+        """The load along a record: periodic steady state for a periodic motion, from rest in every single run."""
+        periodic = record.repeating(self.inputs)
+        samples = record.samples(periodic=periodic)
+        runs = {name: record.runs(values[:samples]) for name, values in record.signals.items()}
+        several = [dict(zip(runs, run, strict=True)) for run in zip(*runs.values(), strict=True)]
+        each, wanted = samples // len(several), record.derivative
+        parts = [
+            self.tangent(run, record.theta, each, record.clock, derivative=wanted, tolerance=tolerance)
+            for run in several
+        ]
+        value, slopes = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return ResponsePart(value, slopes, periodic)
+
     @cached_property
     def _value(self) -> TapeEvaluation:
         """The load as a function of signals and deflection, for parameters theta."""
@@ -90,7 +114,7 @@ class DeflectedLoad:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The compiled parts of a model: `load`, transfer function, and the bias `zero` added after it."""
+    """The compiled parts of a model: the load, and the stages from load to reading."""
 
     model: WrenchModel
 
@@ -100,33 +124,51 @@ class Prediction:
         return tuple(p.symbol for p in self.model.parameters)
 
     @cached_property
+    def stages(self) -> tuple[type[ChainStage], ...]:
+        """The classes of the stages from load to reading; those of other packages from the derived chain."""
+        names = self.model.outline.stages
+        if all(name in STAGES for name in names):
+            return tuple(STAGES[name] for name in names)
+        return tuple(type(stage) for stage in self.model.chain.dynamics)
+
+    @property
     def load(self) -> VectorFunction:
         """The static part before play and transfer function."""
-        return self._emitted("load")
+        return self.vector("load")
 
-    @cached_property
-    def zero(self) -> VectorFunction:
+    @property
+    def bias(self) -> VectorFunction:
         """Biases and drift, added after the transfer function."""
-        return self._emitted("zero")
+        return self.vector("bias")
 
-    @cached_property
+    @property
     def play(self) -> VectorFunction | None:
         """Half-widths (p,) of the play operator, functions of parameters alone; None without."""
-        return self._emitted("play") if "play" in self.model.outline.parts else None
+        return self.vector("play") if Play in self.stages else None
 
-    @cached_property
-    def level(self) -> VectorFunction | None:
+    @property
+    def saturation(self) -> VectorFunction | None:
         """Saturation levels (p,), functions of parameters alone; None without."""
-        return self._emitted("level") if "level" in self.model.outline.parts else None
+        return self.vector("saturation") if Clipping in self.stages else None
 
     @cached_property
     def deflection(self) -> DeflectedLoad | None:
         """Load and equation of motion of a tool on a spring; None for a rigid mounting."""
         if "equilibrium" not in self.model.outline.parts:
             return None
-        return DeflectedLoad(self._emitted("deflected load"), self._emitted("equilibrium"), len(self.model.parameters))
+        return DeflectedLoad(self.vector("deflected load"), self.vector("equilibrium"), len(self.model.parameters))
 
-    def _emitted(self, name: str) -> VectorFunction:
+    @cached_property
+    def _vectors(self) -> dict[str, VectorFunction]:
+        return {}
+
+    def vector(self, name: str) -> VectorFunction:
+        """A part of the model by its name (`WrenchModel.columns`), compiled once."""
+        if name not in self._vectors:
+            self._vectors[name] = self._compiled(name)
+        return self._vectors[name]
+
+    def _compiled(self, name: str) -> VectorFunction:
         """A part of the model, its compilation cached on disk."""
         model, part = self.model, self.model.outline.parts[name]
 
@@ -138,14 +180,19 @@ class Prediction:
         return VectorFunction(part.inputs, part.names, part.active, lambda: model.columns[name], compiled_part)
 
     @property
-    def has_memory(self) -> bool:
-        """Whether the model has a transfer function."""
-        return self.model.outline.has_memory
+    def has_transfer_function(self) -> bool:
+        """Whether the sensor has linear dynamics."""
+        return LinearDynamics in self.stages
 
     @property
     def instantaneous(self) -> bool:
         """Whether the model is static: reading = load + bias of the same sample."""
-        return not self.has_memory and self.play is None and self.deflection is None and self.level is None
+        return self.deflection is None and self.stages == (Bias,)
+
+    @property
+    def linearised(self) -> bool:
+        """Whether screening may propagate variations of the load: no deflection, and only stages that it knows."""
+        return self.deflection is None and all(stage in STAGES.values() for stage in self.stages)
 
     @property
     def transfer_parameters(self) -> tuple[int, ...]:
@@ -157,10 +204,10 @@ class Prediction:
         """H(s) and its derivative in the parameters."""
 
         def derived() -> CompiledVector:
-            transfer = self.model.memory.xreplace({laplace(): sp.Symbol("s", real=True)})
+            transfer = self.model.transfer_function.xreplace({laplace(): sp.Symbol("s", real=True)})
             return CompiledVector.of(SymbolicVector(sp.Matrix([transfer]), ("s",), self.symbols))
 
-        return self.model.stored("memory", lambda: derived().to_data(), CompiledVector.from_data)
+        return self.model.stored("transfer function", lambda: derived().to_data(), CompiledVector.from_data)
 
     @cached_property
     def _transfer_evaluation(self) -> TapeEvaluation:

@@ -21,9 +21,9 @@ def regressor(model: WrenchModel) -> sp.Matrix:
     """
     model.require_direct("regressor")
     symbols = [p.symbol for p in model.parameters]
-    prediction = (model.load + model.zero).applyfunc(sp.expand)
+    prediction = (model.load + model.bias).applyfunc(sp.expand)
     phi = prediction.jacobian(symbols)
-    if model.memory != 1 or phi.free_symbols & set(symbols):
+    if model.transfer_function != 1 or phi.free_symbols & set(symbols):
         raise InputError(
             what="the model is not linear in its parameters",
             where=" + ".join(["rigid tip", *(e.id for e in model.effects)]),

@@ -49,7 +49,7 @@ def derive_regressor_basis(model: WrenchModel) -> RegressorBasis | None:
     Of the elements of Phi' and of the prediction at theta = 0, in order of length, those are selected that are linearly
     independent of the preceding ones: a signal precedes the products that contain it.
     """
-    if not model.direct or model.memory != 1 or not _satisfies_superposition(model):
+    if not model.direct or model.transfer_function != 1 or not _satisfies_superposition(model):
         return None
     try:
         expanded = regressor(model)
@@ -73,7 +73,7 @@ def _satisfies_superposition(model: WrenchModel) -> bool:
 
     A linear prediction passes to rounding; a nonlinear one that passes by chance is rejected by `regressor`.
     """
-    prediction, rng = model.load + model.zero, np.random.default_rng(0)
+    prediction, rng = model.load + model.bias, np.random.default_rng(0)
     own = {p.symbol for p in model.parameters}
     motion = {s: sp.Float(rng.uniform(0.5, 1.5)) for s in sorted(prediction.free_symbols - own, key=str)}
     drawn = [rng.uniform(0.5, 1.5, len(model.parameters)) for _ in range(2)]
@@ -94,13 +94,13 @@ def _elements(model: WrenchModel) -> list[sp.Expr]:
     expanded P would expand.
     """
     symbols = [p.symbol for p in model.parameters]
-    prediction, constant = model.load + model.zero, _at_zero(model)
+    prediction, constant = model.load + model.bias, _at_zero(model)
     columns = [prediction.xreplace({s: sp.Integer(s == own) for s in symbols}) - constant for own in symbols]
     return [element for column in (*columns, constant) for element in column]
 
 
 def _at_zero(model: WrenchModel) -> sp.Matrix:
-    return (model.load + model.zero).xreplace({p.symbol: sp.Integer(0) for p in model.parameters})
+    return (model.load + model.bias).xreplace({p.symbol: sp.Integer(0) for p in model.parameters})
 
 
 def _polynomial(expanded: sp.Expr) -> Polynomial:

@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from textwrap import wrap
 
 from modeling.chain.model import ALIGNED_MOUNTING
-from modeling.codegen.discrete_time_model import has_memory
 from modeling.codegen.expression_text import comment_text
-from modeling.codegen.fitted_model import FittedModel
+from modeling.codegen.fitted_model import FittedModel, has_memory
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.parameter import Parameter
 from modeling.rig.rig import Convention
@@ -143,38 +142,25 @@ def dynamics_documentation(fitted: FittedModel) -> list[str]:
             f"The model has memory. The code is for {1 / fitted.dt:.9g} samples per second without gaps; its initial"
             " state is the steady state under the first sample."
         )
-    if fitted.deflection is not None:
+    if fitted.model.chain.deflection is not None:
         found.append(
             "The tool is mounted on a rotational spring and damper. Its deflection is solved at every sample by a fixed"
             " number of steps of Newton's method; its forcing is linear between samples (first-order hold). It starts"
             " from the static equilibrium of the first sample."
         )
-    if fitted.discrete is not None:
-        values = ", ".join(f"{p.name} = {fitted.values[p.name]!r} {p.unit}" for p in fitted.transfer_parameters)
-        found.append(f"Fixed in the transfer function: {values}. It filters a contact as it does the load.")
-        if fitted.discrete.wait:
-            found.append(
-                f"Readings lead the motion, or lag it by less than one sample: outputs belong to the sample of"
-                f" {fitted.discrete.wait} samples ago."
-            )
-    if "level" in fitted.parts:
-        found.append("Readings saturate: while one is at its saturation level, the contact is only a bound.")
-    return found
+    if fitted.fixed_parameters:
+        values = ", ".join(f"{p.name} = {fitted.values[p.name]!r} {p.unit}" for p in fitted.fixed_parameters)
+        found.append(f"Fixed in the discretisation: {values}.")
+    if fitted.program.latency:
+        found.append(
+            f"Readings lead the motion, or lag it by less than one sample: outputs belong to the sample of"
+            f" {fitted.program.latency} samples ago."
+        )
+    return found + [note for stage in fitted.model.chain.dynamics for note in stage.notes()]
 
 
 def derivative_documentation(fitted: FittedModel, layout: str) -> str:
     """The derivative and its memory layout."""
     if fitted.linear:
         return f"Regressor {layout}: reading = regressor * parameters, in their order."
-    return f"Derivative {layout}, of `load + zero` of one sample in the parameters, in their order."
-
-
-def sample_documentation(fitted: FittedModel) -> str:
-    """The quantities of a sample, in order."""
-    texts = {
-        "load": "load: the reading before play, transfer function and bias",
-        "zero": "zero: the bias, added last",
-        "width": "width: half-width of the play operator",
-        "level": "level: saturation level of the readings",
-    }
-    return "; ".join(texts[name] for name in fitted.parts) + "."
+    return f"Derivative {layout}, of load + bias of one sample in the parameters, in their order."

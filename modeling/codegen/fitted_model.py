@@ -1,9 +1,9 @@
-"""A fitted model as the code generators take it: estimated parameters, programs and discretised dynamics."""
+"""A fitted model as the code generators take it: estimated parameters and programs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 from modeling import symbolic as sp
 from modeling.chain.contact_gain import contact_gain
 from modeling.chain.model import WrenchModel
-from modeling.codegen.discrete_time_model import (
-    deflection_integrator,
-    discrete_transfer_function,
-    has_memory,
-    sample_inputs,
-)
-from modeling.dynamics.discrete_deflection import DiscreteDeflection
-from modeling.dynamics.discrete_transfer_function import DiscreteTransferFunction
-from modeling.expressions.operation_count import OperationCount
+from modeling.chain.prediction import compiled_prediction
+from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
+from modeling.dynamics.sample_program import SampleProgram, SampleProgramBuilder
+from modeling.errors import InputError
+from modeling.expressions.intermediate_variables import required_definitions
 from modeling.expressions.straight_line_program import StraightLineProgram, forward_derivative
 from modeling.parameter import Parameter
+from modeling.space import signals
 from modeling.tool.wrench_components import contact_components
 
 Array = NDArray[np.float64]
@@ -50,14 +47,6 @@ class FittedModel:
         return cls(model.lasting, lasting, dt, tuple(e.id for e in model.effects if e.per_recording))
 
     @cached_property
-    def discrete(self) -> DiscreteTransferFunction | None:
-        """The transfer function discretised at dt, None for a model without one.
-
-        Raises InputError without a dt, or when it has no stable proper rational realisation with a delay.
-        """
-        return discrete_transfer_function(self.model, self.theta, self.dt)
-
-    @cached_property
     def inputs(self) -> tuple[str, ...]:
         """The signals of a sample, sorted by name."""
         return sample_inputs(self.model)
@@ -72,87 +61,49 @@ class FittedModel:
         """The number of channels p."""
         return len(self.model.channels)
 
-    # ------------------------------------------------------------------------------ programs of a sample
+    # -------------------------------------------------------------------------------------- its programs
 
     @cached_property
-    def parts(self) -> dict[str, sp.Matrix]:
-        """Vectors (p,) evaluated per sample, by name: load, zero (bias), and where they exist width and level.
-
-        width are the half-widths of the play operator, level the saturation levels of the readings.
-        """
-        chain = self.model.chain
-        found = {"load": self.model.load, "zero": self.model.zero, "width": chain.play, "level": chain.level}
-        return {name: part for name, part in found.items() if part is not None}
-
-    @cached_property
-    def gain(self) -> sp.Matrix:
-        """The contact gain (p, p), a function of the parameters."""
-        return contact_gain(self.model)
-
-    @cached_property
-    def program(self) -> StraightLineProgram:
-        """The elements of the parts, concatenated."""
-        return StraightLineProgram.of([e for part in self.parts.values() for e in part], self.model.definitions)
-
-    @cached_property
-    def deflection(self) -> DiscreteDeflection | None:
-        """The tool's deflection discretised at dt, None for a rigid tool.
-
-        Raises InputError without a dt, or when the tool's inertia is not positive definite.
-        """
-        integrator = deflection_integrator(self.model, self.theta, self.dt)
-        return None if integrator is None else integrator.sampled
-
-    @cached_property
-    def equilibrium(self) -> StraightLineProgram | None:
-        """Residual (d,) of the deflection's equation of motion, then its Jacobian (d, 3 d) in the deflection."""
-        deflection = self.model.chain.deflection
-        if deflection is None:
-            return None
-        residual = StraightLineProgram.of(list(self.model.chain.equilibrium()), self.model.definitions).shared
-        jacobian = forward_derivative(residual, deflection.signals)
-        return StraightLineProgram.of([*residual.results, *jacobian.results], jacobian.steps)
-
-    @cached_property
-    def inverse_gain(self) -> Array | None:
-        """Inverse (p, p) of the contact gain where that is constant, else None."""
-        if self.gain.free_symbols:
-            return None
-        return np.asarray(np.linalg.inv(np.array(self.gain.tolist(), dtype=float)))
+    def program(self) -> SampleProgram:
+        """One sample; InputError as from `sample_program`."""
+        return sample_program(self.model, self.theta, self.dt)
 
     @property
-    def output_operations(self) -> OperationCount:
-        """Operations per sample after its parts: play, transfer function, bias, contact with a constant gain."""
-        p, discrete = self.size, self.discrete
-        each = OperationCount(sums=1)
-        if "width" in self.parts:
-            each += OperationCount(sums=2)
-        if discrete is not None:
-            r, taps = discrete.order, len(discrete.weights)
-            each += OperationCount(sums=r + r * r, products=1 + r + r * (1 + r))
-            each += OperationCount(sums=taps - 1, products=taps if discrete.held > 1 else 0)
-        each += OperationCount(sums=1 + p - 1, products=p)
-        return OperationCount.sum([each] * p)
+    def residual(self) -> tuple[sp.Symbol, ...]:
+        """Symbols of the reading minus the prediction (p,)."""
+        return tuple(sp.Symbol(f"sample:residual_{i}", real=True) for i in range(self.size))
+
+    @cached_property
+    def contact(self) -> SampleProgram:
+        """The contact wrench (p,) of a `residual`: inverse contact gain times residual."""
+        gain, residual, sample = contact_gain(self.model), sp.Matrix(self.residual), SampleProgramBuilder({}, 0.0)
+        if not gain.free_symbols:
+            return sample.finished(sample.assigned("contact", list(gain.inv() * residual)))
+        zero, wrench = [sp.S.Zero] * self.size, signals(*self.components)
+        equation = list(gain * sp.Matrix(wrench) - residual)
+        about = "contact gain * contact = residual: linear, one step of Newton's method solves it"
+        solve = sample.solved(
+            "contact", zero, equation, lambda found: tuple(zip(wrench, found, strict=True)), steps=1, about=about
+        )
+        return sample.finished(solve)
 
     # ------------------------------------------------------------------------------------ its parameters
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters that the generated code takes, in the model's order."""
-        used = self.program.free_symbols | self.gain.free_symbols
-        used |= set() if self.equilibrium is None else self.equilibrium.free_symbols
+        used = self.program.free_symbols | self.contact.free_symbols
         return tuple(p for p in self.model.parameters if p.symbol in used)
+
+    @property
+    def fixed_parameters(self) -> tuple[Parameter, ...]:
+        """The parameters whose values are fixed in a discretisation."""
+        return tuple(p for p in self.model.parameters if p not in self.parameters)
 
     @cached_property
     def values(self) -> dict[str, float]:
         """Estimates of all parameters of the model, by name."""
         return dict(zip((p.name for p in self.model.parameters), map(float, self.theta), strict=True))
-
-    @cached_property
-    def transfer_parameters(self) -> tuple[Parameter, ...]:
-        """The parameters of the transfer function: their values are fixed in its discretisation."""
-        used = self.model.memory.free_symbols
-        return tuple(p for p in self.model.parameters if p.symbol in used)
 
     # ------------------------------------------------------------------------------------ its derivative
 
@@ -162,23 +113,75 @@ class FittedModel:
 
         None where the tool deflects, since the deflection has memory, and above LARGEST_DERIVATIVE.
         """
-        too_long = self.program.shared.operations.total * len(self.parameters) > LARGEST_DERIVATIVE
-        if self.equilibrium is not None or too_long:
+        too_long = self.reading.shared.operations.total * len(self.parameters) > LARGEST_DERIVATIVE
+        if self.model.chain.deflection is not None or too_long:
             return None
-        reading = StraightLineProgram.of(list(self.model.load + self.model.zero), self.model.definitions)
-        return forward_derivative(reading.shared, [p.symbol for p in self.parameters])
+        return forward_derivative(self.reading.shared, [p.symbol for p in self.parameters])
+
+    @cached_property
+    def reading(self) -> StraightLineProgram:
+        """load + bias (p,)."""
+        whole = self.model.load + self.model.bias
+        return StraightLineProgram.of(list(whole), required_definitions(self.model.definitions, whole))
 
     @cached_property
     def linear(self) -> bool:
         """Whether a reading is the derivative times the parameters: linear, without memory, play or saturation."""
         symbols = {p.symbol for p in self.model.parameters}
-        if self.sensitivity is None or has_memory(self.model) or len(self.parts) > 2:
+        if not compiled_prediction(self.model).instantaneous or self.sensitivity is None:
             return False
         if self.sensitivity.free_symbols & symbols:
             return False
-        return not any(e.xreplace(dict.fromkeys(symbols, sp.S.Zero)) for e in self.model.load + self.model.zero)
+        return not any(e.xreplace(dict.fromkeys(symbols, sp.S.Zero)) for e in self.reading.results)
 
     @property
     def derivative_name(self) -> str:
         """The derivative's name in generated code: regressor where the model is linear in the parameters."""
         return "regressor" if self.linear else "sensitivity"
+
+
+def has_memory(model: WrenchModel) -> bool:
+    """Whether a reading depends on earlier samples (linear dynamics, play or deflection)."""
+    return model.chain.deflection is not None or any(stage.memory for stage in model.chain.dynamics)
+
+
+def sample_inputs(model: WrenchModel) -> tuple[str, ...]:
+    """The signals that the prediction of one sample needs, sorted by name; time only if an effect depends on it."""
+    stages = (vector for stage in model.chain.dynamics for vector in stage.vectors().values())
+    parts = (model.load, model.chain.equilibrium(), *stages)
+    return tuple(sorted({name for part in parts for name in model.inputs_of(part)}))
+
+
+def sample_program(model: WrenchModel, theta: Array, dt: float | None) -> SampleProgram:
+    """One sample of a model with the parameters theta (k,), at the sampling interval dt (s).
+
+    The initial state is the steady state under the first sample. Signals and parameters are free symbols, but for those
+    parameters that a discretisation fixes. Raises InputError when the model has memory and no dt is given, when its
+    transfer function has no stable proper rational realisation with a delay, or when the inertia of a deflecting tool
+    is not positive definite.
+    """
+    return _sample_program(model, tuple(map(float, theta)), dt)
+
+
+@lru_cache(maxsize=16)
+def _sample_program(model: WrenchModel, theta: tuple[float, ...], dt: float | None) -> SampleProgram:
+    values = dict(zip((p.symbol for p in model.parameters), theta, strict=True))
+    chain, step = model.chain, _sampling_interval(model, dt)
+    sample = SampleProgramBuilder(values, step, model.definitions)
+    tool = compiled_prediction(model).deflection
+    if chain.deflection is not None and tool is not None:
+        discrete = DiscreteDeflection.of(tool.equation, len(tool.inputs), np.array(theta), step)
+        deflected(discrete, sample, chain.deflection, chain.equilibrium())
+    reading = sample.assigned("load", list(model.load), about="load: the reading before the sensor's dynamics and bias")
+    for stage in chain.dynamics:
+        reading = stage.step(sample, reading)
+    return sample.finished(reading)
+
+
+def _sampling_interval(model: WrenchModel, dt: float | None) -> float:
+    """dt (s); 0 for a model without memory when it is not given. InputError, naming the effects, for one with."""
+    if dt is None and has_memory(model):
+        dynamic = ", ".join(e.id for e in model.effects if has_memory(model.base + e))
+        what = f"the model has memory ({dynamic}), and the sampling interval is not known"
+        raise InputError(what=what, where="rate", remedy="give --rate HZ, the sampling rate at which the code will run")
+    return 0.0 if dt is None else dt

@@ -9,6 +9,7 @@ from dataclasses import fields
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain
 from modeling.chain.regressor import regressor_functions
+from modeling.codegen.code_target import CodeTarget
 from modeling.codegen.documentation import regressor_documentation, signal_documentation
 from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
@@ -142,12 +143,27 @@ LatexEquations = list[tuple[str, str]]
 WRENCH_SYMBOLS = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 
 
-def latex_model(fitted: FittedModel, source: str) -> str:
-    """The document of a fitted model; `source` names the project and its version."""
-    text = [latex_escaped(paragraph) + "\n" for paragraph in signal_documentation(fitted)]
-    for title, pairs in stage_equations(fitted):
-        text += [rf"\subsection*{{{latex_escaped(title)}}}", latex_equations(pairs)]
-    return latex_document(source, [*text, r"\subsection*{Parameters}", parameter_table(fitted)])
+class LatexTarget(CodeTarget):
+    """A document for standard LaTeX."""
+
+    name = "latex"
+    suffix = ".tex"
+    sampled = False
+
+    def regressor(self, base: RigidToolRegressor, source: str) -> str:
+        """A document: frames, parameters and equations."""
+        text = [latex_escaped(paragraph) + "\n" for paragraph in regressor_documentation(base)]
+        theta = [latex_name(p.name) for p in base.parameters]
+        parameters = latex_equations([(r"\theta", latex_matrix([theta]) + r"^\top")])
+        body = planar_equations(base) if base.space is Space.PLANE else spatial_equations(base)
+        return latex_document(source, [*text, parameters, body])
+
+    def model(self, fitted: FittedModel, source: str) -> str:
+        """A document: every stage, and the parameters."""
+        text = [latex_escaped(paragraph) + "\n" for paragraph in signal_documentation(fitted)]
+        for title, pairs in stage_equations(fitted):
+            text += [rf"\subsection*{{{latex_escaped(title)}}}", latex_equations(pairs)]
+        return latex_document(source, [*text, r"\subsection*{Parameters}", parameter_table(fitted)])
 
 
 def stage_equations(fitted: FittedModel) -> Iterator[tuple[str, LatexEquations]]:
@@ -166,10 +182,9 @@ def stage_equations(fitted: FittedModel) -> Iterator[tuple[str, LatexEquations]]
         yield "Environment's forces and torques on the tool", found
     if chain.deflection is not None:
         yield "Equation of motion of the deflection", [("0", latex_expression(e)) for e in chain.equilibrium()]
-    yield "Reading before play, transfer function and bias", channel_equations(chain)
-    yield from output_equations(chain)
+    yield from sensor_equations(chain)
     if fitted.linear:
-        values = sp.Matrix(model.load + model.zero).jacobian([p.symbol for p in fitted.parameters])
+        values = sp.Matrix(model.load + model.bias).jacobian([p.symbol for p in fitted.parameters])
         yield "Regressor: y = Phi theta", [(r"\Phi", latex_matrix_of(values))]
 
 
@@ -193,38 +208,22 @@ def newton_euler_equations(chain: Chain) -> LatexEquations:
     return [(WRENCH_SYMBOLS[row], latex_expression(wrench[row])) for row in chain.space.rows]
 
 
-def channel_equations(chain: Chain) -> LatexEquations:
-    """The channels: gain, signs and mounting rotation times the wrench, then the nonlinearity."""
+def sensor_equations(chain: Chain) -> Iterator[tuple[str, LatexEquations]]:
+    """The stages from the true wrench to the reading, in order."""
     environment = zip((*chain.force, *chain.torque), WRENCH_SYMBOLS, strict=True)
     parts = [p if e == 0 else rf"{p} - {{{p}}}^{{\mathrm{{e}}}}" for e, p in environment]
-    rows = chain.space.rows
-    rotation = sp.diag(chain.mounting, chain.mounting).extract(rows, rows)
-    whole = chain.gain * sp.diag(*chain.sign) * rotation
-    nonlinear = any(e != 0 for e in (*chain.quadratic, *chain.cubic))
-    pairs = [(r"\rho" if nonlinear else "r", latex_matrix_of(whole) + latex_matrix([parts[row]] for row in rows))]
-    for i, (a, b) in enumerate(zip(chain.quadratic, chain.cubic, strict=True) if nonlinear else (), start=1):
-        (rho,) = signals(f"rho_{i}")
-        pairs.append((f"r_{i}", latex_expression(rho + a * rho**2 + b * rho**3)))
-    return pairs
+    reading = latex_matrix([parts[row]] for row in chain.space.rows)
+    for stage in chain.stages:
+        formula = stage.formula(reading)
+        reading = formula.output
+        yield formula.title, [(left, _right(right)) for left, right in formula.equations]
+    yield "Reading", [("y", reading)]
 
 
-def output_equations(chain: Chain) -> Iterator[tuple[str, LatexEquations]]:
-    """Play, transfer function, bias and saturation, where the model has them."""
-    load = "r"
-    if chain.play is not None:
-        widths = [("w", latex_matrix_of(chain.play))]
-        rule = (r"p(t)", r"\max\left(r(t) - w, \min\left(r(t) + w, p(t^-)\right)\right)")
-        yield "Play operator between load and reading", [rule, *widths]
-        load = "p"
-    if chain.memory != 1:
-        yield "Transfer function", [("H(s)", latex_expression(chain.memory))]
-        load = f"H(s) \\, {load}"
-    yield "Bias", [(r"y_0", latex_matrix_of(chain.zero))]
-    if chain.level is None:
-        yield "Reading", [("y", f"{load} + y_0")]
-    else:
-        clipped = rf"\max\left(-\hat{{y}}, \min\left(\hat{{y}}, {load} + y_0\right)\right)"
-        yield "Reading", [("y", clipped), (r"\hat{y}", latex_matrix_of(chain.level))]
+def _right(value: str | sp.Expr | sp.Matrix) -> str:
+    if isinstance(value, str):
+        return value
+    return latex_matrix_of(value) if isinstance(value, sp.MatrixBase) else latex_expression(value)
 
 
 def parameter_table(fitted: FittedModel) -> str:
@@ -235,15 +234,6 @@ def parameter_table(fitted: FittedModel) -> str:
         for p in fitted.model.parameters
     ]
     return "\n".join([r"\begin{longtable}{llll}", *rows, r"\end{longtable}"])
-
-
-def latex_regressor(base: RigidToolRegressor, source: str) -> str:
-    """The document of the regressor; `source` names the project and its version."""
-    text = [latex_escaped(paragraph) + "\n" for paragraph in regressor_documentation(base)]
-    theta = [latex_name(p.name) for p in base.parameters]
-    parameters = latex_equations([(r"\theta", latex_matrix([theta]) + r"^\top")])
-    body = planar_equations(base) if base.space is Space.PLANE else spatial_equations(base)
-    return latex_document(source, [*text, parameters, body])
 
 
 def planar_equations(base: RigidToolRegressor) -> str:

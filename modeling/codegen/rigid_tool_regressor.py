@@ -58,7 +58,7 @@ class RigidToolRegressor:
             return regressor(self.model)
         lift, omega, alpha = (vector(*signals(*components)) for components in self.arguments.values())
         wrench = sp.Matrix.vstack(*newton_euler(rigid_body(self.space), lift, omega, alpha))
-        return (wrench + self.model.zero).applyfunc(sp.expand).jacobian([p.symbol for p in self.parameters])
+        return (wrench + self.model.bias).applyfunc(sp.expand).jacobian([p.symbol for p in self.parameters])
 
     @cached_property
     def program(self) -> StraightLineProgram:

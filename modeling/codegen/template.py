@@ -1,87 +1,146 @@
-"""Jinja templates of generated code, and the values of a fitted model that fill them."""
+"""Targets that are written by Jinja templates, and the texts that fill them."""
 
 from __future__ import annotations
 
-from typing import Any
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import inf, isnan
+from typing import Any, ClassVar
 
-import numpy as np
-
-from modeling.codegen.code_style import CodeStyle
-from modeling.codegen.documentation import parameter_comment
-from modeling.codegen.expression_text import comment_text
+from modeling import symbolic as sp
+from modeling.codegen.code_target import CodeTarget
+from modeling.codegen.documentation import (
+    derivative_documentation,
+    model_documentation,
+    paragraphs,
+    parameter_comment,
+    regressor_documentation,
+)
+from modeling.codegen.expression_text import Assignment, assignments_of, comment_text, identifiers
 from modeling.codegen.fitted_model import FittedModel
-from modeling.dynamics.discrete_deflection import NEWTON_STEPS
-from modeling.dynamics.discrete_transfer_function import DiscreteTransferFunction
+from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.dynamics.sample_program import SampleProgram
 from modeling.expressions.straight_line_program import StraightLineProgram
+from modeling.space import signals
 
 
-def render_template(name: str, values: dict[str, Any]) -> str:
-    """The template rendered with the values; a missing value is an error."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+@dataclass(frozen=True, kw_only=True)
+class CodeStyle:
+    """Syntax of a language: formats of functions by name, of signals, parameters and kept states by index."""
 
-    environment = Environment(
-        loader=PackageLoader("modeling.codegen"),
-        undefined=StrictUndefined,
-        autoescape=False,  # source code, not HTML: users' names pass through comment_text before
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(name).render(values)
+    functions: Mapping[str, str]
+    signal: str
+    parameter: str
+    kept: str
+    infinity: str
 
-
-def template_values(fitted: FittedModel, style: CodeStyle) -> dict[str, Any]:
-    """The values that the templates of every language take."""
-    discrete, names, size = fitted.discrete, list(fitted.parts), fitted.size
-    sample = style.body(fitted.program.shared, fitted)
-    parts = [{"name": n, "texts": sample.texts[i * size : (i + 1) * size]} for i, n in enumerate(names)]
-    gain = StraightLineProgram.of(list(fitted.gain))
-    return {
-        "size": size,
-        **{kind: [comment_text(name) for name in members] for kind, members in _names(fitted).items()},
-        "parameters": [
-            {"value": style.number(fitted.values[p.name]), "text": parameter_comment(p)} for p in fitted.parameters
-        ],
-        "sample": {"lines": sample.lines},
-        "parts": parts,
-        "play": "width" in names,
-        "saturated": "level" in names,
-        "transfer_function": None if discrete is None else _transfer_function(discrete, style),
-        "gain": style.body(gain.shared, fitted)._asdict(),
-        "inverse_gain": None if fitted.inverse_gain is None else style.array(fitted.inverse_gain),
-        "derivative": _derivative(fitted, style),
-        "deflection": _deflection(fitted, style),
-    }
+    def number(self, value: float) -> str:
+        """The shortest decimal text that reads back as the same number."""
+        if isnan(value):
+            raise ValueError("not a number")
+        return repr(float(value)) if abs(value) < inf else ("-" if value < 0 else "") + self.infinity
 
 
-def _names(fitted: FittedModel) -> dict[str, tuple[str, ...]]:
-    return {"inputs": fitted.inputs, "channels": fitted.model.channels, "components": fitted.components}
+@dataclass(frozen=True, eq=False)
+class CodeText:
+    """Names and texts of a fitted model's programs in a language, as its template asks for them.
+
+    places  of signals, parameters and residuals: (symbol, name, where it is)
+    """
+
+    style: CodeStyle
+    names: Mapping[sp.Symbol, str]
+    places: tuple[tuple[sp.Symbol, str, str], ...]
+
+    @classmethod
+    def of(cls, fitted: FittedModel, style: CodeStyle) -> CodeText:
+        """Names of everything in the programs of a fitted model."""
+        parameters = [p.symbol for p in fitted.parameters]
+        given = zip(signals(*fitted.inputs), identifiers(fitted.inputs, "u_"), strict=True)
+        known = zip(parameters, identifiers([s.name for s in parameters], "p_"), strict=True)
+        places = [
+            *((*pair, style.signal.format(i)) for i, pair in enumerate(given)),
+            *((*pair, style.parameter.format(i)) for i, pair in enumerate(known)),
+            *((s, f"residual_{i}", f"measured[{i}] - predicted[{i}]") for i, s in enumerate(fitted.residual)),
+        ]
+        lines = fitted.program.delay_lines
+        statements = (*fitted.program.statements, *lines, *fitted.contact.statements)
+        own = list(dict.fromkeys(symbol for statement in statements for symbol in statement.symbols))
+        names = {symbol: name for symbol, name, _ in places}
+        names |= dict(zip(own, identifiers([s.name.removeprefix("sample:") for s in own], "x_"), strict=True))
+        names |= {symbol: style.kept.format(i) for i, symbol in enumerate(fitted.program.states)}
+        return cls(style, names, tuple(places))
+
+    def inputs(self, program: SampleProgram | StraightLineProgram) -> list[tuple[str, str]]:
+        """Name and place of what a program takes."""
+        used = (program.shared if isinstance(program, StraightLineProgram) else program).free_symbols
+        return [(name, place) for symbol, name, place in self.places if symbol in used]
+
+    def text(self, expression: sp.Expr) -> str:
+        """An expression of values."""
+        return assignments_of(StraightLineProgram.of([expression]), self.names, self.style.functions)[1][0]
+
+    def body(self, program: StraightLineProgram) -> tuple[list[Assignment], list[str]]:
+        """The assignments of common subexpressions, and the texts of the results."""
+        return assignments_of(program.shared, self.names, self.style.functions)
 
 
-def _derivative(fitted: FittedModel, style: CodeStyle) -> dict[str, Any] | None:
-    """Name and body of the derivative in the parameters."""
-    if fitted.sensitivity is None:
-        return None
-    return {"name": fitted.derivative_name, **style.body(fitted.sensitivity.shared, fitted)._asdict()}
+class TemplateTarget(CodeTarget):
+    """A language that is written by two templates, of the regressor and of a model, named by its suffix."""
 
+    style: ClassVar[CodeStyle]
 
-def _deflection(fitted: FittedModel, style: CodeStyle) -> dict[str, Any] | None:
-    """The deflection's equation of motion and its discretisation."""
-    discrete, equilibrium = fitted.deflection, fitted.equilibrium
-    if discrete is None or equilibrium is None:
-        return None
-    body, size = style.body(equilibrium.shared, fitted), discrete.size
-    numbers = {name: style.array(getattr(discrete, name)) for name in ("carry", "past", "now", "rest")}
-    parts = {"lines": body.lines, "residual": body.texts[:size], "jacobian": body.texts[size:]}
-    return {"size": size, "steps": NEWTON_STEPS, **parts, **numbers}
+    @staticmethod
+    @abstractmethod
+    def input_names(base: RigidToolRegressor) -> dict[sp.Symbol, str]:
+        """The text of each input in the function of the regressor."""
 
+    def regressor(self, base: RigidToolRegressor, source: str) -> str:
+        """A file with the function of the regressor."""
+        names = self.input_names(base)
+        lines, texts = assignments_of(base.program.shared, names, self.style.functions)
+        about = {"about": regressor_documentation(base), "source": comment_text(source)}
+        size = dict(zip(("rows", "columns"), base.matrix.shape, strict=True))
+        return self._rendered(
+            "regressor", {"base": base, "names": names.values(), "lines": lines, "texts": texts, **about, **size}
+        )
 
-def _transfer_function(discrete: DiscreteTransferFunction, style: CodeStyle) -> dict[str, Any]:
-    """The matrices of a discretised transfer function as text, its sizes as numbers."""
-    return {
-        "order": discrete.order,
-        "held": discrete.held,
-        "wait": discrete.wait,
-        "first": discrete.first,
-        **{name: style.array(np.asarray(getattr(discrete, name))) for name in ("A", "B", "C", "D", "rest", "weights")},
-        "count": len(discrete.weights),
-        "delayed": discrete.held > 1 or discrete.wait > 0,
-    }
+    def model(self, fitted: FittedModel, source: str) -> str:
+        """A file with the functions of a fitted model."""
+        kinds = {"inputs": fitted.inputs, "channels": fitted.model.channels, "components": fitted.components}
+        parameters = [
+            {
+                "name": comment_text(p.name),
+                "value": self.style.number(fitted.values[p.name]),
+                "text": parameter_comment(p),
+            }
+            for p in fitted.parameters
+        ]
+        values = {
+            "about": model_documentation(fitted),
+            "source": comment_text(source),
+            "size": fitted.size,
+            **{kind: [comment_text(name) for name in names] for kind, names in kinds.items()},
+            "parameters": parameters,
+            "program": fitted.program,
+            "contact": fitted.contact,
+            "code": CodeText.of(fitted, self.style),
+            "derivative": fitted.sensitivity,
+            "derivative_name": fitted.derivative_name,
+            "derivative_about": partial(derivative_documentation, fitted),
+        }
+        return self._rendered("model", values)
+
+    def _rendered(self, kind: str, values: dict[str, Any]) -> str:
+        """The template of that kind; a missing value is an error."""
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
+        environment = Environment(
+            loader=PackageLoader("modeling.codegen"),
+            undefined=StrictUndefined,
+            autoescape=False,  # source code, not HTML: users' names pass through comment_text before
+            keep_trailing_newline=True,
+        )
+        return environment.get_template(f"{kind}{self.suffix}.jinja").render(values | {"paragraphs": paragraphs})

@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from modeling import symbolic as sp
+from modeling.dynamics.deflection import Deflection
 from modeling.dynamics.equation_of_motion import EquationOfMotion
+from modeling.dynamics.sample_program import INITIAL_STATE_SHARE, SampleProgramBuilder, Symbols
 from modeling.errors import InputError
+from modeling.expressions.intermediate_variables import Definitions
 
 Array = NDArray[np.float64]
-
-NEWTON_STEPS = 8
-"""Newton steps per sample, each doubling the correct digits: four suffice from sample to sample, seven from 0 to 1 rad.
-
-A fixed number, so that every sample takes the same time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +51,12 @@ class DiscreteDeflection:
         return int(self.past.shape[1])
 
     @property
+    def settling(self) -> int:
+        """Samples after which less than `INITIAL_STATE_SHARE` of a wrong initial state is left; 0 without damping."""
+        slowest = float(np.abs(np.linalg.eigvals(self.carry[: 2 * self.size])).max())
+        return int(np.ceil(np.log(INITIAL_STATE_SHARE) / np.log(slowest))) if 0 < slowest < 1 else 0
+
+    @property
     def rest(self) -> Array:
         """(1, 0, 0): in static equilibrium the input is the angle itself."""
         return np.eye(3 * self.size, self.size)
@@ -82,29 +87,29 @@ def _first_order_hold(mass: Array, lag: Array, dt: float) -> tuple[Array, Array,
     )
 
 
-class DeflectionIntegrator:
-    """The deflection (3 d,) sample by sample: Newton's method for the input with which the equation of motion holds.
+def deflected(
+    discrete: DiscreteDeflection, sample: SampleProgramBuilder, deflection: Deflection, equation: sp.Matrix
+) -> None:
+    """One sample of the deflection (3 d,): Newton's method for the input with which the equation of motion holds.
 
     It starts from the static equilibrium of the first sample. At the angular frequency w the relative error of the
     first-order hold is (w dt)² / 12.
     """
+    size = discrete.size
+    zeros = [sp.S.Zero] * (2 * size)
+    motion, last = sample.state("deflection", zeros), sample.state("drive", zeros[:size])
+    carry, past, now, rest = (
+        sp.Matrix(m.tolist()) for m in (discrete.carry, discrete.past, discrete.now, discrete.rest)
+    )
+    free = sp.Matrix(sample.assigned("free", list(carry * sp.Matrix(motion) + past * sp.Matrix(last))))
+    gain = sp.Matrix(3 * size, size, sample.initialised("gain", list(rest), list(now)))
 
-    def __init__(self, equation: EquationOfMotion, signals: int, theta: Array, dt: float) -> None:
-        self._equation, self._theta = equation, theta
-        self.sampled = DiscreteDeflection.of(equation, signals, theta, dt)
-        self._state: Array | None = None
-        self._drive = np.zeros(self.sampled.size)
+    def angles(drive: Symbols) -> Definitions:
+        return tuple(zip(deflection.signals, free + gain * sp.Matrix(drive), strict=True))
 
-    def step(self, u: Array) -> Array:
-        """Angles, rates and accelerations (3 d,) under the signals u (m,)."""
-        sampled, drive = self.sampled, self._drive
-        if self._state is None:
-            free, gain = np.zeros(3 * sampled.size), sampled.rest
-        else:
-            free, gain = sampled.carry @ self._state + sampled.past @ drive, sampled.now
-        for _ in range(NEWTON_STEPS):
-            value, slopes = self._equation.at(u[None], (free + gain @ drive)[None], self._theta)
-            drive = drive - np.linalg.solve(slopes[0] @ gain, value[0])
-        deflection = np.asarray(free + gain @ drive)
-        self._state, self._drive = deflection[: 2 * sampled.size], drive
-        return deflection
+    about = "deflection of the tool: Newton's method for the forcing with which the equation of motion holds"
+    drive = sample.solved("forcing", last, list(equation), angles, about=about)
+    sample.define(deflection.signals, [value for _, value in angles(drive)])
+    sample.keep(motion, deflection.signals[: 2 * size])
+    sample.keep(last, drive)
+    sample.settling += discrete.settling

@@ -1,8 +1,7 @@
-"""First-order-hold discretisation of a transfer function, and its recursive filter."""
+"""First-order-hold discretisation of a transfer function, and one sample of its recursive filter."""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import Self
 
@@ -10,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, tf2ss
 
+from modeling import symbolic as sp
+from modeling.dynamics.sample_program import INITIAL_STATE_SHARE, SampleProgramBuilder, Symbols
 from modeling.dynamics.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 
-INITIAL_STATE_SHARE = 1e-3
-"""Fraction of a wrong initial state left when the transient counts as settled: 0.1 N of a load of 100 N."""
 WHOLE_DELAY_TOLERANCE = 1e-9
 """Tolerance (samples) within which a delay is a whole number of samples: the rounding of delay / dt."""
 FASTEST_POLE = 1e9
@@ -72,41 +71,38 @@ class DiscreteTransferFunction:
         return self.first + len(self.weights)
 
 
-class TransferFunctionFilter:
-    """Recursive filter H(s) with step dt, for input samples (p,) joined by straight lines.
+def filtered(discrete: DiscreteTransferFunction, sample: SampleProgramBuilder, reading: Symbols) -> Symbols:
+    """One sample of the recursive filter: the output (p,) of `discrete.wait` samples ago for the input (p,).
 
-    The rational part is exact for such input (first-order hold); for a sine at the angular frequency w the relative
-    error is (w dt)² / 12. The delay follows: whole samples, and in between cubic interpolation of the four nearest
-    outputs, two on either side, with an error below (w dt)⁴ / 42 for a sine. For a lead, or a delay below one sample,
-    some of these are in the future: the filter then returns the output of `wait` samples ago.
-    The initial state is the steady state of the first input; the first `settling` outputs depend on it.
+    The rational part is exact for inputs joined by straight lines (first-order hold); for a sine at the angular
+    frequency w the relative error is (w dt)² / 12. The delay follows: whole samples, and in between cubic interpolation
+    of the four nearest outputs, two on either side, with an error below (w dt)⁴ / 42 for a sine. For a lead, or a delay
+    below one sample, some of these are in the future: the output is then that of `wait` samples ago. The first
+    `settling` outputs depend on the initial state, the steady state of the first input.
     """
+    output = _low_pass(discrete, sample, reading)
+    sample.latency += discrete.wait
+    sample.settling += discrete.settling
+    if discrete.held == 1:
+        return output
+    ages = range(discrete.first, discrete.held)
+    taps = zip(*sample.delayed("outputs", output, ages), strict=True)
+    weighted = [sum(sp.Float(w) * y for w, y in zip(discrete.weights.tolist(), own, strict=True)) for own in taps]
+    return sample.assigned("delayed", weighted, about="delay: weighted sum of earlier outputs of the low-pass")
 
-    def __init__(self, transfer: TransferFunction, dt: float) -> None:
-        self.sampled = DiscreteTransferFunction.of(transfer, dt)
-        self._state: Array | None = None
-        self._outputs: deque[Array] = deque(maxlen=self.sampled.held)
 
-    @property
-    def wait(self) -> int:
-        """Latency of the output, samples."""
-        return self.sampled.wait
-
-    @property
-    def settling(self) -> int:
-        """Number of first outputs that depend on the initial state."""
-        return self.sampled.settling
-
-    def step(self, value: Array) -> Array:
-        """The output (p,) of `wait` samples ago, given the current input (p,)."""
-        step = self.sampled
-        if self._state is None:
-            self._state = np.outer(step.rest, value)
-            self._outputs.extend([step.C @ self._state + step.D * value] * step.held)
-        self._outputs.appendleft(step.C @ self._state + step.D * value)
-        self._state = step.A @ self._state + np.outer(step.B, value)
-        delayed = [self._outputs[step.first + i] for i in range(len(step.weights))]
-        return np.asarray(step.weights @ np.stack(delayed))
+def _low_pass(discrete: DiscreteTransferFunction, sample: SampleProgramBuilder, reading: Symbols) -> Symbols:
+    """x' = A x + B u, y = C x + D u in each channel."""
+    order, channels = discrete.order, len(reading)
+    a, b, c, d = (sp.Matrix(np.atleast_2d(m).tolist()) for m in (discrete.A, discrete.B, discrete.C, discrete.D))
+    if not order:
+        return reading if discrete.D == 1.0 else sample.assigned("scaled", [d[0] * r for r in reading])
+    steady = [sp.Float(x) * r for r in reading for x in discrete.rest.tolist()]
+    state = sample.state("low_pass", steady)
+    x = [sp.Matrix(state[order * i : order * (i + 1)]) for i in range(channels)]
+    output = [(c * own)[0] + d[0] * r for own, r in zip(x, reading, strict=True)]
+    sample.keep(state, [e for own, r in zip(x, reading, strict=True) for e in a * own + b.T * r])
+    return sample.assigned("filtered", output, about="low-pass: x' = A x + B load, out = C x + D load")
 
 
 def _discretised(transfer: TransferFunction, dt: float) -> tuple[Array, Array, Array, Array]:

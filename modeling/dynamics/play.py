@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modeling.dynamics.motion_record import MotionRecord
 from modeling.dynamics.turning_points import Indices, TurningPoints
 from modeling.errors import InputError
 
@@ -61,6 +62,41 @@ class PlayResponse:
         for channel, play in enumerate(self.channels):
             changed[:, channel] = play.through(series[:, channel])
         return changed
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedRecord:
+    """The play operator along a record: one response for each separate run, or one where repeats are continuous."""
+
+    record: MotionRecord
+    runs: tuple[PlayResponse, ...]
+
+    @classmethod
+    def of(cls, load: Array, record: MotionRecord) -> PlayedRecord:
+        """Of a load (n, p), with the half-widths at the record's parameters."""
+        width = record.vectors("play").value({}, record.theta, 1)[0]
+        periodic, smooth = record.clock.periodic, record.dt is not None
+        return cls(
+            record, tuple(PlayResponse.of(r, width, periodic=periodic, smooth=smooth) for r in record.runs(load))
+        )
+
+    @property
+    def reading(self) -> Array:
+        """The output (n, p)."""
+        return np.concatenate([run.reading for run in self.runs])
+
+    def through(self, series: Array) -> Array:
+        """A small variation (n, p, ...) of the load through the linearised play."""
+        pieces = zip(self.runs, self.record.runs(series), strict=True)
+        return np.concatenate([run.through(piece) for run, piece in pieces])
+
+    def total_derivative(self, derivative: Array) -> Array:
+        """dP/dx dx + dP/dw dw (n, p, k), for the derivative dx of the load."""
+        found = self.through(derivative)
+        if not found.shape[2]:
+            return found
+        by_width = np.concatenate([run.by_width for run in self.runs])
+        return np.asarray(found + by_width[:, :, None] * self.record.constant("play")[1])
 
 
 @dataclass(frozen=True, eq=False)

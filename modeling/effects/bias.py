@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
+from modeling.chain.stages.bias import Bias
 from modeling.parameter import Parameter, Role
 from modeling.space import Space, signals
 
@@ -25,7 +26,7 @@ class BiasDrift(Effect):
 
     id = "bias_drift"
     title = "bias drift"
-    stage = Stage.ZERO
+    stage = Stage.BIAS
     equation = "reading_i += sum_k b_ik P_k(progress)"
     advice = "let the sensor warm up, record a static pose of the same duration, zero it before each run"
     confused_with = "thermal_drift, while the temperature rises steadily; a gradual payload_change"
@@ -48,7 +49,7 @@ class BiasDrift(Effect):
             sum((p[f"{channel}_{k}"] * b for k, b in enumerate(basis, start=1)), sp.S.Zero)
             for channel in chain.space.channels
         ]
-        return replace(chain, zero=chain.zero + sp.Matrix(curve))
+        return chain.with_stage(Bias(chain.bias + sp.Matrix(curve)))
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class ThermalDrift(Effect):
 
     id = "thermal_drift"
     title = "bias depends on the temperature"
-    stage = Stage.ZERO
+    stage = Stage.BIAS
     equation = "reading_i += b_i (temperature - 20 °C)"
     advice = "warm the sensor up before use, or compensate with the coefficient and the logged temperature"
     confused_with = "bias_drift, while the temperature rises steadily"
@@ -69,7 +70,7 @@ class ThermalDrift(Effect):
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the thermal term to the bias."""
         (temperature,) = signals("temperature")
-        return replace(chain, zero=chain.zero + (temperature - 20) * sp.Matrix(list(p.values())))
+        return chain.with_stage(Bias(chain.bias + (temperature - 20) * sp.Matrix(list(p.values()))))
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class LineInterference(Effect):
 
     id = "line_interference"
     title = "sinusoidal interference of fixed frequency"
-    stage = Stage.ZERO
+    stage = Stage.BIAS
     equation = "reading_i += s_i sin(2 pi frequency time) + c_i cos(2 pi frequency time)"
     advice = "look for mains hum, fans and pumps at that frequency or its alias; check shielding and grounding"
     confused_with = "a vibration of the tool, if its frequency changes with the robot's speed"
@@ -99,7 +100,7 @@ class LineInterference(Effect):
         (time,) = signals("time")
         angle = 2 * sp.pi * p["frequency"] * time
         sinusoid = [p[f"{c}_sin"] * sp.sin(angle) + p[f"{c}_cos"] * sp.cos(angle) for c in chain.space.channels]
-        return replace(chain, zero=chain.zero + sp.Matrix(sinusoid))
+        return chain.with_stage(Bias(chain.bias + sp.Matrix(sinusoid)))
 
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
         """The non-excited spectral lines found in the residual."""

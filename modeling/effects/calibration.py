@@ -10,6 +10,8 @@ from math import inf, pi
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
+from modeling.chain.stages.calibration import Gain, Mounting, PolynomialGain
+from modeling.chain.stages.saturation import Clipping
 from modeling.parameter import Parameter
 from modeling.space import TORQUE_UNIT, Space, rotation_matrix
 
@@ -42,7 +44,11 @@ class SensorRotation(Effect):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Rotate the axes of the reading."""
-        return replace(chain, mounting=rotation_matrix(chain.space, tuple(p.values())).T * chain.mounting)
+        return chain.with_stage(
+            replace(
+                chain[Mounting], rotation=rotation_matrix(chain.space, tuple(p.values())).T * chain[Mounting].rotation
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ class SensorGain(Effect):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Scale the channels."""
-        return replace(chain, gain=chain.gain * sp.diag(1, *p.values()))
+        return chain.with_stage(replace(chain[Gain], matrix=chain[Gain].matrix * sp.diag(1, *p.values())))
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,7 @@ class SensorCrosstalk(Effect):
             len(channels),
             lambda i, j: 0 if i == j else p[f"{channels[i]}_{channels[j]}"],
         )
-        return replace(chain, gain=(sp.eye(len(channels)) + crosstalk) * chain.gain)
+        return chain.with_stage(replace(chain[Gain], matrix=(sp.eye(len(channels)) + crosstalk) * chain[Gain].matrix))
 
 
 @dataclass(frozen=True)
@@ -128,7 +134,7 @@ class GainNonlinearity(Effect):
         """Set the quadratic and cubic gains."""
         names = chain.space.channels
         quadratic, cubic = (sp.Matrix([p[f"{c}_{power}"] for c in names]) for power in (2, 3))
-        return replace(chain, quadratic=quadratic, cubic=cubic)
+        return chain.with_stage(PolynomialGain(quadratic, cubic))
 
 
 @dataclass(frozen=True)
@@ -153,7 +159,7 @@ class Saturation(Effect):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Set the saturation levels."""
-        return replace(chain, level=sp.Matrix(list(p.values())))
+        return chain.with_stage(Clipping(sp.Matrix(list(p.values()))))
 
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
         """Levels slightly below the largest reading of each channel."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
+from modeling.chain.stages.play import Play
 from modeling.parameter import Parameter
 from modeling.space import Space
 
@@ -38,7 +39,7 @@ class SensorHysteresis(Effect):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Set the half-widths of the play operator."""
-        return replace(chain, play=sp.Matrix([p[channel] for channel in chain.space.channels]))
+        return chain.with_stage(Play(sp.Matrix([p[channel] for channel in chain.space.channels])))
 
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
         """Half-widths of 1 %, 5 % and 20 % of the load's amplitude in each channel."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
+from modeling.chain.stages.linear_dynamics import LinearDynamics
 from modeling.expressions.laplace_variable import laplace
 from modeling.parameter import Parameter
 from modeling.space import Space
@@ -30,7 +31,7 @@ class SensorLag(Effect):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Low-pass every channel."""
-        return replace(chain, memory=chain.memory / (1 + laplace() * p["time_constant"]))
+        return chain.with_stage(LinearDynamics(chain.transfer_function / (1 + laplace() * p["time_constant"])))
 
 
 @dataclass(frozen=True)
@@ -50,4 +51,4 @@ class TimeDelay(Effect):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Delay every channel."""
-        return replace(chain, memory=chain.memory * sp.exp(-laplace() * p["delay"]))
+        return chain.with_stage(LinearDynamics(chain.transfer_function * sp.exp(-laplace() * p["delay"])))

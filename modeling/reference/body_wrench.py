@@ -94,7 +94,7 @@ def wrench_equations() -> Equations:
     derived = wrench_about_centre()
     phi, functions = derived_regressor()
     theta = sp.Matrix([p.symbol for p in planar().parameters])
-    reading = derived_load() + planar().zero
+    reading = derived_load() + planar().bias
     rows = [
         Equation(
             number="22.5",

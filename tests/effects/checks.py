@@ -18,8 +18,7 @@ from estimation.noise.whitening import FourierLineWhitener
 from modeling.chain.chain import Chain
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
-from modeling.codegen.c_target import c_model
-from modeling.codegen.discrete_time_model import DiscreteTimeModel
+from modeling.codegen.c_target import CTarget
 from modeling.codegen.fitted_model import FittedModel
 from modeling.expressions.compilation import common_subexpressions
 from modeling.expressions.intermediate_variables import required_definitions
@@ -28,7 +27,7 @@ from modeling.space import Space
 from tests.effects.cases import PERIOD, REPEATS, SAMPLES, Case, read_as
 from tests.effects.parts import part, part_units, random_signals
 from tests.effects.units import units_are_consistent
-from tests.emitted import CFilter, Library
+from tests.emitted import CFilter, DiscreteTimeModel, Library
 
 Array = NDArray[np.float64]
 Step = tuple[sp.Symbol, sp.Expr]
@@ -169,7 +168,7 @@ def c_agrees(case: Case) -> None:
     """The emitted C, compiled, sample by sample along the motion, and the same filter in Python."""
     fitted = FittedModel.of(case.model, case.theta, PERIOD / SAMPLES)
     running = DiscreteTimeModel(case.model, case.theta, dt=fitted.dt)
-    compiled_filter = CFilter(Library(c_model(fitted, "conformance")), fitted.size)
+    compiled_filter = CFilter(Library(CTarget().model(fitted, "conformance")), fitted.size)
     signals = model_signals(case.recording)
     for u in np.stack([signals[name][:40] for name in fitted.inputs], axis=1):
         expected = running.predict(u)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,22 +18,17 @@ Array = NDArray[np.float64]
 def part_units(case: Case) -> dict[str, tuple[str, ...]]:
     """The parts of the model that there are, with the units of their elements."""
     chain, units = case.model.chain, case.space.units
-    there = {
-        "play": chain.play is not None,
-        "level": chain.level is not None,
-        "equilibrium": chain.deflection is not None,
-    }
-    turns = ("rad",) * len(case.space.turns)
-    parts = {"load": units, "zero": units, "play": units, "level": units, "equilibrium": turns}
-    return {name: own for name, own in parts.items() if there.get(name, True)}
+    names = ["load", *(name for stage in chain.dynamics for name in stage.vectors())]
+    turns = {} if chain.deflection is None else {"equilibrium": ("rad",) * len(case.space.turns)}
+    return dict.fromkeys(names, units) | turns
 
 
 @cache
 def part(model: WrenchModel, name: str) -> VectorFunction:
     """A part of a model by name, as a function of signals and, where the tool bends, of the bend's as well."""
     chain = model.chain
-    if chain.deflection is None or name == "zero":
-        return cast(VectorFunction, getattr(compiled_prediction(model), name))
+    if chain.deflection is None or name == "bias":
+        return compiled_prediction(model).vector(name)
     expression = chain.equilibrium() if name == "equilibrium" else model.load
     own = (model.inputs_of(expression), tuple(s.name for s in chain.deflection.signals))
     return VectorFunction.of(expression, own[0] + own[1], tuple(p.symbol for p in model.parameters), model.definitions)

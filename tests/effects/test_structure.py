@@ -67,9 +67,11 @@ def test_base_parameters_stay_first_and_in_order(case: Case) -> None:
 @every_case
 def test_every_parameter_matters(case: Case) -> None:
     chain = case.model.chain
-    parts = (case.model.load, case.model.zero, chain.equilibrium(), chain.play, chain.level)
-    found = set(case.model.memory.free_symbols).union(*(part.free_symbols for part in parts if part is not None))
-    found = found.union(*(step.free_symbols for _, step in case.model.definitions))
+    vectors = [vector for stage in chain.dynamics for vector in stage.vectors().values()]
+    parts = (case.model.load, chain.equilibrium(), chain.transfer_function, *vectors)
+    found = set().union(*(part.free_symbols for part in parts))
+    for _, step in case.model.definitions:
+        found |= step.free_symbols
     assert {p.symbol for p in case.own} <= found
 
 
@@ -77,7 +79,7 @@ def test_every_parameter_matters(case: Case) -> None:
 def test_at_nominal_amplitudes_nuisance_parameters_drop_out(case: Case) -> None:
     """Symbolic, so that no value of theirs can matter, where load and zero are all that there is to look at."""
     nominal = {p.symbol: sp.Float(p.nominal) if p.nominal else 0 for p in case.own if not p.nuisance}
-    for ours, theirs in ((case.model.load, case.plain.load), (case.model.zero, case.plain.zero)):
+    for ours, theirs in ((case.model.load, case.plain.load), (case.model.bias, case.plain.bias)):
         left = ours.subs(nominal)
         assert left == theirs or sp.expand(left - theirs) == sp.zeros(*theirs.shape)
 
@@ -155,15 +157,15 @@ def test_order_of_adding_moves_the_parameters_and_not_the_prediction() -> None:
         theta = np.array([values[p.name] for p in model.parameters])
         parts = (
             compiled_prediction(model).load,
-            compiled_prediction(model).zero,
+            compiled_prediction(model).bias,
             compiled_prediction(model).play,
-            compiled_prediction(model).level,
+            compiled_prediction(model).saturation,
         )
         results.append([part.value(signals, theta, 8) for part in parts if part is not None])
     assert [p.name for p in forth.parameters] != [p.name for p in back.parameters]
     for one, other in zip(*results, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-10)  # rounding of sums in another order
-    assert sp.simplify(forth.memory - back.memory) == 0
+    assert sp.simplify(forth.transfer_function - back.transfer_function) == 0
 
 
 @pytest.mark.parametrize("case", [c for c in CASES if c.space is Space.PLANE], ids=str)
@@ -171,7 +173,7 @@ def test_slopes_of_the_amplitudes_are_columns_of_the_tangent(case: Case) -> None
     rng, samples = np.random.default_rng(3), 20
     sets = case.theta * rng.uniform(0.8, 1.2, (3, len(case.theta)))
     amplitudes = tuple(i for i, p in enumerate(case.own, start=case.model.base_size) if not p.nuisance)
-    for emitted in (compiled_prediction(case.model).load, compiled_prediction(case.model).zero):
+    for emitted in (compiled_prediction(case.model).load, compiled_prediction(case.model).bias):
         signals = random_signals(case, emitted.inputs, samples, rng)
         if case.model.chain.deflection is not None:
             continue

@@ -66,7 +66,7 @@ def departure(case: Case, theta: Array) -> float:
         value = mine.value(signals, case.theta, SAMPLES) * [ours(unit) for unit in units]
         there = other.value({n: in_foreign(case, n, s) for n, s in signals.items()}, theta, SAMPLES)
         worst = max(worst, float((np.abs(there - value).max(axis=0) / np.abs(value).max(axis=0).clip(1e-300)).max()))
-    if compiled_prediction(case.model).has_memory:
+    if compiled_prediction(case.model).has_transfer_function:
         gain = compiled_prediction(case.model).transfer(LINES, case.theta)[0]
         foreign_gain = compiled_prediction(foreign(case)).transfer(LINES / ours("s"), theta)[0]
         worst = max(worst, float(np.abs(foreign_gain - gain).max()))

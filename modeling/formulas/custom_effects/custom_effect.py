@@ -9,6 +9,8 @@ from typing import Any, Self
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage, world_vector
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
+from modeling.chain.stages.bias import Bias
+from modeling.chain.stages.calibration import Gain
 from modeling.effects.tip_force import with_tip_force
 from modeling.formulas.custom_effects.definition import EffectDefinition
 from modeling.formulas.custom_effects.definition_parser import parse_definition
@@ -79,11 +81,11 @@ class CustomEffect(Effect):
         if self.stage is Stage.TIP_BODY:
             return _with_contact_wrench(chain, added, at)
         channels = chain.space.channels
-        if self.stage is Stage.ZERO:
-            return replace(chain, zero=chain.zero + sp.Matrix([added.get(c, sp.S.Zero) for c in channels]))
+        if self.stage is Stage.BIAS:
+            return chain.with_stage(Bias(chain.bias + sp.Matrix([added.get(c, sp.S.Zero) for c in channels])))
         size = len(channels)
         increment = sp.Matrix(size, size, lambda i, j: added.get(f"{channels[i]}_{channels[j]}", sp.S.Zero))
-        return replace(chain, gain=(sp.eye(size) + increment) * chain.gain)
+        return chain.with_stage(replace(chain[Gain], matrix=(sp.eye(size) + increment) * chain[Gain].matrix))
 
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
         """Every combination of the values of the nuisance parameters."""

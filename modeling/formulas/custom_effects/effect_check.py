@@ -98,7 +98,7 @@ def _at_random_points(definition: EffectDefinition, space: Space) -> tuple[Array
 def _vector_function(definition: EffectDefinition, space: Space, names: tuple[str, ...]) -> VectorFunction:
     """The formulas as a function of the parameters `names`; other parameters are inputs, like signals."""
     size = len(space.channels)
-    chain = rigid_chain(space, gravity=0.0, sign=(1,) * size, zero=sp.zeros(size, 1), mounting=sp.eye(3))
+    chain = rigid_chain(space, gravity=0.0, sign=(1,) * size, bias=sp.zeros(size, 1), mounting=sp.eye(3))
     known = {p.name: sp.Symbol(p.name, real=True) for p in definition.parameters}
     added, _ = parsed_formulas(definition).values(chain, known)
     expressions, symbols = sp.Matrix(list(added.values())), tuple(known[name] for name in names)

@@ -39,7 +39,7 @@ class ParsedFormulas:
     @property
     def needs_repeats(self) -> bool:
         """A bias that varies with time is aliased with slow physics in a single run: repeats are needed."""
-        return self.definition.stage is Stage.ZERO and not self.names.isdisjoint({"time", "progress"})
+        return self.definition.stage is Stage.BIAS and not self.names.isdisjoint({"time", "progress"})
 
     @cached_property
     def spaces(self) -> tuple[Space, ...]:

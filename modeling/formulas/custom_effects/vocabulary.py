@@ -15,7 +15,7 @@ from modeling.tool.wrench_components import contact_components
 MOST_NAMED_JOINTS = 12
 """Joints whose signals have names: arms have seven, a rail or a turntable adds some."""
 
-FORMULA_STAGES: Mapping[str, Stage] = {"tip_body": Stage.TIP_BODY, "gain": Stage.GAIN, "zero": Stage.ZERO}
+FORMULA_STAGES: Mapping[str, Stage] = {"tip_body": Stage.TIP_BODY, "gain": Stage.GAIN, "zero": Stage.BIAS}
 """Stage by the key of its formulas' table. Joint errors change every signal that a formula could use, and linear
 dynamics are not a function of one sample: those stages are left to the catalogue."""
 

@@ -1,0 +1,57 @@
+"""Response of a transfer function to a whole record, by Fourier transform."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy  # loads scipy.fft with its first use
+from numpy.typing import NDArray
+
+from modeling.dynamics.motion_record import MotionRecord
+
+Array = NDArray[np.float64]
+
+FILTER_BATCH = 50_000
+"""Numbers filtered at once: with their Fourier lines they fit in a core's cache."""
+
+
+def through_transfer_function(record: MotionRecord, series: Array, slope: int | None = None) -> Array:
+    """A series (samples, ...) filtered by H(s), or by H's derivative in its parameter number `slope`.
+
+    A motion that repeats without pause is in its periodic steady state. A single run is extended on both sides by
+    its point reflections before it is transformed. In static poses H(0) = 1.
+    """
+    if not series.size:
+        return series
+    if record.dt is None:
+        return series if slope is None else np.zeros_like(series)
+    runs = [_filtered_run(record, run, slope) for run in record.runs(series)]
+    return runs[0] if len(runs) == 1 else np.concatenate(runs)
+
+
+def _filtered_run(record: MotionRecord, series: Array, slope: int | None) -> Array:
+    assert record.dt is not None
+    pad = 0 if record.clock.periodic else min(len(series) - 1, max(64, len(series) // 8))
+    length = len(series) + 2 * pad
+    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, record.dt), dtype=np.float64)
+    gain, slopes = record.transfer(omega, record.theta)
+    factor = gain if slope is None else slopes[slope]
+    columns = series.T.reshape(-1, len(series))
+    found = np.empty(columns.shape)
+    for first in range(0, len(found), at_once := max(1, FILTER_BATCH // length)):
+        part = slice(first, first + at_once)
+        lines = scipy.fft.rfft(_reflected_ends(columns[part], pad))
+        lines *= factor
+        found[part] = scipy.fft.irfft(lines, n=length, overwrite_x=True)[:, pad : length - pad]
+    return found.reshape(series.T.shape).T
+
+
+def _reflected_ends(series: Array, pad: int) -> Array:
+    """Series (c, n) extended by point reflections at both ends, cross-faded so that they close periodically."""
+    if not pad:
+        return series
+    before = 2 * series[:, :1] - series[:, pad:0:-1]
+    after = 2 * series[:, -1:] - series[:, -2 : -pad - 2 : -1]
+    fade = 0.5 + 0.5 * np.cos(np.linspace(0, np.pi, pad))
+    middle = (series[:, :1] + series[:, -1:]) / 2
+    ends = middle + (before - middle) * fade[::-1], middle + (after - middle) * fade
+    return np.concatenate([ends[0], series, ends[1]], axis=1)
