@@ -174,6 +174,25 @@ def test_a_constant_motion_is_steady_from_the_first_sample_on(case: StageCase) -
     np.testing.assert_allclose(found[0], model_response(case.model, still, case.theta).value[0], atol=1e-9)
 
 
+def filtered(case: StageCase, recording: Recording) -> Array:
+    """What the contact filter leaves of a recording, row by row."""
+    size = len(case.theta)
+    known = CalibratedModel(case.model, case.theta, np.zeros((size, size)), np.full(3, 0.01), np.zeros(3))
+    names = ("phi", "ax", "ay", "dphi", "ddphi", "temperature")
+    contact = ContactFilter(known, columns=names, window=LocalPolynomial(half=2, dt=DT))
+    rows = np.column_stack([recording.stack(names), recording.wrench])
+    return np.stack([r for r in map(contact.update, rows) if r is not None])
+
+
+@every_stage
+def test_the_contact_filter_leaves_nothing_of_a_stage(case: StageCase) -> None:
+    """Its program is run on smoothed signals; next to a corner of play or saturation that shows, in few samples."""
+    recording = motion(4)
+    left = filtered(case, with_readings(recording, case.steps(rows_of(case, recording))))
+    assert len(left) > 1000
+    assert np.quantile(np.abs(left), 0.9) < 1e-3
+
+
 # --------------------------------------------------------------------------------- a stage from outside the tree
 
 
@@ -257,14 +276,10 @@ def test_a_stage_from_outside_is_fitted_filtered_and_written_down() -> None:
     noisy = with_readings(silent, silent.wrench + 0.01 * np.random.default_rng(6).standard_normal(silent.wrench.shape))
     found = fit(ECHO.model, noisy)
     assert abs(found.theta[-1] - 0.7) < 5 * np.sqrt(found.covariance[-1, -1])
-    known = CalibratedModel(ECHO.model, ECHO.theta, np.zeros((7, 7)), np.full(3, 0.01), np.zeros(3))
-    names = ("phi", "ax", "ay", "dphi", "ddphi")
-    contact = ContactFilter(known, columns=names, window=LocalPolynomial(half=2, dt=DT))
-    rows = np.column_stack([silent.stack(names), silent.wrench])
-    left = [r for r in map(contact.update, rows) if r is not None]
+    left = filtered(ECHO, silent)
     assert len(left) > 1000
     # Five samples smooth a sine by (w dt)⁴ or so, the echo's corner at the start aside.
-    assert np.abs(np.stack(left)[5:]).max() < 1e-3
+    assert np.abs(left[5:]).max() < 1e-3
     assert "Echo" in code_target("latex").model(ECHO.fitted, "x")
 
 
