@@ -96,7 +96,7 @@ def test_what_is_no_delay_and_ratio_is_refused(expression: sp.Expr) -> None:
 def test_a_lag_has_to_die_away(tau: float, fine: bool) -> None:
     memory = SymbolicTransferFunction.of(1 / (1 + S * TAU))
     if fine:
-        assert memory.at({TAU: tau}).lasting == pytest.approx(tau, rel=1e-12)
+        assert memory.at({TAU: tau}).slowest_time_constant == pytest.approx(tau, rel=1e-12)
     else:
         with pytest.raises(InputError, match="is not stable"):
             memory.at({TAU: tau})

@@ -47,7 +47,7 @@ class DiscreteTransferFunction:
         """The discretisation with step dt (s)."""
         a, b, c, d = _discretised(transfer, dt)
         wait, first, weights = _delay_line(transfer.delay / dt)
-        decay = int(np.ceil(-np.log(INITIAL_STATE_SHARE) * transfer.lasting / dt))
+        decay = int(np.ceil(-np.log(INITIAL_STATE_SHARE) * transfer.slowest_time_constant / dt))
         return cls(
             A=a,
             B=b[:, 0],

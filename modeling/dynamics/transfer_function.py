@@ -37,7 +37,7 @@ class TransferFunction:
         return stable and len(self.numerator) <= len(self.denominator)
 
     @property
-    def lasting(self) -> float:
+    def slowest_time_constant(self) -> float:
         """Slowest time constant (s), 0 without poles: |T|² / Re T of a pole -1/T."""
         return float(np.max(np.abs(self._time_constants) ** 2 / self._time_constants.real, initial=0.0))
 
