@@ -30,7 +30,7 @@ def read(path: str | Path, *, rig: Rig | None = None) -> Recording:
     column, for whatever cannot be a recording. Rows are counted with a CSV's header as row 1.
     """
     path = Path(path)
-    return _recording(table_from_file(path), name=path.name, rig=rig)
+    return recording_from_table(table_from_file(path), name=path.name, rig=rig)
 
 
 def from_columns(columns: Mapping[str, ArrayLike], *, name: str = "recording", rig: Rig | None = None) -> Recording:
@@ -43,10 +43,11 @@ def from_columns(columns: Mapping[str, ArrayLike], *, name: str = "recording", r
         remedy = "give one array per column, all of one length"
         raise InputError(what=f"columns of different shapes: {shapes}", where=name, remedy=remedy)
     frame = pd.DataFrame(arrays)
-    return _recording(table_from_frame(frame, name), name=name, rig=rig)
+    return recording_from_table(table_from_frame(frame, name), name=name, rig=rig)
 
 
-def _recording(table: ColumnTable, *, name: str, rig: Rig | None) -> Recording:
+def recording_from_table(table: ColumnTable, *, name: str, rig: Rig | None) -> Recording:
+    """The recording in a table with the columns of FORMATS; InputError for whatever cannot be one."""
     channels = wrench_channels(table)
     form = motion_form(table, channels, rig)
     repeats = _repeats(table)

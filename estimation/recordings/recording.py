@@ -15,6 +15,7 @@ from modeling.rig.rig import PLANAR_CHANNELS, Rig
 
 if TYPE_CHECKING:
     from estimation.recordings.differentiation import Derivatives
+    from estimation.recordings.reading_report import ReadingReport
     from modeling.kinematics.arm import Arm
 
 
@@ -37,7 +38,7 @@ class Recording:
 
     `columns` hold everything else that was recorded, SI, as read. `time` is uniform, in s, and starts at 0
     (in every repeat when they are separate runs, `continuous` False); None when every row is a static pose.
-    The motion was run `repeats` times, with n / repeats samples each.
+    The motion was run `repeats` times, with n / repeats samples each. `reading` tells how a log became this recording.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Recording:
     repeats: int = 1
     continuous: bool = True
     rig: Rig | None = None
+    reading: ReadingReport | None = None
 
     @property
     def samples(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,8 +54,18 @@ def _require_increasing(stamps: NDArray[np.float64], where: str, first_row: int)
 
 
 def _require_no_missing_samples(stamps: NDArray[np.float64], where: str, first_row: int) -> None:
-    """A delayed stamp is followed by punctual ones; after missing samples all stamps stay delayed."""
-    window = min(max(len(stamps) // 10, 1), JITTER_WINDOW)
+    for i, lost in missing_samples(stamps):
+        what = f"a gap in time at row {first_row + i}: about {max(round(lost), 1)} samples are missing"
+        what += f" after {stamps[i - 1]:.9g} s"
+        raise InputError(what=what, where=where, remedy="use the longer piece, or record without a gap")
+
+
+def missing_samples(stamps: NDArray[np.float64], window: int = JITTER_WINDOW) -> Iterator[tuple[int, float]]:
+    """Index of each increasing stamp before which samples are missing, and how many, in samples.
+
+    A delayed stamp is followed by punctual ones; after missing samples all stamps stay delayed.
+    """
+    window = min(max(len(stamps) // 10, 1), window)
     step = float(np.median(stamps[window:] - stamps[:-window])) / window
     delay = stamps / step - np.arange(len(stamps))
     steps = np.diff(stamps) / step
@@ -68,9 +79,7 @@ def _require_no_missing_samples(stamps: NDArray[np.float64], where: str, first_r
         # The median of m stamps errs by 1.25 / sqrt(m) of their jitter; four times that is not by chance.
         chance = 5 * jitter * np.sqrt(1 / len(before) + 1 / len(after))
         if lost > max(MISSING_SAMPLE_STEP, chance):
-            what = f"a gap in time at row {first_row + int(i)}: about {max(round(lost), 1)} samples are missing"
-            what += f" after {stamps[i - 1]:.9g} s"
-            raise InputError(what=what, where=where, remedy="use the longer piece, or record without a gap")
+            yield int(i), lost
 
 
 def _require_uniform_rate(delay: NDArray[np.float64], dt: float, where: str) -> None:

@@ -80,6 +80,7 @@ class Rig:
     """A robot with a wrist sensor. Lengths in m, gravity in m/s²; a rig without a robot is valid.
 
     `urdf` is the path as given, `spatial_arm` the kinematic chain read from it up to `sensor_frame`.
+    `columns` names the columns of this rig's logs, as a map of `truewrench import` does.
     """
 
     name: str = ""
@@ -92,6 +93,7 @@ class Rig:
     limits: Limits | None = None
     workspace: Workspace | None = None
     sensor: SensorDescription = SensorDescription()
+    columns: Mapping[str, Any] | None = None
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
@@ -123,6 +125,7 @@ class Rig:
             limits=None if limits is None else _limits(limits, arm, where),
             workspace=None if workspace is None else _workspace(workspace),
             sensor=_sensor(tables["sensor"]),
+            columns=tables["columns"],
         )
 
     @cached_property
@@ -146,6 +149,8 @@ class Rig:
 
             robot |= {"spatial_arm": SPATIAL_ARM.dump_python(self.spatial_arm, mode="json")}
         data: dict[str, Any] = {"robot": _stated(robot), "sensor": _sensor_data(self.sensor)}
+        if self.columns is not None:
+            data["columns"] = dict(self.columns)
         if self.limits is not None:
             data["limits"] = _stated({name: _listed(pairs) for name, pairs in vars(self.limits).items()})
         if self.workspace is not None:

@@ -116,6 +116,7 @@ class RigTable(StrictTable):
     limits: LimitsTable | None = None
     workspace: WorkspaceTable | None = None
     sensor: SensorTable = SensorTable()
+    columns: dict[str, Any] | None = None
 
     @model_validator(mode="after")
     def _limits_fit_the_arm(self) -> Self:

@@ -1,0 +1,241 @@
+"""Clock offset: by how much the wrench's stamps are late against the motion's, from what both show of one motion.
+
+A rigid tool's wrench is linear in the specific force, the angular acceleration and the products of the angular
+velocity, all in the sensor frame. A drag would look like a delay, so that it is a regressor too, along the velocity of
+a point of the tool, v + omega x d, linear and quadratic; and so are a gravity that is tilted and a tether's spring, by
+forces that are constant in the world or grow with the position. In the force channels the coefficients on the specific force
+are free (gains, mounting, signs), those of centre of mass and drag shared, as one vector turned by the mounting; in the
+torque channels all are free. With all these regressors Phi(t),
+
+    y(t_i) = Phi(t_i - offset) b + e,      dy/d(offset) = -Phi'(t_i - offset) b.
+
+A scan over the offset minimises the sum of ln RSS of the channels, and Gauss-Newton on (b, offset) refines it. The
+standard deviation is a sandwich over blocks of the record, so that what the model does not explain widens it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimation.logs.log_table import Array
+from estimation.recordings.reading_report import OffsetReading
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+LARGEST_OFFSET = 2.0
+"""Seconds to either side that are searched."""
+SCAN_STEP = 0.02
+SCAN_ROWS = 2500
+REFINE_ROWS = 20_000
+BLOCKS = 20
+LEAST_CORRELATION = 0.3
+LARGEST_STD = 0.02
+"""Seconds; an offset that is known no better is not applied."""
+QUARTER_TURN_TOLERANCE = 0.35
+"""Radians."""
+TINY = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRegressors:
+    """Regressors of a rigid tool's wrench at uniform instants (n,), s on the motion's clock.
+
+    force    (n, d) the specific force in the sensor frame, d = 2 in the plane, else 3
+    shared   (n, r, d) further forces in the sensor frame, of unknown amounts
+    turning  (n, k) what torques follow besides: angular acceleration and products of the angular velocity
+    """
+
+    instants: Array
+    force: Array
+    shared: Array
+    turning: Array
+
+    @classmethod
+    def of(cls, signals: Mapping[str, Array], instants: Array, gravity: float) -> MotionRegressors:
+        """From a recording's signals (`Recording.signals`), planar or spatial."""
+        return cls(instants, *(_planar(signals, gravity) if "phi" in signals else _spatial(signals, gravity)))
+
+    @cached_property
+    def spline(self) -> CubicSpline:
+        """The cubic spline through all regressors, each of a largest value of 1."""
+        from scipy.interpolate import CubicSpline  # slow to import
+
+        parts = (self.force, self.shared.reshape(len(self.shared), -1), self.turning)
+        sizes = [np.abs(self.force).max(), np.repeat(np.abs(self.shared).max(axis=(0, 2)), self.dimension)]
+        sizes.append(np.abs(self.turning).max(axis=0))  # a force's directions share one size
+        return CubicSpline(self.instants, np.hstack([p / np.maximum(s, TINY) for p, s in zip(parts, sizes, strict=True)]))
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.force.shape[1]
+
+    def at(self, instants: Array, order: int = 0) -> tuple[Array, Array, Array]:
+        """At other instants (m,), or as derivatives by time: free regressors of the forces (m, d + 1) with a constant,
+        shared ones (m, r, d), and free ones of the torques (m, k).
+        """
+        found, d = self.spline(instants, order), self.dimension
+        constant = np.full((len(instants), 1), 1.0 if order == 0 else 0.0)
+        vectors = found[:, d : d + self.shared[0].size].reshape(len(instants), -1, d)
+        return np.hstack([found[:, :d], constant]), vectors, np.hstack([found, constant])
+
+
+def _stack(signals: Mapping[str, Array], prefix: str) -> Array:
+    return np.stack([signals[prefix + axis] for axis in "xyz"], axis=1)
+
+
+def _spatial(signals: Mapping[str, Array], gravity: float) -> tuple[Array, Array, Array]:
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    turn = Rotation.from_quat(np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1))
+    force = turn.apply(_stack(signals, "ap") + [0.0, 0.0, gravity], inverse=True)
+    omega, alpha = _stack(signals, "w"), _stack(signals, "al")
+    first, second = np.triu_indices(3)
+    levers = [np.cross(omega, axis) for axis in np.eye(3)]
+    levers += [np.cross(alpha, axis) + np.cross(omega, np.cross(omega, axis)) for axis in np.eye(3)]
+    levers += [turn.apply(axis, inverse=True) for axis in np.eye(3)[:2]]
+    levers += [turn.apply(_stack(signals, "p"), inverse=True)] if "px" in signals else []
+    velocity = turn.apply(_stack(signals, "vp"), inverse=True) if "vpx" in signals else np.zeros_like(omega)
+    return force, _forces(velocity, levers), np.hstack([alpha, omega[:, first] * omega[:, second]])
+
+
+def _planar(signals: Mapping[str, Array], gravity: float) -> tuple[Array, Array, Array]:
+    c, s = np.cos(signals["phi"]), np.sin(signals["phi"])
+
+    def in_sensor(x: Array, y: Array) -> Array:
+        return np.stack([c * x + s * y, c * y - s * x], axis=1)
+
+    rate, turning = signals["dphi"], np.stack([signals["ddphi"], signals["dphi"] ** 2], axis=1)
+    levers = [np.outer(rate, axis) for axis in np.eye(2)]
+    levers += [turning, turning[:, ::-1] * [1.0, -1.0]]  # of the centre of mass, along and across
+    levers += [in_sensor(np.ones_like(c), np.zeros_like(c))]
+    levers += [in_sensor(signals["px"], signals["py"])] if "px" in signals else []
+    velocity = in_sensor(signals["vx"], signals["vy"]) if "vx" in signals else np.zeros((len(c), 2))
+    return in_sensor(signals["ax"], signals["ay"] + gravity), _forces(velocity, levers), turning
+
+
+def _forces(velocity: Array, levers: list[Array]) -> Array:
+    """Drags along the velocity (n, d), linear and quadratic, and further forces, (n, r, d); none that is always zero."""
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    return np.stack([part for part in (velocity, speed * velocity, *levers) if part.any()] or [velocity], axis=1)
+
+
+def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around: float = 0.0) -> OffsetReading | None:
+    """The offset of the wrench (n, p) at its stamps (n,), searched about `around`; None where too little overlaps."""
+    reach = min(LARGEST_OFFSET, 0.25 * float(min(np.ptp(stamps), np.ptp(motion.instants))))
+    inside = (stamps - around > motion.instants[0] + reach) & (stamps - around < motion.instants[-1] - reach)
+    if inside.sum() < 100:
+        return None
+    size = wrench[inside].std(axis=0)
+    size[: motion.dimension] = size[: motion.dimension].max()  # forces share coefficients
+    wrench = wrench / np.maximum(size, TINY)
+    coarse = _averaged(stamps[inside], wrench[inside])
+    scan = around + np.arange(-reach, reach + SCAN_STEP, SCAN_STEP)
+    costs = np.array([_cost(motion, *coarse, offset) for offset in scan])
+    best = _nearest_minimum(scan - around, costs)
+    known = np.abs(stamps - scan[best] - motion.instants.mean()) < 0.5 * np.ptp(motion.instants) - SCAN_STEP
+    offset, std = _refined(motion, stamps[known][:REFINE_ROWS], wrench[known][:REFINE_ROWS], float(scan[best]))
+    share = 1 - float(np.exp(_cost(motion, *coarse, offset) - _cost(motion, *coarse, None)))
+    sure = std < LARGEST_STD and share > LEAST_CORRELATION and 0 < best < len(scan) - 1
+    others = tuple(float(scan[i]) for i in _deep_minima(costs) if abs(i - best) * SCAN_STEP > 0.1)
+    return OffsetReading(offset=offset, std=std, applied=sure, correlation=share, alternatives=others)
+
+
+def _averaged(stamps: Array, wrench: Array) -> tuple[Array, Array]:
+    """Wrench averaged over a few samples, at the mean of their stamps."""
+    group = max(int(0.01 / max(float(np.median(np.diff(stamps))), 1e-6)), len(stamps) // SCAN_ROWS, 1)
+    count = len(stamps) // group * group
+    return stamps[:count].reshape(-1, group).mean(axis=1), wrench[:count].reshape(-1, group, wrench.shape[1]).mean(axis=1)
+
+
+def _cost(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float | None) -> float:
+    """Mean over channels of ln RSS, all coefficients free; with no offset that of a constant."""
+    regressors = np.ones((len(stamps), 1))
+    if offset is not None:
+        regressors = motion.at(stamps - offset)[2]
+    residual = wrench - regressors @ np.linalg.lstsq(regressors, wrench, rcond=1e-10)[0]
+    return float(np.mean(np.log(np.maximum((residual**2).sum(axis=0), TINY))))
+
+
+def _deep_minima(costs: Array) -> list[int]:
+    """Indices of minima as deep as the deepest within a tenth of its depth, as a periodic motion has them."""
+    depth = float(np.median(costs) - costs.min())
+    inner = [i for i in range(1, len(costs) - 1) if costs[i] <= min(costs[i - 1], costs[i + 1])]
+    return [i for i in inner if costs[i] < costs.min() + 0.1 * depth]
+
+
+def _nearest_minimum(scan: Array, costs: Array) -> int:
+    """Of minima that are equally deep the smallest offset; without an inner minimum the deepest point."""
+    minima = _deep_minima(costs)
+    return min(minima, key=lambda i: abs(float(scan[i]))) if minima else int(np.argmin(costs))
+
+
+def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float) -> tuple[float, float]:
+    """Gauss-Newton on the coefficients and the offset, and the offset's std by a sandwich over blocks."""
+    std = np.inf
+    for _ in range(10):
+        late, residual = _linearised(motion, stamps, wrench, offset)
+        weight = 1 / np.maximum((residual**2).mean(axis=0), TINY)
+        information = float(((late**2) * weight).sum())
+        if information <= 0:
+            return offset, np.inf
+        change = float(np.clip((late * residual * weight).sum() / information, -SCAN_STEP, SCAN_STEP))
+        scores = (late * (residual - late * change) * weight).sum(axis=1)
+        blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
+        std = float(np.sqrt((blocks**2).sum()) / information)
+        offset += change
+        if abs(change) < 1e-7:
+            break
+    # A motion known at discrete instants, and stamps on a fitted clock: a fiftieth of the coarser step.
+    floor = 0.02 * max(float(np.median(np.diff(motion.instants))), float(np.median(np.diff(stamps))))
+    return offset, float(np.hypot(std, floor))
+
+
+def _linearised(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float) -> tuple[Array, Array]:
+    """Derivative of the prediction by the offset, and the residual, (n, p) each, without what the coefficients explain.
+    """
+    d = motion.dimension
+    (free, vectors, every), (free_rate, vectors_rate, every_rate) = (motion.at(stamps - offset, i) for i in (0, 1))
+    late, residual = np.empty_like(wrench), np.empty_like(wrench)
+    forces, torques = wrench[:, :d], wrench[:, d:]
+    mounting = _mounting(_coefficients(free, forces)[:d].T)
+    shared, shared_rate = vectors @ mounting.T, vectors_rate @ mounting.T
+    basis = np.linalg.svd(free, full_matrices=False)[0]
+    design = _cleared(basis, shared.reshape(len(stamps), -1)).reshape(shared.shape).transpose(0, 2, 1).reshape(-1, shared.shape[1])
+    target = _cleared(basis, forces).reshape(-1)
+    amounts = _coefficients(design, target)
+    residual[:, :d] = (target - design @ amounts).reshape(-1, d)
+    coefficients = _coefficients(free, forces - np.einsum("nrd,r->nd", shared, amounts))
+    slope = _cleared(basis, -free_rate @ coefficients - np.einsum("nrd,r->nd", shared_rate, amounts)).reshape(-1)
+    late[:, :d] = (slope - design @ _coefficients(design, slope)).reshape(-1, d)
+    basis = np.linalg.svd(every, full_matrices=False)[0]
+    residual[:, d:] = _cleared(basis, torques)
+    late[:, d:] = _cleared(basis, -every_rate @ _coefficients(every, torques))
+    return late, residual
+
+
+def _mounting(force: Array) -> Array:
+    """Rotation (d, d) from the motion's axes to the readings', with their sign, of the coefficients on the specific force.
+
+    Their polar factor; whole quarter turns where it is near them, as it is uncertain by what else acts.
+    """
+    from scipy.linalg import polar  # slow to import
+
+    turned = np.asarray(polar(force)[0])
+    quarter = np.where(np.abs(turned) > np.cos(QUARTER_TURN_TOLERANCE), np.sign(turned), 0.0)
+    return quarter if np.array_equal(np.abs(quarter).sum(axis=0), np.ones(len(force))) else turned
+
+
+def _coefficients(regressors: Array, series: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(regressors, series, rcond=1e-10)[0])
+
+
+def _cleared(basis: Array, columns: Array) -> Array:
+    """Columns (n, p) without their part in the span of an orthonormal basis (n, k)."""
+    return np.asarray(columns - basis @ (basis.T @ columns))

@@ -1,0 +1,136 @@
+"""Column map: which columns of the sources are what, and their units, stated in TOML by --map or [columns] of the rig."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Self
+
+from estimation.logs.orientation_form import OrientationForm
+from estimation.logs.units import KINDS, plain_unit
+from modeling.errors import InputError, quoted
+from modeling.rig.rig import SPATIAL_CHANNELS
+
+VECTORS: Mapping[str, tuple[str, ...]] = {
+    "wrench": SPATIAL_CHANNELS,
+    "planar_wrench": ("fx", "fy", "tau"),
+    "quaternion": ("qx", "qy", "qz", "qw"),
+    "position": ("px", "py", "pz"),
+}
+"""Columns by name that together are one vector; a map may give them one by one, or as one list."""
+OPTIONS = ("orientation", "orientation_columns", "joints", "units", "wrench_axes", "rate", "offset")
+REMEDY = 'write names as keys and columns as values, such as fx = "wrench.force.x"'
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnMap:
+    """A map as its author wrote it.
+
+    columns  source columns by name: time, fx .. tz, qx .. qw, px .. pz, q1 .., and any auxiliary signal
+    units    factors to SI by kind (time, position, angle, force, torque); `epoch` leaves the time in seconds
+    axes     "sensor" or "base": along which the wrench is given; rate in Hz of sources without time
+    offset   wrench stamp minus motion stamp of the same instant, s; None to estimate it
+    """
+
+    where: str = "map"
+    columns: Mapping[str, str] = field(default_factory=dict)
+    orientation: tuple[str, ...] = ()
+    form: OrientationForm | None = None
+    units: Mapping[str, float] = field(default_factory=dict)
+    axes: str | None = None
+    rate: float | None = None
+    offset: float | None = None
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """The map of a TOML file, at its top or under [columns]; InputError where it cannot be one."""
+        try:
+            data = tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
+        except OSError as error:
+            raise InputError(what=error.strerror or "cannot be read", where=str(path), remedy="give the path of a map") from None
+        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise InputError(what=f"not a TOML file: {error}", where=str(path), remedy="correct the TOML there") from None
+        inner = data.pop("columns", {})
+        if not isinstance(inner, dict):
+            raise InputError(what="columns is not a table", where=str(path), remedy=REMEDY)
+        return cls.of({**data, **inner}, str(path))
+
+    @classmethod
+    def of(cls, data: Mapping[str, object], where: str = "map") -> Self:
+        """The map of a dictionary with the structure of the TOML file."""
+        given = _Checked(data, where)
+        columns = {key: given.text(key) for key in data if key not in OPTIONS and key not in VECTORS}
+        for key, names in VECTORS.items():
+            if key in data:
+                columns |= dict(zip(names, given.texts(key, (len(names),)), strict=True))
+        if "joints" in data:
+            columns |= {f"q{i}": column for i, column in enumerate(given.texts("joints", None), 1)}
+        form = OrientationForm.parsed(given.text("orientation"), where) if "orientation" in data else None
+        orientation = tuple(columns.pop(name) for name in VECTORS["quaternion"] if name in columns)
+        if "orientation_columns" in data:
+            orientation = tuple(given.texts("orientation_columns", (3, 4, 9, 12, 16)))
+        if orientation and len(orientation) not in (form or OrientationForm("xyzw")).columns:
+            what = f"{len(orientation)} columns of orientation are no {form or 'quaternion x y z w'}"
+            raise InputError(what=what, where=where, remedy='state their form, such as orientation = "rotation_vector"')
+        axes = given.text("wrench_axes") if "wrench_axes" in data else None
+        if axes not in (None, "sensor", "base"):
+            raise InputError(what=f"wrench_axes = {quoted(axes)}", where=where, remedy='use "sensor" or "base"')
+        return cls(
+            where=where, columns=columns, orientation=orientation, form=form, units=given.units(), axes=axes,
+            rate=given.number("rate", low=0.0), offset=given.number("offset"),
+        )  # fmt: skip
+
+    def factor(self, kind: str) -> float | None:
+        """The stated factor to SI of a kind of unit."""
+        return self.units.get(kind)
+
+
+@dataclass(frozen=True)
+class _Checked:
+    """The entries of a map, checked as they are taken."""
+
+    data: Mapping[str, object]
+    where: str
+
+    def error(self, what: str, remedy: str = REMEDY) -> InputError:
+        return InputError(what=what, where=self.where, remedy=remedy)
+
+    def text(self, key: str) -> str:
+        value = self.data[key]
+        if not isinstance(value, str) or not value.strip():
+            raise self.error(f"{quoted(key)} is {quoted(value)}, not the name of a column")
+        return value
+
+    def texts(self, key: str, lengths: tuple[int, ...] | None) -> list[str]:
+        value = self.data[key]
+        if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
+            raise self.error(f"{quoted(key)} is no list of columns")
+        if lengths is not None and len(value) not in lengths:
+            raise self.error(f"{quoted(key)} has {len(value)} columns", f"give {' or '.join(map(str, lengths))}")
+        return value
+
+    def number(self, key: str, low: float | None = None) -> float | None:
+        value = self.data.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < 1e9 or (low is not None and value <= low):
+            raise self.error(f"{quoted(key)} is {quoted(value)}, not a number that it can be", "give a number")
+        return float(value)
+
+    def units(self) -> dict[str, float]:
+        units = self.data.get("units", {})
+        if not isinstance(units, dict):
+            raise self.error("units is not a table", 'write units = { time = "ms", position = "mm", angle = "deg" }')
+        found = {}
+        for kind, unit in units.items():
+            known = KINDS.get(kind)
+            if known is None:
+                raise self.error(f"units.{quoted(kind)} is no kind of unit", f"use one of {', '.join(KINDS)}")
+            plain = plain_unit(re.sub("^epoch(_in)?_?|^epoch$", "", str(unit))) or "s"
+            if plain not in known:
+                raise self.error(f"units.{kind} = {quoted(unit)} is not known", f"use one of {', '.join(known)}")
+            found[kind] = known[plain]
+        return found

@@ -1,0 +1,278 @@
+"""Column recognition: the wrench, the motion and the rest among the tables' columns, by a map, else by names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.logs.column_map import ColumnMap
+from estimation.logs.column_pattern import PATTERNS, ColumnPattern, Quantity
+from estimation.logs.log_table import Array, LogTable
+from estimation.logs.orientation_form import OrientationForm
+from estimation.logs.units import name_and_unit
+from modeling.errors import InputError, quoted
+from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
+
+COMMANDED = re.compile(r"target|desired|command|setpoint|goal|reference|(?:^|[^a-z])(?:cmd|ref|des)(?:[^a-z]|$)", re.IGNORECASE)
+ASK = "name its columns in a map"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ColumnGroup:
+    """Columns of one table that are one quantity, under the names `targets` of a recording where they have some."""
+
+    quantity: Quantity
+    table: LogTable
+    columns: tuple[str, ...]
+    targets: tuple[str, ...] = ()
+    form: OrientationForm | None = None
+    stem: str = ""
+    base_axes: bool = False
+    compensated: bool = False
+    preset: str = ""
+
+    def values(self) -> Array:
+        """The columns (n, k), as found."""
+        return np.stack([self.table.columns[name] for name in self.columns], axis=1)
+
+    @property
+    def title(self) -> str:
+        """Table and columns, for a message."""
+        shown = self.columns[0] if len(self.columns) == 1 else f"{self.columns[0]} .. {self.columns[-1]}"
+        return f"{shown} of {self.table.name}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ColumnMapping:
+    """What is read of all tables: wrench, and the motion as an orientation, with or without a position, or as joints."""
+
+    wrench: ColumnGroup
+    orientation: ColumnGroup | None
+    position: ColumnGroup | None
+    joints: tuple[ColumnGroup, ...]
+
+    @property
+    def groups(self) -> tuple[ColumnGroup, ...]:
+        """All groups, the wrench first."""
+        return tuple(g for g in (self.wrench, self.orientation, self.position, *self.joints) if g is not None)
+
+
+def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: Sequence[str] | None) -> ColumnMapping:
+    """The mapping of these tables. `joint_names` are those of the rig's arm, in order; None without an arm.
+
+    Raises InputError where something is missing, or two groups of columns could be it.
+    """
+    found = _Groups(tables, stated)
+    wrench = found.stated_vector(Quantity.WRENCH, SPATIAL_CHANNELS) or found.stated_vector(Quantity.WRENCH, PLANAR_CHANNELS)
+    wrench = wrench or found.chosen(Quantity.WRENCH)
+    if wrench is None:
+        raise found.error("no wrench is recognised", found.nearest())
+    joints = found.joints(joint_names)
+    if joints and (joint_names is not None or not stated.orientation):
+        orientation = None if joint_names is not None else found.orientation()
+        if orientation is None:
+            return ColumnMapping(wrench=wrench, orientation=None, position=None, joints=joints)
+    else:
+        orientation = found.orientation()
+    if orientation is None:
+        raise found.error("no motion is recognised: neither an orientation nor joint angles", found.nearest())
+    return ColumnMapping(wrench=wrench, orientation=orientation, position=found.position(orientation), joints=())
+
+
+@dataclass(frozen=True)
+class _Groups:
+    """The complete groups of columns in the tables, as a map states them, else as the patterns find them."""
+
+    tables: Sequence[LogTable]
+    stated: ColumnMap
+
+    def error(self, what: str, hint: str = "") -> InputError:
+        where = ", ".join(table.name for table in self.tables[:3])
+        return InputError(what=what + hint, where=where, remedy=f'{ASK}: fx = "column", ..., and give it by --map')
+
+    def nearest(self) -> str:
+        """The columns that there are, for a message."""
+        names = [name for table in self.tables for name in table.columns]
+        return f" among {', '.join(names[:8])}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+
+    # ------------------------------------------------------------------------------ as the map says
+
+    def place(self, reference: str) -> tuple[LogTable, str]:
+        """Table and column of a map's reference: the column's name, or `table:column` where two tables have it."""
+        found = [(table, reference) for table in self.tables if reference in table.columns]
+        if not found:
+            found = [
+                (table, name)
+                for table in self.tables
+                for name in table.columns
+                if reference in (f"{table.name}:{name}", f"{table.name.rsplit('.', 1)[0]}:{name}")
+            ]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            what = f"column {quoted(reference)} occurs in {' and '.join(table.name for table, _ in found)}"
+            raise InputError(what=what, where=self.stated.where, remedy=f'write "{found[0][0].name}:{reference}"')
+        what = f"there is no column {quoted(reference)}"
+        raise InputError(what=what + self.nearest(), where=self.stated.where, remedy="correct the map")
+
+    def of_columns(self, quantity: Quantity, references: Sequence[str], targets: Sequence[str]) -> ColumnGroup:
+        """The group of these columns, which have to be in one table."""
+        places = [self.place(reference) for reference in references]
+        if len({id(table) for table, _ in places}) > 1:
+            what = f"the columns of the {quantity.value} are in different sources"
+            raise InputError(what=what, where=self.stated.where, remedy="name columns of one source for it")
+        names = tuple(name for _, name in places)
+        return ColumnGroup(quantity=quantity, table=places[0][0], columns=names, targets=tuple(targets))
+
+    def stated_vector(self, quantity: Quantity, targets: tuple[str, ...]) -> ColumnGroup | None:
+        """The group that the map names for these targets; None when it names none of them."""
+        named = [target for target in targets if target in self.stated.columns]
+        if not named or ("tau" in targets) != ("tau" in self.stated.columns):
+            return None
+        missing = [target for target in targets if target not in named]
+        if missing:
+            what = f"the map names {', '.join(named)}, and not {', '.join(missing)}"
+            raise InputError(what=what, where=self.stated.where, remedy="name all columns of a vector")
+        return self.of_columns(quantity, [self.stated.columns[target] for target in targets], targets)
+
+    # ------------------------------------------------------------------------------------ by name
+
+    def candidates(self, quantity: Quantity) -> list[ColumnGroup]:
+        """The complete groups of a quantity, best pattern first, measured before commanded ones."""
+        patterns = [pattern for pattern in PATTERNS if pattern.quantity is quantity and pattern.parts]
+        found = [group for pattern in patterns for table in self.tables for group in _matches(pattern, table)]
+        return sorted(found, key=lambda group: bool(COMMANDED.search(group.title)))
+
+    def chosen(self, quantity: Quantity) -> ColumnGroup | None:
+        """The only group, or the best; InputError when two are equally good."""
+        return self.only([group for group in self.candidates(quantity) if _is_alive(group)])
+
+    def only(self, groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
+        """The first group; InputError when the next one is as good a reading."""
+        if not groups:
+            return None
+        best = groups[0]
+        rivals = [g for g in groups[1:] if (g.preset, bool(COMMANDED.search(g.title))) == (best.preset, bool(COMMANDED.search(best.title)))]
+        rivals = [g for g in rivals if g.targets == best.targets and g.columns != best.columns and not g.preset]
+        if rivals:
+            what = f"the {best.quantity.value} could be {best.title} or {rivals[0].title}"
+            raise InputError(what=what, where=best.table.name, remedy=f"{ASK}, and give it by --map")
+        return best
+
+    def orientation(self) -> ColumnGroup | None:
+        """The orientation's columns, with those of a pose that holds it."""
+        if self.stated.orientation:
+            group = self.of_columns(Quantity.ORIENTATION, self.stated.orientation, ("qx", "qy", "qz", "qw"))
+            form = self.stated.form or OrientationForm("xyzw")
+            return ColumnGroup(**{**vars(group), "form": form})
+        if "phi" in self.stated.columns:
+            group = self.of_columns(Quantity.ORIENTATION, [self.stated.columns["phi"]], ("phi",))
+            return ColumnGroup(**{**vars(group), "form": OrientationForm("planar")})
+        both = [*self.candidates(Quantity.POSE), *self.candidates(Quantity.ORIENTATION)]
+        order = {pattern: place for place, pattern in enumerate(PATTERNS)}
+        both.sort(key=lambda g: (bool(COMMANDED.search(g.title)), not g.preset))
+        found = self.only([g for g in both if np.isfinite(g.values()).all(axis=1).any()]) if order else None
+        if found is not None and self.stated.form is not None and len(found.columns) in self.stated.form.columns:
+            found = ColumnGroup(**{**vars(found), "form": self.stated.form})
+        return found
+
+    def position(self, orientation: ColumnGroup) -> ColumnGroup | None:
+        """The position that belongs to the orientation: of the map, else of the same pose; None without one."""
+        stated = self.stated_vector(Quantity.POSITION, ("px", "py", "pz"))
+        if stated is not None or orientation.quantity is Quantity.POSE or orientation.form == OrientationForm("planar"):
+            return stated
+        same = [g for g in self.candidates(Quantity.POSITION) if g.table is orientation.table]
+        plain = [g for g in same if g.stem == orientation.stem] or [
+            g for g in same if re.search(r"pos|p[^a-z]*$", g.columns[0].lower().removesuffix("x"))
+        ]
+        return next(iter(plain), None)
+
+    def joints(self, names: Sequence[str] | None) -> tuple[ColumnGroup, ...]:
+        """Groups of joint angles with the targets q1 .. qn; several where several sources hold some each."""
+        stated = [key for key in self.stated.columns if re.fullmatch(r"q[1-9]\d*", key)]
+        if stated:
+            stated.sort(key=lambda key: int(key[1:]))
+            return (self.of_columns(Quantity.JOINTS, [self.stated.columns[key] for key in stated], stated),)
+        named = self._named_joints(names)
+        if named:
+            return named
+        patterns = [p for p in PATTERNS if p.quantity is Quantity.JOINTS and "joint:" not in p.regex]
+        found = [group for pattern in patterns for table in self.tables for group in _numbered(pattern, table)]
+        found = [g for g in found if names is None or len(g.columns) == len(names)]
+        found.sort(key=lambda g: bool(COMMANDED.search(g.title)))
+        return tuple(found[:1])
+
+    def _named_joints(self, names: Sequence[str] | None) -> tuple[ColumnGroup, ...]:
+        """Joints by the names that ROS gives them, in the order of the rig's arm, else in that of their names."""
+        places = {c.split(":", 1)[1]: (t, c) for t in self.tables for c in t.columns if c.startswith("joint:")}
+        order = [name for name in (names or sorted(places)) if name in places]
+        if not order or (names is not None and len(order) < len(names)):
+            return ()
+        groups: dict[int, list[tuple[LogTable, str, str]]] = {}
+        for number, name in enumerate(order, 1):
+            groups.setdefault(id(places[name][0]), []).append((*places[name], f"q{number}"))
+        return tuple(
+            ColumnGroup(
+                quantity=Quantity.JOINTS, table=members[0][0],
+                columns=tuple(c for _, c, _ in members), targets=tuple(t for _, _, t in members),
+            )
+            for members in groups.values()
+        )  # fmt: skip
+
+
+def _is_alive(group: ColumnGroup) -> bool:
+    values = group.values()
+    known = values[np.isfinite(values).all(axis=1)]
+    return bool(len(known)) and bool(np.ptp(known, axis=0).any())
+
+
+def _by_stem(pattern: ColumnPattern, table: LogTable) -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = {}
+    for name in table.columns:
+        match = pattern.matched(name_and_unit(name)[0])
+        if match is not None:
+            found.setdefault(match[0].lower(), {}).setdefault(match[1], name)
+    return found
+
+
+def _matches(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
+    """The complete groups of a pattern in a table; numbered parts may begin at 1."""
+    groups = []
+    for stem, members in _by_stem(pattern, table).items():
+        parts = pattern.parts
+        if parts[0] == "0" and "0" not in members and str(len(parts)) in members:
+            parts = tuple(str(int(part) + 1) for part in parts)
+        numbers = [part for part in members if part.isdigit()]
+        if not all(part in members for part in parts) or (parts[0].isdigit() and len(numbers) > len(parts)):
+            continue
+        groups.append(_group(pattern, table, stem, tuple(members[part] for part in parts)))
+    return groups
+
+
+def _group(pattern: ColumnPattern, table: LogTable, stem: str, columns: tuple[str, ...]) -> ColumnGroup:
+    targets = {
+        Quantity.WRENCH: PLANAR_CHANNELS if len(columns) == 3 else SPATIAL_CHANNELS,
+        Quantity.POSITION: ("px", "py", "pz"),
+    }.get(pattern.quantity, ("qx", "qy", "qz", "qw"))
+    form = OrientationForm(pattern.form) if pattern.form else None
+    return ColumnGroup(
+        quantity=pattern.quantity, table=table, columns=columns, targets=targets, form=form, stem=stem,
+        base_axes=pattern.base_axes, compensated=pattern.compensated, preset=pattern.preset,
+    )  # fmt: skip
+
+
+def _numbered(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
+    """Joint angles numbered from 0 or 1 on without a gap, or by names."""
+    groups = []
+    for stem, members in _by_stem(pattern, table).items():
+        numeric = all(part.isdigit() for part in members)
+        parts = sorted(members, key=int) if numeric else sorted(members)
+        if numeric and ([int(p) for p in parts] != list(range(int(parts[0]), int(parts[0]) + len(parts))) or int(parts[0]) > 1):
+            continue
+        columns = tuple(members[part] for part in parts)
+        targets = tuple(f"q{i}" for i in range(1, len(parts) + 1))
+        groups.append(ColumnGroup(quantity=Quantity.JOINTS, table=table, columns=columns, targets=targets, stem=stem, preset=pattern.preset))
+    return groups

@@ -1,0 +1,284 @@
+"""Import of logs: sources of any format to one recording on one clock, with a report of every step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+import estimation.logs.readers  # registers the readers  # noqa: F401
+from estimation.logs.column_map import ColumnMap
+from estimation.logs.column_pattern import PRESETS, Quantity
+from estimation.logs.column_recognition import ColumnGroup, ColumnMapping, column_mapping
+from estimation.logs.log_reader import tables_of
+from estimation.logs.log_table import Array, LogTable
+from estimation.logs.motion_streams import QUATERNION, SiColumns, in_sensor_axes
+from estimation.logs.one_clock import on_one_clock
+from estimation.logs.sample_hold import held_rows, note_suspicious_channels
+from estimation.logs.sample_mending import Series, Stream, mended
+from estimation.logs.source_file import SourceFile
+from estimation.logs.step_log import StepLog
+from estimation.logs.table_joining import joined_by_rows, with_preset_names
+from estimation.logs.time_column import TimeColumn, time_column
+from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.reading import recording_from_table
+from estimation.recordings.reading_report import ClockReading, OffsetReading, ReadingReport
+from estimation.recordings.recording import MotionForm, Recording, motion_columns
+from modeling.errors import InputError, quoted
+from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
+
+SHARED_ROWS = 0.5
+"""Share of rows in common from which two groups of columns were sampled together."""
+MOST_AUXILIARY = 40
+POSE_STEP = 0.05
+"""Radians between neighbouring rows without time from which they are poses at rest, and no run."""
+RESERVED = {*PLANAR_CHANNELS, *SPATIAL_CHANNELS, "time", "repeat", *motion_columns(MotionForm.PLANAR_POSE), *motion_columns(MotionForm.POSE)}
+
+Groups: TypeAlias = Sequence[tuple[ColumnGroup, dict[str, Array]]]
+"""Groups of columns, the wrench's first, each with what it becomes, in SI units."""
+Clocks: TypeAlias = tuple[tuple[ClockReading, ...], OffsetReading | None, float | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadingOptions:
+    """How to read: a preset's name, a map, the period of the motion (s), and whether mending is refused."""
+
+    preset: str | None = None
+    stated: ColumnMap | None = None
+    period: float | None = None
+    strict: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImportedRecording:
+    """Columns (n,) of FORMATS' recording, and the report of how they were read."""
+
+    name: str
+    columns: Mapping[str, Array]
+    report: ReadingReport
+
+    def recording(self, rig: Rig | None = None) -> Recording:
+        """The recording, with its reading report. InputError where it cannot be one."""
+        table = ColumnTable(columns=self.columns, where=self.name, first_row=1)
+        return replace(recording_from_table(table, name=self.name, rig=rig), reading=self.report)
+
+
+def import_recording(
+    sources: Sequence[str | Path], options: ReadingOptions | None = None, *, rig: Rig | None = None
+) -> ImportedRecording:
+    """One recording of these sources. `rig` gives [columns], and the arm that joint angles need for a clock offset.
+
+    Raises InputError, in one line, for whatever cannot be read, or could be read in two ways.
+    """
+    options = options or ReadingOptions()
+    if options.preset is not None and options.preset not in PRESETS:
+        what = f"there is no preset {quoted(options.preset)}"
+        raise InputError(what=what, where="--preset", remedy=f"use one of {', '.join(PRESETS)}")
+    return _Reading([Path(source) for source in sources], options, rig).imported()
+
+
+class _Reading:
+    """One import, from the sources to the recording."""
+
+    def __init__(self, paths: Sequence[Path], options: ReadingOptions, rig: Rig | None) -> None:
+        self.paths, self.options, self.rig = paths, options, rig
+        own = None if rig is None or rig.columns is None else ColumnMap.of(rig.columns, "[columns] of the rig")
+        self.stated = options.stated or own or ColumnMap()
+        self.log = StepLog(strict=options.strict)
+        self.times: dict[int, TimeColumn | None] = {}
+
+    def imported(self) -> ImportedRecording:
+        tables = self._tables()
+        sources = tuple((t.name, t.kind, t.rows, len(t.columns) + len(t.texts)) for t in tables)
+        tables = with_preset_names(tables, self.options.preset, self.log)
+        tables = joined_by_rows(tables, self.stated.columns.get("time"), self.log)
+        arm = None if self.rig is None else self.rig.arm
+        names = None if arm is None else _joint_names(self.rig, arm.joints)
+        mapping = column_mapping(tables, self.stated, names)
+        si = SiColumns(mapping, self.stated, self.log)
+        groups = [(mapping.wrench, si.wrench())]
+        groups += [(group, si.motion(group)) for group in mapping.groups[1:]]
+        columns, report_parts = self._on_one_clock(mapping, groups, si.base_axes)
+        clocks, offset, rate = report_parts
+        note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, mapping.wrench.table.name, self.log)
+        report = ReadingReport(
+            sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, steps=tuple(self.log.steps),
+            samples=len(columns[mapping.wrench.targets[0]]), rate=rate, columns=tuple(columns),
+        )  # fmt: skip
+        return ImportedRecording(name=self.paths[0].name, columns=columns, report=report)
+
+    # ------------------------------------------------------------------------------------- sources
+
+    def _tables(self) -> list[LogTable]:
+        found = [table for path in self.paths for table in tables_of(SourceFile(path))]
+        counts: dict[str, int] = {}
+        tables = []
+        for table in found:
+            counts[table.name] = counts.get(table.name, 0) + 1
+            named = table if counts[table.name] == 1 else replace(table, name=f"{table.name}#{counts[table.name]}")
+            tables.append(named)
+            for what, count, is_mended in table.notes:
+                (self.log.mended if is_mended else self.log.taken)(what, named.name, count)
+            if table.texts:
+                shown = ", ".join(f"{name} ({', '.join(map(quoted, texts[:2]))})" for name, texts in [*table.texts.items()][:4])
+                self.log.taken(f"columns of text are not used: {shown}", named.name, len(table.texts))
+        return tables
+
+    def _time(self, table: LogTable) -> TimeColumn | None:
+        """The time of a table, found once."""
+        if id(table) not in self.times:
+            stated = self.stated.columns.get("time")
+            stated = stated if stated in table.columns else None
+            franka = any("o_t_ee" in name.lower() or "_ext_hat_" in name.lower() for name in table.columns)
+            found = time_column(table, stated=stated, factor=self.stated.factor("time"), milliseconds=franka)
+            if found is None and self.stated.rate is not None:
+                stamps = np.arange(table.rows) / self.stated.rate
+                found = TimeColumn(columns=(), stamps=stamps, epoch=0.0, how=f"{self.stated.rate:g} Hz, as stated")
+            if found is not None:
+                named = " and ".join(found.columns) or "no column"
+                self.log.taken(f"time from {named}: {found.how}", table.name)
+            self.times[id(table)] = found
+        return self.times[id(table)]
+
+    # --------------------------------------------------------------------------------------- clocks
+
+    def _on_one_clock(self, mapping: ColumnMapping, groups: Groups, base_axes: bool) -> tuple[dict[str, Array], Clocks]:
+        tables = list({id(group.table): group.table for group, _ in groups}.values())
+        timed = [self._time(table) for table in tables]
+        if all(time is None for time in timed):
+            return self._poses(mapping, groups, base_axes), ((), None, None)
+        for table, time in zip(tables, timed, strict=True):
+            if time is None:
+                what = "no time is recognised in this source, and another source has one"
+                raise InputError(what=what, where=table.name, remedy='name it in a map: time = "column"')
+        series = [mended(stream, self.log) for stream in self._streams(groups)]
+        clock = on_one_clock(series, self.stated.offset, self.options.period, self.rig, self.log, self._shared(series))
+        columns = self._turned(clock.columns, base_axes)
+        return columns, (tuple(s.reading for s in series), clock.offset, clock.rate)
+
+    @staticmethod
+    def _shared(series: Sequence[Series]) -> bool:
+        """Whether all series are of one source, whose columns share a clock."""
+        return len({one.where for one in series}) == 1
+
+    def _streams(self, groups: Groups) -> list[Stream]:
+        """Groups that were sampled together as one stream each, with the auxiliary columns of their table."""
+        streams: list[tuple[LogTable, dict[str, Array], Array]] = []
+        for group, columns in groups:
+            rows = self._own_rows(group, columns)
+            for place, (table, members, known) in enumerate(streams):
+                if table is group.table and (known & rows).sum() >= SHARED_ROWS * max(known.sum(), rows.sum()):
+                    streams[place] = (table, members | columns, known & rows)
+                    break
+            else:
+                streams.append((group.table, dict(columns), rows))
+        return [self._stream(*stream, groups) for stream in streams]
+
+    def _own_rows(self, group: ColumnGroup, columns: Mapping[str, Array]) -> Array:
+        """Mask of the rows in which a group has a new sample: all its cells filled, and none held from before."""
+        rows = np.ones(group.table.rows, dtype=bool)
+        for column in columns.values():
+            rows &= np.isfinite(column)
+        known = np.flatnonzero(rows)
+        time = self._time(group.table)
+        if time is not None and len(known):  # a row that is written twice holds nothing
+            known = known[np.concatenate([[True], np.diff(time.stamps[known]) != 0])]
+        if len(known) < 2:
+            raise InputError(what=f"{group.title} has no samples", where=group.table.name, remedy="give a log that has them")
+        changed, held = held_rows([column[known] for column in columns.values()])
+        share = 1 - float(changed.mean())
+        total = len(known)
+        if held:
+            what = f"{group.quantity.value} held for {held} rows each: only its new values are used"
+            self.log.mended(what, group.table.name, int((~changed).sum()), total)
+            rows = np.zeros(group.table.rows, dtype=bool)
+            rows[known[changed]] = True
+        elif share > (0.02 if group.quantity is Quantity.WRENCH else 0.5):
+            self.log.suspicious(f"{group.quantity.value} repeats its last value", group.table.name, int((~changed).sum()), total)
+        return rows
+
+    def _stream(self, table: LogTable, columns: Mapping[str, Array], rows: Array, groups: Groups) -> Stream:
+        """The rows of a stream; those where it has no sample are left out, the auxiliary columns with them."""
+        time = self._time(table)
+        assert time is not None  # checked before
+        holder = next(set(own) for group, own in groups if group.table is table)
+        full = {**columns, **(self._auxiliary(table, groups) if holder <= set(columns) else {})}
+        stamps = time.stamps + (time.epoch - self._epoch(groups))
+        if not rows.all():
+            kept = np.flatnonzero(rows | ~np.isfinite(stamps))
+            self._note_rows(table, rows, len(kept))
+            stamps, full = stamps[kept], {name: column[kept] for name, column in full.items()}
+        return Stream(where=table.name, stamps=stamps, columns=full, essential=tuple(columns))
+
+    def _note_rows(self, table: LogTable, rows: Array, kept: int) -> None:
+        """Log rows in which a group has no sample, as missing cells or as those of other topics in one table."""
+        without = len(rows) - kept
+        if without > 0.2 * len(rows):
+            self.log.taken("rows without a sample of its own", table.name, without, len(rows))
+        elif without:
+            self.log.mended("rows with empty or held cells left out", table.name, without, len(rows))
+
+    def _epoch(self, groups: Groups) -> float:
+        """The epoch that stamps are counted from: the smallest of those since 1970, else 0."""
+        epochs = [time.epoch for group, _ in groups if (time := self._time(group.table)) is not None]
+        return min(epochs) if min(epochs) > 0 or max(epochs) == 0 else 0.0
+
+    def _auxiliary(self, table: LogTable, groups: Groups) -> dict[str, Array]:
+        """Columns of a table that are not used otherwise, under names that mean nothing else in a recording."""
+        time = self._time(table)
+        used = {name for group, _ in groups if group.table is table for name in group.columns}
+        used |= set(time.columns) if time is not None else set()
+        plain = all(group.columns == group.targets for group, _ in groups)
+        found: dict[str, Array] = {}
+        named = {column: key for key, column in self.stated.columns.items()}
+        for name, column in table.columns.items():
+            if name in used:
+                continue
+            known = column[np.isfinite(column)]
+            if len(known) < 0.5 * len(column) or not len(known) or (known[0] == known).all():
+                continue
+            key = named.get(name, name.replace(",", "_").replace('"', ""))
+            key = "temperature" if key.lower() in ("temp", "temperature") else key
+            found[key if plain or key not in RESERVED or name in named else f"log_{key}"] = column
+        if len(found) > MOST_AUXILIARY:
+            kept = {n: c for n, c in found.items() if n in self.stated.columns or n in ("temperature", "repeat")}
+            self.log.taken("further columns are not kept: more than a recording needs", table.name, len(found) - len(kept))
+            return kept
+        return found
+
+    # ---------------------------------------------------------------------------------------- poses
+
+    def _poses(self, mapping: ColumnMapping, groups: Groups, base_axes: bool) -> dict[str, Array]:
+        """Rows without time as poses at rest; InputError when they look like a run."""
+        table = mapping.wrench.table
+        if any(group.table is not table for group, _ in groups):
+            what = "no time is recognised in the sources"
+            raise InputError(what=what, where=table.name, remedy='name it in a map: time = "column", or rate = 500 (Hz)')
+        columns = {name: column for _, part in groups for name, column in part.items()}
+        complete = np.isfinite(np.stack(list(columns.values()))).all(axis=0)
+        if not complete.all():
+            self.log.mended("rows with empty cells left out", table.name, int((~complete).sum()), len(complete))
+        columns = {name: column[complete] for name, column in columns.items()}
+        angles = [columns[name] for name in columns if name in QUATERNION or name == "phi" or name[0] == "q"]
+        step = float(np.median(np.linalg.norm(np.diff(np.stack(angles), axis=1), axis=0))) if complete.sum() > 1 else 0.0
+        if step < POSE_STEP / 2:
+            what = f"no time, and neighbouring rows differ by {2 * step:.2g} rad: a run without its time, not poses at rest"
+            raise InputError(what=what, where=table.name, remedy='state its rate in a map: rate = 500 (Hz), or time = "column"')
+        self.log.taken("no time: every row is a pose at rest", table.name, int(complete.sum()))
+        return self._turned(columns, base_axes)
+
+    def _turned(self, columns: Mapping[str, Array], base_axes: bool) -> dict[str, Array]:
+        if not base_axes:
+            return dict(columns)
+        if "qx" not in columns or "fz" not in columns:
+            what = "a wrench along the base's axes needs the orientation of the sensor"
+            raise InputError(what=what, where=self.paths[0].name, remedy="give a log with the pose")
+        return dict(columns) | in_sensor_axes(columns, columns)
+
+
+def _joint_names(rig: Rig | None, joints: int) -> list[str]:
+    arm = None if rig is None else rig.spatial_arm
+    return [joint.name for joint in arm.chain] if arm is not None else [f"q{i + 1}" for i in range(joints)]

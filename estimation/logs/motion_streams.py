@@ -1,0 +1,147 @@
+"""Motion and wrench of mapped columns in SI units: orientation as a quaternion x y z w without jumps of sign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi
+
+import numpy as np
+
+from estimation.logs.column_map import ColumnMap
+from estimation.logs.column_recognition import ColumnGroup, ColumnMapping
+from estimation.logs.log_table import Array
+from estimation.logs.orientation_form import OrientationForm, matrix_form, matrix_positions
+from estimation.logs.step_log import StepLog
+from estimation.logs.units import KINDS, name_and_unit
+from estimation.recordings.reading_report import UsedColumns
+from modeling.errors import InputError
+
+QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")
+PLANAR_FORM = OrientationForm("planar")
+UNIT_NORM = 1e-3
+LARGEST_LEVER = 20.0
+"""Metres: no arm reaches further, so that larger positions are in millimetres."""
+LARGEST_JOINT = 2.5 * 2 * pi
+"""Radians: joints turn by two revolutions at most, so that larger angles are in degrees."""
+
+
+class SiColumns:
+    """Columns in SI units of the groups of a mapping, with how each was read."""
+
+    def __init__(self, mapping: ColumnMapping, stated: ColumnMap, log: StepLog) -> None:
+        self.mapping, self.stated, self.log = mapping, stated, log
+        self.used: list[UsedColumns] = []
+
+    def wrench(self) -> dict[str, Array]:
+        """The wrench by channel, N and N m, along the axes in which it is given."""
+        group = self.mapping.wrench
+        kinds = ["force" if target.startswith("f") else "torque" for target in group.targets]
+        how = "base axes, turned into the sensor's by the pose" if self.base_axes else "sensor axes"
+        if group.compensated:
+            how += "; compensated by the robot"
+            what = "the robot takes a payload's weight out of these readings: a tool's mass is not what they show"
+            self.log.suspicious(what, group.table.name)
+        return self._scaled(group, kinds, how)
+
+    @property
+    def base_axes(self) -> bool:
+        """Whether the wrench is given along the axes of the robot's base."""
+        return self.mapping.wrench.base_axes if self.stated.axes is None else self.stated.axes == "base"
+
+    def motion(self, group: ColumnGroup) -> dict[str, Array]:
+        """The columns of one group of the motion under their names in a recording."""
+        if group is self.mapping.position:
+            return self._checked_position(self._scaled(group, ["position"] * 3, "m"), group)
+        if group is not self.mapping.orientation:
+            return self._joints(group)
+        if group.form == PLANAR_FORM:
+            return self._scaled(group, ["angle"], "rad", ("phi",))
+        return self._pose(group)
+
+    def _joints(self, group: ColumnGroup) -> dict[str, Array]:
+        columns = self._scaled(group, ["angle"] * len(group.columns), "rad")
+        largest = max(float(np.nanmax(np.abs(column), initial=0.0)) for column in columns.values())
+        if largest > LARGEST_JOINT and self._factor("angle", group.columns[0]) == 1.0:
+            what = f"joint angles up to {largest:.4g}, taken as degrees"
+            self.log.mended(what, group.table.name)
+            columns = {name: column * KINDS["angle"]["deg"] for name, column in columns.items()}
+        return columns
+
+    def _pose(self, group: ColumnGroup) -> dict[str, Array]:
+        values = group.values()
+        where = group.table.name
+        place: Array | None = None
+        if len(group.columns) in (6, 7) and group.quantity.value == "pose":
+            place, values = values[:, :3], values[:, 3:]
+        form = group.form or (matrix_form(values) if values.shape[1] > 4 else OrientationForm("xyzw"))
+        if form.name.startswith("matrix"):
+            form = form if self.stated.form is not None else matrix_form(values)
+            place = matrix_positions(values, form)
+        if form.has_angles:
+            values = values * self._factor("angle", group.columns[-1])
+        columns = {} if place is None else dict(zip(POSITION, (place * self._factor("position", group.columns[0])).T, strict=True))
+        columns = self._checked_position(columns, group)
+        self._note(group, (*QUATERNION, *columns), str(form))
+        plain = form.name == "xyzw" and bool((np.abs((values**2).sum(axis=1) - 1) < UNIT_NORM)[np.isfinite(values).all(axis=1)].all())
+        turned = values if plain else form.quaternions(values, where)
+        return dict(zip(QUATERNION, _without_jumps(turned).T, strict=True)) | columns
+
+    def _checked_position(self, columns: dict[str, Array], group: ColumnGroup) -> dict[str, Array]:
+        largest = max((float(np.nanmax(np.abs(column), initial=0.0)) for column in columns.values()), default=0.0)
+        if largest > LARGEST_LEVER and self._factor("position", group.columns[0]) == 1.0:
+            self.log.mended(f"positions up to {largest:.4g}, taken as millimetres", group.table.name)
+            return {name: column * 1e-3 for name, column in columns.items()}
+        return columns
+
+    def _scaled(self, group: ColumnGroup, kinds: list[str], how: str, targets: tuple[str, ...] | None = None) -> dict[str, Array]:
+        targets = targets or group.targets
+        columns = {}
+        units = []
+        for target, name, kind in zip(targets, group.columns, kinds, strict=True):
+            factor, column = self._factor(kind, name), group.table.columns[name]
+            columns[target] = column if factor == 1.0 else column * factor
+            unit = name_and_unit(name)[1]
+            units += [unit] if factor != 1.0 and unit else []
+        self._note(group, targets, how + (f", from {', '.join(dict.fromkeys(units))}" if units else ""))
+        return columns
+
+    def _note(self, group: ColumnGroup, targets: tuple[str, ...], how: str) -> None:
+        self.used.append(
+            UsedColumns(quantity=group.quantity.value, source=group.table.name, columns=group.columns, targets=targets, how=how)
+        )
+
+    def _factor(self, kind: str, name: str) -> float:
+        stated = self.stated.factor(kind)
+        unit = name_and_unit(name)[1]
+        if stated is not None:
+            return stated
+        if unit is None:
+            return 1.0
+        factors = KINDS[kind]
+        if unit not in factors:
+            what = f"column {name} names the unit {unit}, which is none of {kind}"
+            raise InputError(what=what, where=self.mapping.wrench.table.name, remedy=f'state it in a map: units = {{ {kind} = "..." }}')
+        return factors[unit]
+
+
+def _without_jumps(quaternions: Array) -> Array:
+    """Quaternions (n, 4) of which none points away from the one before; the same array where nothing changes."""
+    known = np.flatnonzero(np.isfinite(quaternions).all(axis=1))
+    flips = np.sum(quaternions[known[1:]] * quaternions[known[:-1]], axis=1) < 0
+    if not flips.any():
+        return quaternions
+    signs = np.ones(len(quaternions))
+    signs[known] = np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 0, 1.0, -1.0)
+    return np.asarray(quaternions * signs[:, None])
+
+
+def in_sensor_axes(wrench: Mapping[str, Array], motion: Mapping[str, Array]) -> dict[str, Array]:
+    """A wrench (n,) a channel along the base's axes, along the sensor's; moments stay about the same point."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    turn = Rotation.from_quat(np.stack([motion[name] for name in QUATERNION], axis=1))
+    found = {}
+    for names in (("fx", "fy", "fz"), ("tx", "ty", "tz")):
+        vector = turn.apply(np.stack([wrench[name] for name in names], axis=1), inverse=True)
+        found |= dict(zip(names, vector.T, strict=True))
+    return found

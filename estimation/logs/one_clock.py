@@ -1,0 +1,170 @@
+"""One clock: series of several clocks brought onto that of the wrench, their offset estimated, repeats cut."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.logs.clock_offset import MotionRegressors, clock_offset
+from estimation.logs.log_table import Array
+from estimation.logs.resampling import interpolated_position, interpolated_quaternion
+from estimation.logs.sample_mending import Series
+from estimation.logs.step_log import StepLog
+from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.reading import recording_from_table
+from estimation.recordings.reading_report import OffsetReading
+from modeling.errors import InputError
+from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, STANDARD_GRAVITY, Rig
+
+QUATERNION = ("qx", "qy", "qz", "qw")
+SMALLEST_SHIFT = 0.05
+"""Of a sample: a smaller offset is not worth an interpolation."""
+
+CLIPPED = 0.05
+"""Of a sample: by so much a sample of the wrench may lie outside the motion, which is taken as its end then."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommonClock:
+    """Columns (n,), `time` among them, at one rate, Hz."""
+
+    columns: Mapping[str, Array]
+    rate: float
+    offset: OffsetReading | None
+
+
+def on_one_clock(
+    series: Sequence[Series], stated_offset: float | None, period: float | None, rig: Rig | None, log: StepLog, shared: bool
+) -> CommonClock:
+    """All series at the instants of the first, which holds the wrench: that is the one with noise to keep white.
+
+    Motion of other series is interpolated there, by a cubic spline, orientation on the sphere; auxiliary columns linearly.
+    """
+    wrench, others = series[0], series[1:]
+    offset = None
+    if others and stated_offset is not None:
+        offset = OffsetReading(offset=stated_offset, std=0.0, applied=True, correlation=1.0)
+    elif others and not shared:
+        offset = _estimated(wrench, others, rig, log)
+    shift = offset.offset if offset is not None and offset.applied else 0.0
+    if shift:
+        text = f"stamps of the wrench moved by {-shift * 1e3:.4g} ms"
+        log.mended(text, wrench.where, wrench.samples)
+    instants = wrench.instants - shift
+    columns = dict(wrench.columns)
+    if others:
+        slack = CLIPPED * wrench.dt
+        low = max(one.start for one in others) - slack
+        high = min(one.instants[-1] for one in others) + slack
+        inside = (instants >= low) & (instants <= high)
+        if inside.sum() < 20:
+            what = f"the stamps of {wrench.where} and {others[0].where} do not overlap"
+            raise InputError(what=what, where=wrench.where, remedy="give logs of one run, or state the offset in a map: offset = 12.3 (s)")
+        columns = {name: column[inside] for name, column in columns.items()}
+        for one in others:
+            columns |= _at(one, instants[inside])
+            log.taken(f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum()))
+    clean = _finite(columns, wrench.where, log)
+    return _cut(clean, wrench.dt, period, offset, wrench.where, log)
+
+
+def _at(series: Series, instants: Array) -> dict[str, Array]:
+    """The columns of a series at other instants."""
+    own = series.instants
+    found: dict[str, Array] = {}
+    if set(QUATERNION) <= set(series.columns):
+        quaternions = np.stack([series.columns[name] for name in QUATERNION], axis=1)
+        found |= dict(zip(QUATERNION, interpolated_quaternion(own, quaternions, instants).T, strict=True))
+    for name, column in series.columns.items():
+        if name in found:
+            continue
+        smooth = name[0] in "pq" and bool(np.isfinite(column).all())
+        found[name] = interpolated_position(own, column[:, None], instants)[:, 0] if smooth else np.interp(instants, own, column)
+    return found
+
+
+def _estimated(wrench: Series, others: Sequence[Series], rig: Rig | None, log: StepLog) -> OffsetReading | None:
+    """The offset between the clocks of wrench and motion, where the motion's kinematics are known."""
+    motion = others[0]
+    start, stop = max(o.start for o in others), min(o.instants[-1] for o in others)
+    if stop - start < 2.0:
+        return None
+    instants = motion.instants[(motion.instants >= start - 1e-9) & (motion.instants <= stop + 1e-9)]
+    columns = {name: column for one in others for name, column in _at(one, instants).items()}
+    channels = PLANAR_CHANNELS if "tau" in wrench.columns else SPATIAL_CHANNELS
+    dummy = {channel: np.zeros(len(instants)) for channel in channels}
+    names = [n for n in columns if n[0] in "pq"]
+    table = ColumnTable(
+        columns={"time": instants - instants[0], **{n: columns[n] for n in names}, **dummy}, where=motion.where, first_row=1
+    )
+    try:
+        signals = recording_from_table(table, name=motion.where, rig=rig).signals
+    except InputError as error:
+        log.suspicious(f"the clock offset against {wrench.where} is not estimated: {error.what}", motion.where)
+        return None
+    gravity = STANDARD_GRAVITY if rig is None else rig.gravity
+    regressors = MotionRegressors.of(signals, instants, gravity)
+    apart = wrench.start > instants[-1] or wrench.instants[-1] < instants[0]
+    around = wrench.start - float(instants[0]) if apart else 0.0
+    if apart:
+        log.suspicious(f"its clock begins {around:.6g} s after that of {motion.where}: their first samples are aligned", wrench.where)
+    found = clock_offset(regressors, wrench.instants, np.stack([wrench.columns[c] for c in channels], axis=1), around)
+    return None if found is None else _judged(found, wrench, motion, log)
+
+
+def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog) -> OffsetReading:
+    """The offset, applied where it is known and differs from zero by more than its interval and a part of a sample."""
+    if not found.applied:
+        what = f"the clock offset against {motion.where} cannot be estimated from this motion; the stamps are believed"
+        log.suspicious(what, wrench.where)
+        return found
+    if found.alternatives:
+        others = ", ".join(f"{offset:.3g}" for offset in found.alternatives[:3])
+        log.suspicious(f"the motion is periodic: an offset of {others} s would fit as well; the smallest is taken", wrench.where)
+    small = abs(found.offset) < max(2 * found.std, SMALLEST_SHIFT * wrench.dt)
+    return replace(found, applied=not small)
+
+
+def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str, Array]:
+    """Auxiliary columns with empty cells interpolated where few are missing, else left out."""
+    found = {}
+    for name, column in columns.items():
+        missing = int((~np.isfinite(column)).sum())
+        if missing and missing < 0.2 * len(column):
+            known = np.flatnonzero(np.isfinite(column))
+            column = np.interp(np.arange(len(column)), known, column[known])
+            log.mended(f"empty cells of {name} interpolated", where, missing, len(column))
+        elif missing:
+            log.taken(f"{name} is left out: mostly empty", where, missing, len(column))
+            continue
+        found[name] = np.round(column) if name == "repeat" else column
+    return found
+
+
+def _cut(
+    columns: dict[str, Array], dt: float, period: float | None, offset: OffsetReading | None, where: str, log: StepLog
+) -> CommonClock:
+    """The columns with `time` from 0 on; with a period, cut into repeats of equally many samples."""
+    samples = len(next(iter(columns.values())))
+    if period is None:
+        return CommonClock(columns={"time": dt * np.arange(samples), **columns}, rate=1 / dt, offset=offset)
+    per_repeat = round(period / dt)
+    repeats = int((samples + 0.5) * dt / period) if per_repeat else 0
+    if per_repeat < 20 or repeats < 2:
+        what = f"a period of {period:g} s fits {samples * dt / period:.3g} times into {samples * dt:.4g} s"
+        raise InputError(what=what, where="--period", remedy="give the period of a motion that ran at least twice, or --no-period")
+    step = period / per_repeat
+    count = repeats * per_repeat
+    if abs(step - dt) * count > 0.2 * dt:
+        log.mended(f"interpolated at {per_repeat} samples a period, {1 / step:.8g} Hz", where, count)
+        own = Series(where=where, start=0.0, dt=dt, columns=columns, reading=None)  # type: ignore[arg-type]
+        columns = _at(own, step * np.arange(count))
+        dt = step
+    if count < samples:
+        log.mended("samples after the last whole repeat left out", where, samples - count, samples)
+    columns = {name: column[:count] for name, column in columns.items() if name != "repeat"}
+    repeat = np.repeat(np.arange(repeats, dtype=np.float64), per_repeat)
+    log.taken(f"cut into {repeats} repeats of {per_repeat} samples", where)
+    return CommonClock(columns={"time": dt * np.arange(count), "repeat": repeat, **columns}, rate=1 / dt, offset=offset)

@@ -1,0 +1,40 @@
+"""Reader of NumPy's .npy and .npz files; arrays of objects are pickles, and never opened."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.logs.array_bundle import tables_of_arrays
+from estimation.logs.log_reader import LogReader
+from estimation.logs.log_table import LogTable
+from estimation.logs.source_file import SourceFile
+
+MAGIC = b"\x93NUMPY"
+
+
+class NumpyArrays(LogReader):
+    """One array, or a zip file of several."""
+
+    title = "NumPy .npy or .npz"
+
+    def recognises(self, source: SourceFile) -> bool:
+        """By NumPy's magic string, or a zip file that is named .npz."""
+        return source.head.startswith(MAGIC) or (source.suffix == ".npz" and source.head.startswith(b"PK"))
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """The arrays; a single one has columns without names."""
+        with source.on_disk() as path:
+            arrays = self._arrays(path, single=source.head.startswith(MAGIC))
+            return tables_of_arrays(arrays, name=source.name, kind="NumPy array", where=str(source.path))
+
+    @staticmethod
+    def _arrays(path: Path, *, single: bool) -> dict[str, NDArray[Any]]:
+        if single:
+            mapped = np.load(path, allow_pickle=False, mmap_mode="r")  # a header that lies about its size fails here
+            return {"": mapped}
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}

@@ -1,0 +1,172 @@
+"""Reader of ROS 1 and ROS 2 bags (sqlite3, MCAP): wrench, joint states, poses, tf, by their header stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.logs.log_reader import LogReader, require_size
+from estimation.logs.log_table import Array, LogTable
+from estimation.logs.readers.transform_tree import Transform, TransformTree
+from estimation.logs.source_file import SourceFile
+
+ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
+WORST_LATENESS = 0.02
+"""Seconds by which header and receive stamp may differ before it is worth a note."""
+
+
+class RosBag(LogReader):
+    """ROS bag; each topic is a table, of joint states each publisher."""
+
+    title = "ROS bag"
+
+    def recognises(self, source: SourceFile) -> bool:
+        """By the magic strings of the three storages, or a folder with a metadata.yaml."""
+        if source.path.is_dir():
+            return (source.path / "metadata.yaml").exists()
+        return source.head.startswith((ROS1_MAGIC, MCAP_MAGIC)) or (
+            source.head.startswith(SQLITE_MAGIC) and source.suffix == ".db3"
+        )
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """The topics with known message types."""
+        topics = _Topics(source.name)
+        with source.on_disk() as path:
+            for topic, kind, received, message in messages(path):
+                EXTRACTORS[kind](topics, topic, message, received * 1e-9)
+                require_size(topics.messages * 10, str(source.path))
+        return topics.tables()
+
+
+
+
+def messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
+    """Topic, message type, receive stamp (ns) and message of every message of a known type."""
+    from rosbags.highlevel import AnyReader  # slow to import
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        known = [c for c in reader.connections if c.msgtype in EXTRACTORS]
+        if not known:
+            return
+        for connection, received, raw in reader.messages(known):
+            yield connection.topic, connection.msgtype, received, reader.deserialize(raw, connection.msgtype)
+
+
+class _Topics:
+    """What was read so far: rows by table, transforms."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.rows: dict[tuple[str, tuple[str, ...]], list[tuple[float, ...]]] = {}
+        self.frames: dict[str, str] = {}
+        self.lateness: dict[str, list[float]] = {}
+        self.transforms: list[Transform] = []
+        self.messages = 0
+
+    def add(self, topic: str, header: Any, received: float, values: Mapping[str, float]) -> float:
+        """Add a message's values under its header stamp, or its receive stamp where that is empty."""
+        stamp = received if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9
+        if stamp <= 0:
+            stamp = received
+        elif header is not None:
+            self.lateness.setdefault(topic, []).append(received - stamp)
+        self.rows.setdefault((topic, tuple(values)), []).append((stamp, *values.values()))
+        self.messages += 1
+        return stamp
+
+    def tables(self) -> list[LogTable]:
+        """A table for each topic and set of columns, and one for the pose of the wrench's frame by tf."""
+        found = [self._table(topic, names, rows) for (topic, names), rows in self.rows.items()]
+        frames = [frame for frame in dict.fromkeys(self.frames.values()) if frame]
+        chains = [TransformTree(self.transforms).pose_columns(frame) for frame in frames]
+        for frame, columns in zip(frames, chains, strict=True):
+            if columns:
+                found.append(LogTable(name=f"{self.source}:/tf ({frame})", kind="tf chain", columns=columns))
+        return found
+
+    def _table(self, topic: str, names: tuple[str, ...], rows: list[tuple[float, ...]]) -> LogTable:
+        values = np.array(rows, dtype=np.float64).T
+        columns: dict[str, Array] = dict(zip(("stamp", *names), values, strict=True))
+        late = np.array(self.lateness.get(topic, [0.0]))
+        notes = []
+        if np.median(np.abs(late)) > 1e-3:
+            what = f"header stamps used; received {np.median(late) * 1e3:.3g} ms later in the median,"
+            what += f" {np.max(late) * 1e3:.3g} ms at most"
+            notes.append((what, len(late), False))
+        name = f"{self.source}:{topic}" + (f" ({names[0]}..)" if names and names[0].startswith("joint:") else "")
+        frame = self.frames.get(topic)
+        return LogTable(name=name, kind="ROS topic", columns=columns, wrench_frame=frame, notes=tuple(notes))
+
+
+# ------------------------------------------------------------------------------------------- messages
+
+
+def _vector(prefix: str, vector: Any, names: str = "xyz") -> dict[str, float]:
+    return {f"{prefix}.{name}": float(getattr(vector, name)) for name in names}
+
+
+def _wrench(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    header = getattr(message, "header", None)
+    wrench = message.wrench if header is not None else message
+    topics.add(topic, header, received, _vector("wrench.force", wrench.force) | _vector("wrench.torque", wrench.torque))
+    topics.frames[topic] = "" if header is None else header.frame_id.strip("/")
+
+
+def _pose_values(position: Any, orientation: Any) -> dict[str, float]:
+    return _vector("pose.position", position) | _vector("pose.orientation", orientation, "xyzw")
+
+
+def _pose(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    header = getattr(message, "header", None)
+    pose = message.pose if header is not None else message
+    pose = getattr(pose, "pose", pose)  # with a covariance
+    topics.add(topic, header, received, _pose_values(pose.position, pose.orientation))
+
+
+def _transform(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    moved = message.transform
+    topics.add(topic, message.header, received, _pose_values(moved.translation, moved.rotation))
+
+
+def _tf(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    fixed = "static" in topic
+    for stamped in message.transforms:
+        header, moved = stamped.header, stamped.transform
+        stamp = header.stamp.sec + header.stamp.nanosec * 1e-9
+        place, turn = moved.translation, moved.rotation
+        values = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+        parent, child = header.frame_id.strip("/"), stamped.child_frame_id.strip("/")
+        topics.transforms.append(Transform(parent, child, stamp or received, values, fixed))
+        topics.messages += 1
+
+
+def _joints(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    position, velocity = (np.atleast_1d(series) for series in (message.position, message.velocity))
+    values = {f"joint:{name}": float(angle) for name, angle in zip(message.name, position, strict=False)}
+    values |= {f"rate:{name}": float(rate) for name, rate in zip(message.name, velocity, strict=False)}
+    if values:
+        topics.add(topic, message.header, received, values)
+
+
+def _temperature(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    topics.add(topic, message.header, received, {"temperature": float(message.temperature)})
+
+
+EXTRACTORS: Mapping[str, Callable[[_Topics, str, Any, float], None]] = {
+    "geometry_msgs/msg/WrenchStamped": _wrench,
+    "geometry_msgs/msg/Wrench": _wrench,
+    "geometry_msgs/msg/PoseStamped": _pose,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _pose,
+    "geometry_msgs/msg/Pose": _pose,
+    "geometry_msgs/msg/TransformStamped": _transform,
+    "nav_msgs/msg/Odometry": _pose,
+    "sensor_msgs/msg/JointState": _joints,
+    "sensor_msgs/msg/Temperature": _temperature,
+    "tf/msg/tfMessage": _tf,
+    "tf2_msgs/msg/TFMessage": _tf,
+}
+"""What is read of each message type."""

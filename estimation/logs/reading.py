@@ -1,0 +1,80 @@
+"""Reading of recordings and logs: files as FORMATS has them strictly, all else by an import with a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from estimation.logs.column_map import ColumnMap
+from estimation.logs.log_import import ImportedRecording, ReadingOptions, import_recording
+from estimation.recordings.column_table import header_names
+from estimation.recordings.reading import read as read_recording
+from estimation.recordings.recording import QUATERNION, Recording
+from modeling.errors import InputError
+from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
+
+HEADER_BYTES = 1 << 16
+
+
+def read(
+    *sources: str | Path,
+    rig: Rig | None = None,
+    preset: str | None = None,
+    map: str | Path | ColumnMap | None = None,  # the option's name on the command line
+    period: float | None = None,
+    strict: bool = False,
+) -> Recording:
+    """The recording in one or several files.
+
+    One CSV or Parquet file with the columns of FORMATS is read as it stands, and anything wrong with it is an error.
+    All else is what robots write, and read as `truewrench import` does: any separator, compression, Excel, MATLAB,
+    NumPy, HDF5 and ROS bags; `preset` names a layout, `map` a TOML file of columns and units (also [columns] of the
+    rig), `period` (s) cuts repeats. What was done is in `Recording.reading`; `strict` refuses what has to be mended.
+    Raises InputError, in one line, for whatever cannot be a recording.
+    """
+    as_it_stands = preset is None and map is None and period is None and not (rig is not None and rig.columns)
+    if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):
+        return read_recording(sources[0], rig=rig)
+    return imported(*sources, rig=rig, preset=preset, map=map, period=period, strict=strict).recording(rig)
+
+
+def imported(
+    *sources: str | Path,
+    rig: Rig | None = None,
+    preset: str | None = None,
+    map: str | Path | ColumnMap | None = None,  # the option's name on the command line
+    period: float | None = None,
+    strict: bool = False,
+) -> ImportedRecording:
+    """Logs as a table of FORMATS with its reading report, whatever their columns are called; arguments as of `read`."""
+    if not sources:
+        raise InputError(what="no sources were given", where="read", remedy="give the paths of recordings or logs")
+    stated = ColumnMap.read(map) if isinstance(map, str | Path) else map
+    options = ReadingOptions(preset=preset, stated=stated, period=period, strict=strict)
+    return import_recording(sources, options, rig=rig)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the columns of a CSV or Parquet file are called as FORMATS has them: a wrench and a motion."""
+    names = _names(path)
+    wrench = any(names.issuperset(channels) for channels in (PLANAR_CHANNELS, SPATIAL_CHANNELS))
+    return wrench and ("q1" in names or "phi" in names or names.issuperset(QUATERNION))
+
+
+def _names(path: Path) -> set[str]:
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(HEADER_BYTES)
+    except OSError:
+        return set()
+    if start.startswith(b"PAR1"):
+        import pyarrow as pa  # slow to import
+        import pyarrow.parquet as pq
+
+        try:
+            return set(pq.read_schema(path).names)
+        except (pa.ArrowException, OSError, ValueError):
+            return set()
+    try:
+        return set(header_names(start.decode("utf-8-sig", errors="replace"), str(path)))
+    except InputError:
+        return set()

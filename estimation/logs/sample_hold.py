@@ -1,0 +1,49 @@
+"""Sample and hold: values that a driver repeats until the sensor has new ones, and channels that stand still or clip."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimation.logs.log_table import Array
+from estimation.logs.step_log import StepLog
+
+REGULAR_SHARE = 0.8
+"""Share of holds of nearly the same length from which a lower rate, and no standstill, is behind them."""
+SATURATED_SHARE = 0.01
+
+
+def held_rows(columns: Sequence[Array]) -> tuple[Array, int]:
+    """Mask (n,) of the rows with a new value in any column, and the number of rows for which one is held.
+
+    0 when the holds are of no regular length.
+    """
+    changed = np.ones(len(columns[0]), dtype=bool)
+    changed[1:] = False
+    for column in columns:
+        changed[1:] |= column[1:] != column[:-1]
+    holds = np.diff(np.flatnonzero(changed))
+    if len(holds) < 20 or changed.mean() > 0.67:
+        return changed, 0
+    usual = int(np.median(holds))
+    regular = (np.abs(holds - usual) <= max(1, usual // 4)).mean() if usual > 1 else 0.0
+    return changed, usual if regular > REGULAR_SHARE else 0
+
+
+def note_suspicious_channels(columns: Mapping[str, Array], where: str, log: StepLog) -> None:
+    """Log channels that never change, stay at their largest value, or are exactly zero in a dead band."""
+    for name, column in columns.items():
+        low, high = float(np.min(column)), float(np.max(column))
+        if low == high:
+            log.suspicious(f"{name} never changes ({low:.6g})", where)
+            continue
+        for bound in (low, high):
+            at = column == bound
+            count = int((at[1:] & at[:-1]).sum())
+            if count > max(SATURATED_SHARE * len(column), 3) and bound != 0.0:
+                log.suspicious(f"{name} stays at its extreme value {bound:.6g}: saturated?", where, count, len(column))
+        zeros = column == 0.0
+        count = int((zeros[1:] & zeros[:-1]).sum())
+        if count > SATURATED_SHARE * len(column):
+            log.suspicious(f"{name} is exactly zero: a dead band, or no reading?", where, count, len(column))

@@ -1,0 +1,211 @@
+"""Sample mending: rows with stamps become samples of a uniform clock, without gaps, and every step is logged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.logs.log_table import Array
+from estimation.logs.resampling import interpolated_position
+from estimation.logs.step_log import StepLog
+from estimation.recordings.reading_report import ClockReading
+from estimation.recordings.sample_clock import JITTER_WINDOW, missing_samples
+from modeling.errors import InputError
+
+LONGEST_FILL = 5
+"""Samples in a row that are interpolated; a longer gap cuts the recording."""
+NEIGHBOURS = 6
+"""Samples on either side of a filled gap that its cubic goes through."""
+FEWEST = 20
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stream:
+    """Columns (n,) with stamps (n,) in s as read. `essential` ones are needed; elsewhere NaN is allowed."""
+
+    where: str
+    stamps: Array
+    columns: Mapping[str, Array]
+    essential: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """Columns (m,) at start + i dt, s on the clock of the stamps."""
+
+    where: str
+    start: float
+    dt: float
+    columns: Mapping[str, Array]
+    reading: ClockReading
+
+    @property
+    def samples(self) -> int:
+        """The number of samples m."""
+        return len(next(iter(self.columns.values())))
+
+    @property
+    def instants(self) -> Array:
+        """Stamps of the samples (m,), s."""
+        return self.start + self.dt * np.arange(self.samples)
+
+
+def mended(stream: Stream, log: StepLog) -> Series:
+    """The stream on a uniform clock. InputError when too little of it is left."""
+    total = len(stream.stamps)
+    rows = _timed_rows(stream, log)
+    rows = _increasing_rows(stream, rows, log)
+    if len(rows) < FEWEST:
+        what = f"only {len(rows)} of {total} rows can be used"
+        raise InputError(what=what, where=stream.where, remedy="record longer, or state the columns in a map")
+    stamps = stream.stamps[rows]
+    ticks = _ticks(stamps)
+    begin, end = _longest_piece(stamps, ticks, stream.where, log)
+    rows, stamps, ticks = rows[begin:end], stamps[begin:end], ticks[begin:end] - ticks[begin]
+    dt, start, deviation = _line(stamps, ticks)
+    if _is_irregular(deviation / dt):
+        return _regular(stream, rows, stamps, log)
+    reading = _reading(stream.where, len(rows), dt, stamps, float(np.std(deviation)))
+    whole = len(rows) == total and bool((np.diff(rows) == 1).all())
+    columns = {name: column if whole else column[rows] for name, column in stream.columns.items()}
+    if ticks[-1] + 1 > len(ticks):
+        missing = int(ticks[-1] + 1 - len(ticks))
+        log.mended("missing samples interpolated", stream.where, missing, int(ticks[-1] + 1))
+        columns = {name: _filled(column, ticks) for name, column in columns.items()}
+    return Series(where=stream.where, start=start, dt=dt, columns=columns, reading=reading)
+
+
+def _reading(where: str, samples: int, dt: float, stamps: Array, jitter: float) -> ClockReading:
+    seconds = float(stamps[-1] - stamps[0])
+    return ClockReading(where=where, samples=samples, rate=1 / dt, start=float(stamps[0]), seconds=seconds, jitter=jitter)
+
+
+def _timed_rows(stream: Stream, log: StepLog) -> Index:
+    known = np.isfinite(stream.stamps)
+    if not known.all():
+        log.mended("rows without time left out", stream.where, int((~known).sum()), len(known))
+    return np.flatnonzero(known)
+
+
+def _increasing_rows(stream: Stream, rows: Index, log: StepLog) -> Index:
+    """Rows in the order of time, each sample once; where time restarts, the longest run."""
+    rows = _longest_run(stream, rows, log)
+    stamps = stream.stamps[rows]
+    back = int((np.diff(stamps) < 0).sum())
+    if back:
+        log.mended("rows put in the order of time", stream.where, back, len(rows))
+        rows = rows[np.argsort(stamps, kind="stable")]
+        stamps = stream.stamps[rows]
+    same = np.flatnonzero(np.diff(stamps) == 0) + 1
+    if not same.size:
+        return rows
+    differs = np.zeros(len(same), dtype=bool)
+    for name in stream.essential:
+        differs |= stream.columns[name][rows[same]] != stream.columns[name][rows[same - 1]]
+    if differs.sum() > 0.05 * len(rows):
+        log.taken("stamps are too coarse to tell neighbouring samples apart; their order is used", stream.where, int(differs.sum()), len(rows))
+        same = same[~differs]
+    elif differs.any():
+        log.mended("samples with the stamp of the one before left out", stream.where, int(differs.sum()), len(rows))
+    if int((~differs).sum()):
+        log.mended("doubled rows left out", stream.where, int((~differs).sum()), len(rows))
+    return np.delete(rows, same)
+
+
+def _longest_run(stream: Stream, rows: Index, log: StepLog) -> Index:
+    """Where time falls back by more than a hundredth of a run, another run begins."""
+    stamps = stream.stamps[rows]
+    if len(rows) < FEWEST:
+        return rows
+    fall = np.diff(stamps)
+    restarts = np.flatnonzero(fall < -max(0.01 * float(np.ptp(stamps)), 50 * float(np.median(np.abs(fall))))) + 1
+    if not restarts.size:
+        return rows
+    runs = np.split(rows, restarts)
+    longest = max(runs, key=len)
+    log.mended(f"time restarts: the longest of {len(runs)} runs is kept", stream.where, len(rows) - len(longest), len(rows))
+    return longest
+
+
+def _ticks(stamps: Array) -> Index:
+    """Number of each sample on the clock, missing ones counted.
+
+    Where nearly all steps are whole multiples of the median one, by rounding them; else by lasting delays.
+    """
+    steps = np.diff(stamps)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    plain = steps[np.abs(steps - usual) < 0.5 * usual]
+    usual = float(plain.mean()) if len(plain) else usual
+    counts = np.round(steps / usual)
+    if np.quantile(np.abs(steps / usual - counts), 0.99) < 0.3 and (counts >= 1).all():
+        return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    extra = np.zeros(len(stamps), dtype=np.int64)
+    few = (steps > 1.5 * usual).mean() < 0.01
+    for i, lost in missing_samples(stamps, JITTER_WINDOW if few else JITTER_WINDOW // 4):
+        extra[i] = max(round(lost), 1)
+    return np.arange(len(stamps)) + np.cumsum(extra)
+
+
+def _longest_piece(stamps: Array, ticks: Index, where: str, log: StepLog) -> tuple[int, int]:
+    """First and last index of the longest piece without a long gap."""
+    cuts = np.flatnonzero(np.diff(ticks) > LONGEST_FILL + 1) + 1
+    if not cuts.size:
+        return 0, len(ticks)
+    bounds = np.concatenate([[0], cuts, [len(ticks)]])
+    piece = int(np.argmax(np.diff(bounds)))
+    begin, end = int(bounds[piece]), int(bounds[piece + 1])
+    longest = float(np.diff(stamps)[cuts - 1].max())
+    what = f"{len(cuts)} gaps of up to {longest:.3g} s: the longest piece is kept, {stamps[end - 1] - stamps[begin]:.4g} s"
+    log.mended(what, where, len(ticks) - (end - begin), len(ticks))
+    return begin, end
+
+
+def _line(stamps: Array, ticks: Index) -> tuple[float, float, Array]:
+    """Step and start of the straight line through the stamps, and their deviation from it."""
+    centred = ticks - ticks.mean()
+    dt = float(centred @ (stamps - stamps.mean()) / (centred @ centred))
+    line = stamps.mean() + dt * centred
+    return dt, float(line[0]), stamps - line
+
+
+def _is_irregular(deviation: Array) -> bool:
+    """Whether the stamps wander from the clock, by more than jitter does: medians of windows by more than 1.5 samples."""
+    window = min(max(len(deviation) // 10, 1), JITTER_WINDOW)
+    pieces = np.array_split(deviation, max(len(deviation) // window, 1))
+    wander = max(abs(float(np.median(piece))) for piece in pieces)
+    return wander > max(1.5, 0.002 * len(deviation))
+
+
+def _regular(stream: Stream, rows: Index, stamps: Array, log: StepLog) -> Series:
+    """The stream interpolated at the median rate, where the samples were taken irregularly."""
+    steps = np.diff(stamps)
+    dt = float(np.median(steps[steps > 0]))
+    apart = np.concatenate([[True], steps > 0.05 * dt])
+    rows, stamps = rows[apart], stamps[apart]
+    instants = np.arange(stamps[0], stamps[-1] + 1e-9, dt)
+    log.mended(f"sampled irregularly: interpolated at {1 / dt:.6g} Hz", stream.where, len(instants))
+    columns = {name: np.interp(instants, stamps, column[rows]) for name, column in stream.columns.items()}
+    smooth = [name for name in stream.essential if name[0] in "pq"]
+    if smooth:
+        values = np.stack([stream.columns[name][rows] for name in smooth], axis=1)
+        columns |= dict(zip(smooth, interpolated_position(stamps, values, instants).T, strict=True))
+    reading = _reading(stream.where, len(rows), dt, stamps, float(np.std(steps)))
+    return Series(where=stream.where, start=float(stamps[0]), dt=dt, columns=columns, reading=reading)
+
+
+def _filled(column: Array, ticks: Index) -> Array:
+    """The column on all ticks; a local cubic spline through its neighbours fills each gap."""
+    full = np.full(int(ticks[-1]) + 1, np.nan)
+    full[ticks] = column
+    for i in np.flatnonzero(np.diff(ticks) > 1):
+        near = slice(max(int(i) + 1 - NEIGHBOURS, 0), int(i) + 1 + NEIGHBOURS)
+        gap = np.arange(ticks[i] + 1, ticks[i + 1])
+        known = np.isfinite(column[near])
+        if known.any():
+            at = (ticks[near][known]).astype(np.float64)
+            full[gap] = interpolated_position(at, column[near][known][:, None], gap.astype(np.float64))[:, 0]
+    return full

@@ -1,0 +1,32 @@
+"""Step log: collects the steps of a reading; in a strict reading the first one that mends is an error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from estimation.recordings.reading_report import ReadingStep, StepKind
+from modeling.errors import InputError
+
+
+@dataclass
+class StepLog:
+    """Steps in the order in which they were taken."""
+
+    strict: bool = False
+    steps: list[ReadingStep] = field(default_factory=list)
+
+    def taken(self, what: str, where: str, count: int | None = None, total: int | None = None) -> None:
+        """Something was read as it stands, or converted as stated."""
+        self.steps.append(ReadingStep(kind=StepKind.TAKEN, what=what, where=where, count=count, total=total))
+
+    def mended(self, what: str, where: str, count: int | None = None, total: int | None = None) -> None:
+        """Samples were changed, moved or left out. Raises InputError in a strict reading."""
+        step = ReadingStep(kind=StepKind.MENDED, what=what, where=where, count=count, total=total)
+        if self.strict:
+            what = str(step).removeprefix(f"{where}: ")
+            raise InputError(what=f"would have to be mended: {what}", where=where, remedy="leave out --strict to mend it")
+        self.steps.append(step)
+
+    def suspicious(self, what: str, where: str, count: int | None = None, total: int | None = None) -> None:
+        """Something is left as it is, and may be wrong."""
+        self.steps.append(ReadingStep(kind=StepKind.SUSPICIOUS, what=what, where=where, count=count, total=total))

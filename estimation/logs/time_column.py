@@ -1,0 +1,119 @@
+"""Time column: the stamps of a table in seconds, their unit recognised where it is beyond doubt."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.logs.column_pattern import NANOSECONDS, SECONDS, TIME_NAMES
+from estimation.logs.log_table import Array, LogTable
+from estimation.logs.units import TIME, name_and_unit
+from modeling.errors import InputError
+
+EPOCH = (1.0e9, 2.2e9)
+"""Seconds since 1970 of the years 2001 to 2039."""
+SURE_SECONDS = 0.3
+"""A longest sampling interval that is surely in seconds; three times a second is slow for any robot's log."""
+UNIT_NAMES = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimeColumn:
+    """Stamps (n,) in s, relative to `epoch` s, NaN where missing; the columns they came from, and how."""
+
+    columns: tuple[str, ...]
+    stamps: Array
+    epoch: float
+    how: str
+
+
+def time_column(table: LogTable, *, stated: str | None = None, factor: float | None = None, milliseconds: bool = False) -> TimeColumn | None:
+    """The time of a table: `stated` by a map, else by name, else by content where columns have no names; None without.
+
+    `factor` to seconds where the unit is stated; `milliseconds` where steps of 1 mean them (presets that say so).
+    Raises InputError when the unit is in doubt.
+    """
+    if stated is not None:
+        return _one(table, stated, factor, milliseconds)
+    pair = _pair(table)
+    if pair is not None:
+        return pair
+    for pattern in TIME_NAMES:
+        for name in table.columns:
+            bare = name_and_unit(name)[0]
+            called = any(re.fullmatch(pattern, part, re.IGNORECASE) for part in (bare, re.split(r"[./:]", bare)[-1]))
+            if called and _increases(table.columns[name]):
+                return _one(table, name, factor, milliseconds)
+    unnamed = [name for name in table.columns if re.fullmatch(r"column_\d+", name)]
+    regular = [name for name in unnamed if _increases(table.columns[name]) and _is_regular(table.columns[name])]
+    if len(unnamed) == len(table.columns) and regular:
+        epochs = [name for name in regular if EPOCH[0] < np.nanmedian(table.columns[name]) < EPOCH[1] * 1e9]
+        return _one(table, (epochs or regular)[0], factor, milliseconds)
+    return None
+
+
+def _pair(table: LogTable) -> TimeColumn | None:
+    """Seconds and nanoseconds in two columns, those of a header before any other."""
+    names = sorted(table.columns, key=lambda name: "header" not in name.lower())
+    for name in names:
+        found = re.fullmatch(SECONDS, name, re.IGNORECASE)
+        other = found and next(
+            (n for n in names if (m := re.fullmatch(NANOSECONDS, n, re.IGNORECASE)) and m["stem"] == found["stem"]), None
+        )
+        if other:
+            whole, parts = table.columns[name], table.columns[other]
+            epoch = float(np.floor(whole[np.isfinite(whole)][0])) if np.isfinite(whole).any() else 0.0
+            return TimeColumn(columns=(name, other), stamps=(whole - epoch) + parts * 1e-9, epoch=epoch, how="s and ns")
+    return None
+
+
+def _increases(column: Array) -> bool:
+    known = column[np.isfinite(column)]
+    if len(known) < 3:
+        return False
+    steps = np.diff(known)
+    return bool((steps >= 0).mean() > 0.9 and (steps > 0).mean() > 0.2)
+
+
+def _is_regular(column: Array) -> bool:
+    """Whether most steps are alike, as no measured quantity's are."""
+    steps = np.diff(column[np.isfinite(column)])
+    middle = float(np.median(steps))
+    return middle > 0 and bool((np.abs(steps - middle) < 0.5 * middle).mean() > 0.8)
+
+
+def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -> TimeColumn:
+    column = table.columns[name]
+    unit = name_and_unit(name)[1]
+    how = "as stated"
+    if factor is None and unit in TIME:
+        factor, how = TIME[unit], f"{unit}, as its name says"
+    if factor is None:
+        factor, how = _recognised_factor(column, name, table.name, milliseconds)
+    known = column[np.isfinite(column)]
+    start = float(known[0]) if len(known) else 0.0
+    # Whole seconds are taken off before scaling, or stamps of 1e18 ns would be rounded to 0.2 µs once more.
+    epoch = np.floor(start * factor) if abs(start * factor) > 1e6 else 0.0
+    stamps = column * factor if epoch == 0.0 else (column - epoch / factor) * factor
+    return TimeColumn(columns=(name,), stamps=stamps, epoch=float(epoch), how=how)
+
+
+def _recognised_factor(column: Array, name: str, where: str, milliseconds: bool) -> tuple[float, str]:
+    known = column[np.isfinite(column)]
+    if len(known) < 2:
+        return 1.0, "s"
+    middle = float(np.median(known))
+    for factor, unit in UNIT_NAMES.items():
+        if EPOCH[0] < middle * factor < EPOCH[1]:
+            return factor, f"{unit} since 1970" + ("" if factor == 1.0 else ", recognised by their size")
+    steps = np.diff(known)
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    if step <= SURE_SECONDS:
+        return 1.0, "s"
+    for factor, unit, least, most in ((1e-3, "ms", 1.5, 500.0), (1e-6, "us", 500.0, 3e5), (1e-9, "ns", 3e5, 3e8)):
+        if least <= step < most or (unit == "ms" and milliseconds and step < most):
+            return factor, f"{unit}, recognised by their step of {step:.6g}"
+    what = f"column {name} steps by {step:.4g}: seconds, milliseconds or a count of samples?"
+    raise InputError(what=what, where=where, remedy='state it in a map: units = { time = "ms" }, or rate = 500 (Hz)')

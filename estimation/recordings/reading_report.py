@@ -1,0 +1,140 @@
+"""Reading report: what came from which source, what was done to how many samples, what is suspicious."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from estimation.text_table import table
+
+
+class StepKind(Enum):
+    """Taken as it stands or as stated; mended, so that samples were changed, moved or left out; suspicious."""
+
+    TAKEN = "taken"
+    MENDED = "mended"
+    SUSPICIOUS = "suspicious"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadingStep:
+    """One thing that was done or noticed; `count` of `total` samples where it concerns samples."""
+
+    kind: StepKind
+    what: str
+    where: str
+    count: int | None = None
+    total: int | None = None
+
+    def __str__(self) -> str:
+        share = "" if self.count is None else f" ({self.count}" + ("" if self.total is None else f" of {self.total}") + ")"
+        return f"{self.where}: {self.what}{share}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class UsedColumns:
+    """What became which columns of the recording, and how it was read."""
+
+    quantity: str
+    source: str
+    columns: tuple[str, ...]
+    targets: tuple[str, ...]
+    how: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockReading:
+    """A clock: samples read, rate (Hz), first stamp and length (s), std of the stamps about it (s)."""
+
+    where: str
+    samples: int
+    rate: float
+    start: float
+    seconds: float
+    jitter: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffsetReading:
+    """Wrench stamp minus motion stamp of the same instant, s, with its std and 95 % interval; whether it was applied."""
+
+    offset: float
+    std: float
+    applied: bool
+    correlation: float
+    alternatives: tuple[float, ...] = ()
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval, s."""
+        return self.offset - 1.96 * self.std, self.offset + 1.96 * self.std
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadingReport:
+    """How sources became a recording of `samples` rows at `rate` Hz (None for static poses)."""
+
+    sources: tuple[tuple[str, str, int, int], ...]
+    used: tuple[UsedColumns, ...]
+    clocks: tuple[ClockReading, ...]
+    offset: OffsetReading | None
+    steps: tuple[ReadingStep, ...]
+    samples: int
+    rate: float | None
+    columns: tuple[str, ...]
+
+    def of(self, kind: StepKind) -> tuple[ReadingStep, ...]:
+        """The steps of one kind, in their order."""
+        return tuple(step for step in self.steps if step.kind is kind)
+
+    def to_data(self) -> dict[str, Any]:
+        """The report as plain data, s and Hz."""
+        data: dict[str, Any] = {
+            "sources": [dict(zip(("name", "kind", "rows", "columns"), s, strict=True)) for s in self.sources],
+            "columns": [{**vars(u), "columns": list(u.columns), "targets": list(u.targets)} for u in self.used],
+            "clocks": [dict(vars(clock)) for clock in self.clocks],
+            "offset": None if self.offset is None else _offset_data(self.offset),
+            "steps": [{**vars(step), "kind": step.kind.value} for step in self.steps],
+            "recording": {"samples": self.samples, "rate": self.rate, "columns": list(self.columns)},
+        }
+        return data
+
+    def __str__(self) -> str:
+        rate = "static poses" if self.rate is None else f"{self.samples / self.rate:.4g} s at {self.rate:.6g} Hz"
+        parts = [f"Recording: {self.samples} samples, {rate}; {', '.join(self.columns)}"]
+        parts.append(table(["source", "kind", "rows", "columns"], [[str(c) for c in s] for s in self.sources]))
+        rows = [[u.quantity, u.source, _shortened(u.columns), u.how] for u in self.used]
+        parts.append(table(["quantity", "source", "columns", "read as"], rows))
+        if self.clocks:
+            clocks = [[c.where, f"{c.rate:.6g}", f"{c.seconds:.4g}", f"{c.jitter * 1e3:.2g}"] for c in self.clocks]
+            parts.append(table(["clock", "rate, Hz", "length, s", "jitter, ms"], clocks))
+        if self.offset is not None:
+            parts.append(_offset_sentence(self.offset))
+        for kind, title in _TITLES.items():
+            if found := self.of(kind):
+                parts.append("\n".join([f"{title}:", *(f"  {step}" for step in found)]))
+        return "\n\n".join(parts)
+
+
+_TITLES: Mapping[StepKind, str] = {
+    StepKind.TAKEN: "Read as it stands",
+    StepKind.MENDED: "Mended",
+    StepKind.SUSPICIOUS: "Suspicious",
+}
+
+
+def _offset_data(offset: OffsetReading) -> dict[str, Any]:
+    return {**vars(offset), "interval": list(offset.interval), "alternatives": list(offset.alternatives)}
+
+
+def _offset_sentence(offset: OffsetReading) -> str:
+    low, high = (bound * 1e3 for bound in offset.interval)
+    text = f"Clock offset: the wrench's stamps are {offset.offset * 1e3:.2f} ms late against the motion's"
+    text += f" (95 % interval {low:.2f} to {high:.2f} ms)"
+    return text + ("; applied." if offset.applied else "; not applied.")
+
+
+def _shortened(names: tuple[str, ...]) -> str:
+    return ", ".join(names) if len(names) < 4 else f"{names[0]} .. {names[-1]}"

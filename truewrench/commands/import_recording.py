@@ -1,0 +1,96 @@
+"""`truewrench import`: what robots write to a recording, with a report of what was read and mended."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from truewrench.commands.options import Subcommands
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from estimation.logs.log_table import Array
+
+PRESETS = ("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova")
+PRESETS += ("xyz_quaternion_wrench", "joints_deg_wrench")
+ROWS_AT_ONCE = 100_000
+
+
+def add_to(commands: Subcommands[Any]) -> None:
+    """Add the command and its options."""
+    text = "Read logs as robots write them (text, Parquet, Excel, MATLAB, NumPy, HDF5, ROS bags; several files, several"
+    text += " clocks), and write one recording. The reading report says what was done to how many samples."
+    command = commands.add_parser("import", help="logs of robots as a recording", description=text)
+    command.add_argument("sources", nargs="+", metavar="SOURCE", help="log file, or folder of a ROS 2 bag; one run")
+    command.add_argument("--preset", metavar="NAME", help=f"layout of the log (default: recognised): {', '.join(PRESETS)}")
+    command.add_argument("--map", metavar="FILE", help='columns and units in TOML, such as fx = "wrench.force.x"')
+    command.add_argument("--rig", metavar="RIG", help="rig file (TOML): the arm of joint angles, and [columns]")
+    period = command.add_mutually_exclusive_group()
+    period.add_argument("--period", type=_positive, metavar="T", help="period of a repeated motion, s: cut into repeats")
+    period.add_argument("--no-period", action="store_true", help="the motion is one run, even if it seems to repeat")
+    command.add_argument("--strict", action="store_true", help="refuse whatever would have to be mended")
+    command.add_argument("--out", type=Path, metavar="REC", help="recording to write (.csv or .parquet)")
+    command.add_argument("--json", action="store_true", help="print the reading report as JSON alone")
+    command.set_defaults(run=run)
+
+
+def _positive(text: str) -> float:
+    """A number above zero; argparse reports a ValueError in one line."""
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise ValueError(text)
+    return value
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Import, write the recording, print the reading report."""
+    from estimation.logs.reading import imported
+    from modeling.rig.rig import Rig
+    from truewrench.files.output import atomic_write, progress_line, require_writable_folder
+
+    if arguments.out is not None:
+        require_writable_folder(arguments.out.parent)
+    rig = None if arguments.rig is None else Rig.read(arguments.rig)
+    with progress_line() as progress:
+        progress("read")
+        found = imported(
+            *arguments.sources,
+            rig=rig,
+            preset=arguments.preset,
+            map=arguments.map,
+            period=arguments.period,
+            strict=arguments.strict,
+        )
+        if rig is not None or not any(name == "q1" for name in found.columns):
+            found.recording(rig)  # whatever could not be diagnosed is said now
+        if arguments.out is not None:
+            progress("write")
+            with atomic_write(arguments.out) as path:
+                write_table(found.columns, path, parquet=arguments.out.suffix.lower() in (".parquet", ".pq"))
+    if arguments.json:
+        print(json.dumps(found.report.to_data(), indent=2, allow_nan=False))
+        return
+    print(found.report)
+    print(f"\nWritten: {arguments.out}" if arguments.out is not None else "\nNothing is written without --out REC.")
+
+
+def write_table(columns: Mapping[str, Array], path: Path, *, parquet: bool) -> None:
+    """Write columns (n,) as Parquet, or as CSV with all digits; rows in blocks, so that no second copy is in memory."""
+    import pandas as pd
+
+    samples = len(next(iter(columns.values())))
+    if parquet:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        pq.write_table(pa.table(dict(columns)), path)
+        return
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        for start in range(0, samples, ROWS_AT_ONCE):
+            block = pd.DataFrame({name: column[start : start + ROWS_AT_ONCE] for name, column in columns.items()})
+            if "repeat" in block:
+                block["repeat"] = block["repeat"].astype(int)
+            block.to_csv(stream, index=False, header=start == 0)
