@@ -191,6 +191,20 @@ def poses_at(frame: Frame, instants: Array) -> Frame:
     return Frame(rig.motion_columns(rig.quantised(motion.evaluate(instants)[0])))
 
 
+def two_clocks(frame: Frame, folder: Path, offset: float = 0.037, seed: int = 1) -> list[Path]:
+    """Wrench and pose in files of their own: the wrench's stamps are late and jitter, 3 samples are lost, rates differ."""
+    rng = np.random.default_rng(seed)
+    lost = rng.choice(np.arange(100, len(frame) - 100), 3, replace=False)
+    wrench = frame[["time", *CHANNELS]].drop(index=lost)
+    wrench["time"] += offset + rng.normal(0, 2e-4, len(wrench))
+    instants = np.arange(0.0013, frame["time"].iloc[-1], 1 / 200)
+    pose = poses_at(frame, instants).assign(time=instants)
+    paths = [folder / "force.csv", folder / "robot.csv"]
+    wrench.to_csv(paths[0], index=False)
+    pose.to_csv(paths[1], index=False, sep=";")
+    return paths
+
+
 # --------------------------------------------------------------------------------------------- binary
 
 

@@ -155,10 +155,12 @@ def _averaged(stamps: Array, wrench: Array) -> tuple[Array, Array]:
 
 
 def _cost(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float | None) -> float:
-    """Mean over channels of ln RSS, all coefficients free; with no offset that of a constant."""
+    """Mean over channels of ln RSS on the specific force, which determines the scan's minimum;
+
+    with no offset that of a constant."""
     regressors = np.ones((len(stamps), 1))
     if offset is not None:
-        regressors = motion.at(stamps - offset)[2]
+        regressors = motion.at(stamps - offset)[0]
     residual = wrench - regressors @ np.linalg.lstsq(regressors, wrench, rcond=1e-10)[0]
     return float(np.mean(np.log(np.maximum((residual**2).sum(axis=0), TINY))))
 
@@ -188,7 +190,7 @@ def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: flo
         change = float(np.clip((late * residual * weight).sum() / information, -SCAN_STEP, SCAN_STEP))
         scores = (late * (residual - late * change) * weight).sum(axis=1)
         blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
-        std = float(np.sqrt((blocks**2).sum()) / information)
+        std = float(np.sqrt((blocks**2).sum()) / information) * _misfit(residual)
         offset += change
         if abs(change) < 1e-7:
             break
@@ -218,6 +220,12 @@ def _linearised(motion: MotionRegressors, stamps: Array, wrench: Array, offset: 
     residual[:, d:] = _cleared(basis, torques)
     late[:, d:] = _cleared(basis, -every_rate @ _coefficients(every, torques))
     return late, residual
+
+
+def _misfit(residual: Array) -> float:
+    """Root of the residual's variance over that of its white part, at least 1: unmodelled physics errs in one direction."""
+    white = np.var(np.diff(residual, axis=0), axis=0) / 2
+    return float(np.sqrt(np.maximum(np.var(residual, axis=0) / np.maximum(white, TINY), 1.0)).max())
 
 
 def _mounting(force: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from estimation.logs.array_bundle import tables_of_arrays
@@ -38,8 +39,8 @@ class Hdf5(LogReader):
             def collect(name: str, item: Any) -> None:
                 if not isinstance(item, h5py.Dataset) or name.startswith("#refs#"):
                     return
-                if item.dtype == h5py.ref_dtype:
-                    for place, reference in enumerate(item[()].ravel()[:MOST_CELLS], 1):
+                if h5py.check_ref_dtype(item.dtype) is not None:
+                    for place, reference in enumerate(np.ravel(item[()])[:MOST_CELLS], 1):
                         target = file[reference]
                         if isinstance(target, h5py.Dataset):
                             self._add(f"{name}{{{place}}}", target, arrays, str(source.path))
