@@ -1,4 +1,4 @@
-"""Log files: one simulated recording written as each robot, driver or recorder writes it, by the format's own library."""
+"""Log files: one simulated recording as each robot, driver or recorder writes it, by the format's own library."""
 
 from __future__ import annotations
 
@@ -70,7 +70,9 @@ def _text(**options: Any) -> Writer:
 def bota(frame: Frame, folder: Path) -> list[Path]:
     """Names with units, comma and blank, a blank column, every third row doubled, a column of text."""
     rows = np.sort(np.concatenate([np.arange(len(frame)), np.arange(0, len(frame), 3)]))
-    named = frame[["time", *CHANNELS, *QUATERNION, *POSITION]].rename(columns={c: c.capitalize() + "_N" for c in CHANNELS[:3]})
+    named = frame[["time", *CHANNELS, *QUATERNION, *POSITION]].rename(
+        columns={c: c.capitalize() + "_N" for c in CHANNELS[:3]}
+    )
     named = named.rename(columns={c: c.capitalize() + "_Nm" for c in CHANNELS[3:]} | {"time": "Time_s"})
     named.insert(3, " ", "")
     named["status"] = "ok"
@@ -84,7 +86,7 @@ def ur_rtde(frame: Frame, folder: Path) -> list[Path]:
     """The RTDE client's record: spaces, rotation vectors, force along base axes, a duplicated column."""
     base = in_base_axes(frame)
     vectors = rotations(frame).as_rotvec()
-    columns = {"timestamp": 321.5 + frame["time"]}
+    columns: dict[str, Any] = {"timestamp": 321.5 + frame["time"]}
     columns |= {f"actual_q_{j}": np.sin(frame["time"] + j) for j in range(6)}
     columns |= {f"actual_TCP_pose_{j}": frame[name] for j, name in enumerate(POSITION)}
     columns |= {f"actual_TCP_pose_{j + 3}": vectors[:, j] for j in range(3)}
@@ -98,7 +100,7 @@ def ur_rtde(frame: Frame, folder: Path) -> list[Path]:
 
 def franka_csv(frame: Frame, folder: Path) -> list[Path]:
     """State log: 4 x 4 column by column, time in ms."""
-    columns = {"time": (frame["time"] * 1e3)}
+    columns: dict[str, Any] = {"time": frame["time"] * 1e3}
     columns |= {f"O_T_EE[{i}]": matrices(frame).transpose(0, 2, 1).reshape(-1, 16)[:, i] for i in range(16)}
     columns |= {f"q[{j}]": np.sin(frame["time"] + j) for j in range(7)}
     base = in_base_axes(frame)
@@ -146,8 +148,12 @@ def ros2_echo_csv(frame: Frame, folder: Path) -> list[Path]:
 
 def plotjuggler(frame: Frame, folder: Path) -> list[Path]:
     """Two topics in one table: each row is a sample of one of them, the other's cells are empty."""
-    wrench = Frame({"__time": EPOCH + frame["time"], **{f: frame[c] for f, c in wrench_fields("/ft/wrench", "/").items()}})
-    pose = Frame({"__time": EPOCH + frame["time"] + 1e-3, **{f: frame[c] for f, c in pose_fields("/arm/pose", "/").items()}})
+    wrench = Frame(
+        {"__time": EPOCH + frame["time"], **{f: frame[c] for f, c in wrench_fields("/ft/wrench", "/").items()}}
+    )
+    pose = Frame(
+        {"__time": EPOCH + frame["time"] + 1e-3, **{f: frame[c] for f, c in pose_fields("/arm/pose", "/").items()}}
+    )
     pose.iloc[:, 1:] = poses_at(frame, frame["time"].to_numpy() + 1e-3)[[*POSITION, *QUATERNION]].to_numpy()
     path = folder / "plotjuggler.csv"
     pd.concat([wrench, pose]).sort_values("__time").to_csv(path, index=False)
@@ -192,10 +198,10 @@ def poses_at(frame: Frame, instants: Array) -> Frame:
 
 
 def two_clocks(frame: Frame, folder: Path, offset: float = 0.037, seed: int = 1) -> list[Path]:
-    """Wrench and pose in files of their own: the wrench's stamps are late and jitter, 3 samples are lost, rates differ."""
+    """Wrench and pose in a file each: the wrench's stamps are late and jitter, 3 samples are lost, rates differ."""
     rng = np.random.default_rng(seed)
     lost = rng.choice(np.arange(100, len(frame) - 100), 3, replace=False)
-    wrench = frame[["time", *CHANNELS]].drop(index=lost)
+    wrench = frame[["time", *CHANNELS]].drop(index=lost.tolist())
     wrench["time"] += offset + rng.normal(0, 2e-4, len(wrench))
     instants = np.arange(0.0013, frame["time"].iloc[-1], 1 / 200)
     pose = poses_at(frame, instants).assign(time=instants)
@@ -230,7 +236,10 @@ def matlab(frame: Frame, folder: Path) -> list[Path]:
 
     pose = matrices(frame).transpose(1, 2, 0)
     path = folder / "run.mat"
-    savemat(path, {"data": {"t": frame["time"].to_numpy(), "pose": pose, "wrench": frame[CHANNELS].to_numpy().T, "who": "me"}})
+    savemat(
+        path,
+        {"data": {"t": frame["time"].to_numpy(), "pose": pose, "wrench": frame[CHANNELS].to_numpy().T, "who": "me"}},
+    )
     return [path]
 
 
@@ -253,8 +262,9 @@ def matlab_73(frame: Frame, folder: Path) -> list[Path]:
 def numpy_archive(frame: Frame, folder: Path) -> list[Path]:
     """An .npz of arrays."""
     path = folder / "run.npz"
-    arrays = {"time": frame["time"].to_numpy(), "quat": frame[QUATERNION].to_numpy(), "pos": frame[POSITION].to_numpy()}
-    np.savez(path, **arrays, wrench=frame[CHANNELS].to_numpy())
+    columns = {"time": "time", "quat": QUATERNION, "pos": POSITION, "wrench": CHANNELS}
+    arrays: dict[str, Any] = {name: frame[own].to_numpy() for name, own in columns.items()}
+    np.savez(path, **arrays)
     return [path]
 
 
@@ -281,7 +291,8 @@ def ros_types() -> Any:
 
 def ros_messages(types: Any, frame: Frame, *, ros1: bool = False, tf: bool = False) -> Any:
     """(topic, type, receive stamp in ns, message): wrench, and the pose as a topic or by tf of three links."""
-    def header(stamp: float, name: str) -> Any:
+
+    def header(stamp: Any, name: str) -> Any:
         ns = EPOCH * 10**9 + round(stamp * 1e9)
         time = types["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
         more = {"seq": 0} if ros1 else {}
@@ -289,30 +300,54 @@ def ros_messages(types: Any, frame: Frame, *, ros1: bool = False, tf: bool = Fal
 
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
 
-    def stamped(stamp: float, parent: str, child: str, place: Any, turn: Any) -> Any:
-        moved = types["geometry_msgs/msg/Transform"](translation=vector(*map(float, place)), rotation=quaternion(*map(float, turn)))
-        return types["geometry_msgs/msg/TransformStamped"](header=header(stamp, parent)[0], child_frame_id=child, transform=moved)
+    def stamped(stamp: Any, parent: str, child: str, place: Any, turn: Any) -> Any:
+        moved = types["geometry_msgs/msg/Transform"](
+            translation=vector(*map(float, place)), rotation=quaternion(*map(float, turn))
+        )
+        return types["geometry_msgs/msg/TransformStamped"](
+            header=header(stamp, parent)[0], child_frame_id=child, transform=moved
+        )
 
     mount = Rotation.from_euler("XYZ", [0.3, -0.2, 0.9])
     lever = np.array([0.02, -0.01, 0.1])
     if tf:
         link = stamped(0.0, "flange", "tool0", lever, mount.as_quat())
-        yield "/tf_static", "tf2_msgs/msg/TFMessage", header(0.0, "")[1], types["tf2_msgs/msg/TFMessage"](transforms=[link])
+        yield (
+            "/tf_static",
+            "tf2_msgs/msg/TFMessage",
+            header(0.0, "")[1],
+            types["tf2_msgs/msg/TFMessage"](transforms=[link]),
+        )
     for row in frame.itertuples():
         head, ns = header(row.time, "tool0")
-        wrench = types["geometry_msgs/msg/Wrench"](force=vector(row.fx, row.fy, row.fz), torque=vector(row.tx, row.ty, row.tz))
-        yield "/ft/wrench", "geometry_msgs/msg/WrenchStamped", ns + 4_000_000, types["geometry_msgs/msg/WrenchStamped"](header=head, wrench=wrench)
+        wrench = types["geometry_msgs/msg/Wrench"](
+            force=vector(row.fx, row.fy, row.fz), torque=vector(row.tx, row.ty, row.tz)
+        )
+        yield (
+            "/ft/wrench",
+            "geometry_msgs/msg/WrenchStamped",
+            ns + 4_000_000,
+            types["geometry_msgs/msg/WrenchStamped"](header=head, wrench=wrench),
+        )
         head, ns = header(row.time, "base")
         if tf:
             turn = Rotation.from_quat([row.qx, row.qy, row.qz, row.qw]) * mount.inv()
             place = np.array([row.px, row.py, row.pz]) - turn.apply(lever)
-            message = types["tf2_msgs/msg/TFMessage"](transforms=[stamped(row.time, "base", "flange", place, turn.as_quat())])
+            message = types["tf2_msgs/msg/TFMessage"](
+                transforms=[stamped(row.time, "base", "flange", place, turn.as_quat())]
+            )
             yield "/tf", "tf2_msgs/msg/TFMessage", ns, message
             continue
         pose = types["geometry_msgs/msg/Pose"](
-            position=types["geometry_msgs/msg/Point"](row.px, row.py, row.pz), orientation=quaternion(row.qx, row.qy, row.qz, row.qw)
+            position=types["geometry_msgs/msg/Point"](row.px, row.py, row.pz),
+            orientation=quaternion(row.qx, row.qy, row.qz, row.qw),
         )
-        yield "/arm/pose", "geometry_msgs/msg/PoseStamped", ns + 9_000_000, types["geometry_msgs/msg/PoseStamped"](header=head, pose=pose)
+        yield (
+            "/arm/pose",
+            "geometry_msgs/msg/PoseStamped",
+            ns + 9_000_000,
+            types["geometry_msgs/msg/PoseStamped"](header=head, pose=pose),
+        )
 
 
 def ros1_bag(frame: Frame, folder: Path) -> list[Path]:

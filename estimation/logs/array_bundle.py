@@ -1,4 +1,4 @@
-"""Bundle of arrays by name, as MATLAB, NumPy and HDF5 files hold them, as tables: arrays of equal length belong together."""
+"""Bundle of arrays by name, as MATLAB, NumPy and HDF5 files hold them: those of equal length are a table."""
 
 from __future__ import annotations
 

@@ -2,10 +2,10 @@
 
 A rigid tool's wrench is linear in the specific force, the angular acceleration and the products of the angular
 velocity, all in the sensor frame. A drag would look like a delay, so that it is a regressor too, along the velocity of
-a point of the tool, v + omega x d, linear and quadratic; and so are a gravity that is tilted and a tether's spring, by
-forces that are constant in the world or grow with the position. In the force channels the coefficients on the specific force
-are free (gains, mounting, signs), those of centre of mass and drag shared, as one vector turned by the mounting; in the
-torque channels all are free. With all these regressors Phi(t),
+a point of the tool, v + omega x d, linear and quadratic; and so are a tilted gravity and a tether's spring, as forces
+that are constant in the world or grow with the position. In the force channels the coefficients on the specific force
+are free (gains, mounting, signs), all others shared, as one vector turned by the mounting; in the torque channels all
+are free. With all these regressors Phi(t),
 
     y(t_i) = Phi(t_i - offset) b + e,      dy/d(offset) = -Phi'(t_i - offset) b.
 
@@ -69,12 +69,14 @@ class MotionRegressors:
         parts = (self.force, self.shared.reshape(len(self.shared), -1), self.turning)
         sizes = [np.abs(self.force).max(), np.repeat(np.abs(self.shared).max(axis=(0, 2)), self.dimension)]
         sizes.append(np.abs(self.turning).max(axis=0))  # a force's directions share one size
-        return CubicSpline(self.instants, np.hstack([p / np.maximum(s, TINY) for p, s in zip(parts, sizes, strict=True)]))
+        return CubicSpline(
+            self.instants, np.hstack([p / np.maximum(s, TINY) for p, s in zip(parts, sizes, strict=True)])
+        )
 
     @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
-        return self.force.shape[1]
+        return int(self.force.shape[1])
 
     def at(self, instants: Array, order: int = 0) -> tuple[Array, Array, Array]:
         """At other instants (m,), or as derivatives by time: free regressors of the forces (m, d + 1) with a constant,
@@ -94,7 +96,7 @@ def _spatial(signals: Mapping[str, Array], gravity: float) -> tuple[Array, Array
     from scipy.spatial.transform import Rotation  # slow to import
 
     turn = Rotation.from_quat(np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1))
-    force = turn.apply(_stack(signals, "ap") + [0.0, 0.0, gravity], inverse=True)
+    force = turn.apply(_stack(signals, "ap") + np.array([0.0, 0.0, gravity]), inverse=True)
     omega, alpha = _stack(signals, "w"), _stack(signals, "al")
     first, second = np.triu_indices(3)
     levers = [np.cross(omega, axis) for axis in np.eye(3)]
@@ -121,7 +123,7 @@ def _planar(signals: Mapping[str, Array], gravity: float) -> tuple[Array, Array,
 
 
 def _forces(velocity: Array, levers: list[Array]) -> Array:
-    """Drags along the velocity (n, d), linear and quadratic, and further forces, (n, r, d); none that is always zero."""
+    """Drags along the velocity (n, d), linear and quadratic, and further forces, (n, r, d), but none of zeros."""
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     return np.stack([part for part in (velocity, speed * velocity, *levers) if part.any()] or [velocity], axis=1)
 
@@ -151,7 +153,9 @@ def _averaged(stamps: Array, wrench: Array) -> tuple[Array, Array]:
     """Wrench averaged over a few samples, at the mean of their stamps."""
     group = max(int(0.01 / max(float(np.median(np.diff(stamps))), 1e-6)), len(stamps) // SCAN_ROWS, 1)
     count = len(stamps) // group * group
-    return stamps[:count].reshape(-1, group).mean(axis=1), wrench[:count].reshape(-1, group, wrench.shape[1]).mean(axis=1)
+    return stamps[:count].reshape(-1, group).mean(axis=1), wrench[:count].reshape(-1, group, wrench.shape[1]).mean(
+        axis=1
+    )
 
 
 def _cost(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float | None) -> float:
@@ -200,8 +204,7 @@ def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: flo
 
 
 def _linearised(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float) -> tuple[Array, Array]:
-    """Derivative of the prediction by the offset, and the residual, (n, p) each, without what the coefficients explain.
-    """
+    """Derivative of the prediction by the offset, and the residual, (n, p), without what coefficients explain."""
     d = motion.dimension
     (free, vectors, every), (free_rate, vectors_rate, every_rate) = (motion.at(stamps - offset, i) for i in (0, 1))
     late, residual = np.empty_like(wrench), np.empty_like(wrench)
@@ -209,7 +212,12 @@ def _linearised(motion: MotionRegressors, stamps: Array, wrench: Array, offset: 
     mounting = _mounting(_coefficients(free, forces)[:d].T)
     shared, shared_rate = vectors @ mounting.T, vectors_rate @ mounting.T
     basis = np.linalg.svd(free, full_matrices=False)[0]
-    design = _cleared(basis, shared.reshape(len(stamps), -1)).reshape(shared.shape).transpose(0, 2, 1).reshape(-1, shared.shape[1])
+    design = (
+        _cleared(basis, shared.reshape(len(stamps), -1))
+        .reshape(shared.shape)
+        .transpose(0, 2, 1)
+        .reshape(-1, shared.shape[1])
+    )
     target = _cleared(basis, forces).reshape(-1)
     amounts = _coefficients(design, target)
     residual[:, :d] = (target - design @ amounts).reshape(-1, d)
@@ -223,13 +231,13 @@ def _linearised(motion: MotionRegressors, stamps: Array, wrench: Array, offset: 
 
 
 def _misfit(residual: Array) -> float:
-    """Root of the residual's variance over that of its white part, at least 1: unmodelled physics errs in one direction."""
+    """Root of the residual's variance over that of its white part, at least 1: missing physics errs one way."""
     white = np.var(np.diff(residual, axis=0), axis=0) / 2
     return float(np.sqrt(np.maximum(np.var(residual, axis=0) / np.maximum(white, TINY), 1.0)).max())
 
 
 def _mounting(force: Array) -> Array:
-    """Rotation (d, d) from the motion's axes to the readings', with their sign, of the coefficients on the specific force.
+    """Rotation (d, d) from the motion's to the readings' axes, with their sign, by the coefficients of the force.
 
     Their polar factor; whole quarter turns where it is near them, as it is uncertain by what else acts.
     """

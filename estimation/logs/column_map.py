@@ -1,4 +1,4 @@
-"""Column map: which columns of the sources are what, and their units, stated in TOML by --map or [columns] of the rig."""
+"""Column map: which columns are what, and their units, stated in TOML by --map or [columns] of the rig."""
 
 from __future__ import annotations
 
@@ -50,9 +50,13 @@ class ColumnMap:
         try:
             data = tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
         except OSError as error:
-            raise InputError(what=error.strerror or "cannot be read", where=str(path), remedy="give the path of a map") from None
+            raise InputError(
+                what=error.strerror or "cannot be read", where=str(path), remedy="give the path of a map"
+            ) from None
         except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InputError(what=f"not a TOML file: {error}", where=str(path), remedy="correct the TOML there") from None
+            raise InputError(
+                what=f"not a TOML file: {error}", where=str(path), remedy="correct the TOML there"
+            ) from None
         inner = data.pop("columns", {})
         if not isinstance(inner, dict):
             raise InputError(what="columns is not a table", where=str(path), remedy=REMEDY)
@@ -116,7 +120,12 @@ class _Checked:
         value = self.data.get(key)
         if value is None:
             return None
-        if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < 1e9 or (low is not None and value <= low):
+        if (
+            not isinstance(value, int | float)
+            or isinstance(value, bool)
+            or not abs(value) < 1e9
+            or (low is not None and value <= low)
+        ):
             raise self.error(f"{quoted(key)} is {quoted(value)}, not a number that it can be", "give a number")
         return float(value)
 

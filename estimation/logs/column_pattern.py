@@ -1,4 +1,4 @@
-"""Column patterns: how robots, drivers and recorders name time, wrench, pose and joints; the presets are sets of them."""
+"""Column patterns: how robots, drivers and recorders name time, wrench, pose and joints; and the presets."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ XYZ = tuple("xyz")
 
 def _numbered(quantity: Quantity, stem: str, count: int, **more: object) -> ColumnPattern:
     parts = tuple(str(i) for i in range(count))
-    return ColumnPattern(quantity=quantity, regex=rf"(?P<stem>{stem}){_INDEX}", parts=parts, **more)  # type: ignore[arg-type]
+    regex = rf"(?P<stem>{stem}){_INDEX}"
+    return ColumnPattern(quantity=quantity, regex=regex, parts=parts, **more)  # type: ignore[arg-type]
 
 
 PATTERNS: tuple[ColumnPattern, ...] = (
@@ -101,14 +102,16 @@ PATTERNS: tuple[ColumnPattern, ...] = (
     ColumnPattern(quantity=Quantity.JOINTS, regex=r"(?P<stem>joint):(?P<part>.+)"),
     ColumnPattern(
         quantity=Quantity.JOINTS,
-        regex=r"(?P<stem>(?:.*[^a-z])?(?:q|joint|joint_?pos(?:ition)?s?|position|theta|axis)s?)[\[\]_./ ]*(?P<part>\d+)\]?",
+        regex=r"(?P<stem>(?:.*[^a-z])?(?:q|joint|joint_?pos(?:ition)?s?|position|theta|axis)s?)"
+        r"[\[\]_./ ]*(?P<part>\d+)\]?",
     ),
     ColumnPattern(quantity=Quantity.JOINTS, regex=r"(?P<stem>.*joint_states?)/(?P<part>[^/]+)/position"),
 )  # fmt: skip
 """In order of preference: what a robot states of itself before what its names suggest."""
 
 TIME_NAMES: tuple[str, ...] = (
-    r"time", r".*header[._/]stamp", r"stamp", r"_*time", r"%?time", r"time_?stamps?", r"t", r".*(?:^|[^a-z])time_?stamps?",
+    r"time", r".*header[._/]stamp", r"stamp", r"_*time", r"%?time", r"time_?stamps?", r"t",
+    r".*(?:^|[^a-z])time_?stamps?",
     r".*(?:^|[^a-z])(?:time|stamp|zeit|seconds|sec)", r"(?:robot|elapsed|system|unix|epoch).?time", r"time.*", r"clock",
 )  # fmt: skip
 """Names of the time, best first; a recorder's own stamp comes after the sensor's header stamp."""

@@ -16,7 +16,9 @@ from estimation.logs.units import name_and_unit
 from modeling.errors import InputError, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 
-COMMANDED = re.compile(r"target|desired|command|setpoint|goal|reference|(?:^|[^a-z])(?:cmd|ref|des)(?:[^a-z]|$)", re.IGNORECASE)
+COMMANDED = re.compile(
+    r"target|desired|command|setpoint|goal|reference|(?:^|[^a-z])(?:cmd|ref|des)(?:[^a-z]|$)", re.IGNORECASE
+)
 ASK = "name its columns in a map"
 
 
@@ -47,7 +49,7 @@ class ColumnGroup:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ColumnMapping:
-    """What is read of all tables: wrench, and the motion as an orientation, with or without a position, or as joints."""
+    """What is read of all tables: wrench; motion as an orientation, with or without a position, or as joints."""
 
     wrench: ColumnGroup
     orientation: ColumnGroup | None
@@ -66,7 +68,12 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
     Raises InputError where something is missing, or two groups of columns could be it.
     """
     found = _Groups(tables, stated)
-    wrench = found.stated_vector(Quantity.WRENCH, SPATIAL_CHANNELS) or found.stated_vector(Quantity.WRENCH, PLANAR_CHANNELS)
+    for reference in (*stated.columns.values(), *stated.orientation):
+        if not any(reference in table.columns for table in tables):
+            found.place(reference)  # an error, or a qualified name
+    wrench = found.stated_vector(Quantity.WRENCH, SPATIAL_CHANNELS) or found.stated_vector(
+        Quantity.WRENCH, PLANAR_CHANNELS
+    )
     wrench = wrench or found.chosen(Quantity.WRENCH)
     if wrench is None:
         raise found.error("no wrench is recognised", found.nearest())
@@ -155,7 +162,11 @@ class _Groups:
         if not groups:
             return None
         best = groups[0]
-        rivals = [g for g in groups[1:] if (g.preset, bool(COMMANDED.search(g.title))) == (best.preset, bool(COMMANDED.search(best.title)))]
+        rivals = [
+            g
+            for g in groups[1:]
+            if (g.preset, bool(COMMANDED.search(g.title))) == (best.preset, bool(COMMANDED.search(best.title)))
+        ]
         rivals = [g for g in rivals if g.targets == best.targets and g.columns != best.columns and not g.preset]
         if rivals:
             what = f"the {best.quantity.value} could be {best.title} or {rivals[0].title}"
@@ -270,9 +281,20 @@ def _numbered(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
     for stem, members in _by_stem(pattern, table).items():
         numeric = all(part.isdigit() for part in members)
         parts = sorted(members, key=int) if numeric else sorted(members)
-        if numeric and ([int(p) for p in parts] != list(range(int(parts[0]), int(parts[0]) + len(parts))) or int(parts[0]) > 1):
+        if numeric and (
+            [int(p) for p in parts] != list(range(int(parts[0]), int(parts[0]) + len(parts))) or int(parts[0]) > 1
+        ):
             continue
         columns = tuple(members[part] for part in parts)
         targets = tuple(f"q{i}" for i in range(1, len(parts) + 1))
-        groups.append(ColumnGroup(quantity=Quantity.JOINTS, table=table, columns=columns, targets=targets, stem=stem, preset=pattern.preset))
+        groups.append(
+            ColumnGroup(
+                quantity=Quantity.JOINTS,
+                table=table,
+                columns=columns,
+                targets=targets,
+                stem=stem,
+                preset=pattern.preset,
+            )
+        )
     return groups

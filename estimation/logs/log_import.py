@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 import estimation.logs.readers  # registers the readers  # noqa: F401
 from estimation.logs.column_map import ColumnMap
 from estimation.logs.column_pattern import PRESETS, Quantity
 from estimation.logs.column_recognition import ColumnGroup, ColumnMapping, column_mapping
+from estimation.logs.frame_evidence import W_FIRST, frame_evidence
 from estimation.logs.log_reader import tables_of
 from estimation.logs.log_table import Array, LogTable
 from estimation.logs.motion_streams import QUATERNION, SiColumns, in_sensor_axes
 from estimation.logs.one_clock import on_one_clock
 from estimation.logs.sample_hold import held_rows, note_suspicious_channels
-from estimation.logs.sample_mending import Series, Stream, mended
+from estimation.logs.sample_mending import Stream, mended
 from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
 from estimation.logs.table_joining import joined_by_rows, with_preset_names
@@ -35,8 +37,16 @@ SHARED_ROWS = 0.5
 MOST_AUXILIARY = 40
 POSE_STEP = 0.05
 """Radians between neighbouring rows without time from which they are poses at rest, and no run."""
-RESERVED = {*PLANAR_CHANNELS, *SPATIAL_CHANNELS, "time", "repeat", *motion_columns(MotionForm.PLANAR_POSE), *motion_columns(MotionForm.POSE)}
+RESERVED = {
+    *PLANAR_CHANNELS,
+    *SPATIAL_CHANNELS,
+    "time",
+    "repeat",
+    *motion_columns(MotionForm.PLANAR_POSE),
+    *motion_columns(MotionForm.POSE),
+}
 
+Mask: TypeAlias = NDArray[np.bool_]
 Groups: TypeAlias = Sequence[tuple[ColumnGroup, dict[str, Array]]]
 """Groups of columns, the wrench's first, each with what it becomes, in SI units."""
 Clocks: TypeAlias = tuple[tuple[ClockReading, ...], OffsetReading | None, float | None]
@@ -89,6 +99,7 @@ class _Reading:
         self.stated = options.stated or own or ColumnMap()
         self.log = StepLog(strict=options.strict)
         self.times: dict[int, TimeColumn | None] = {}
+        self.one_clock = True
 
     def imported(self) -> ImportedRecording:
         tables = self._tables()
@@ -103,12 +114,36 @@ class _Reading:
         groups += [(group, si.motion(group)) for group in mapping.groups[1:]]
         columns, report_parts = self._on_one_clock(mapping, groups, si.base_axes)
         clocks, offset, rate = report_parts
+        if {"fz", "qw"} <= set(columns):
+            columns = self._frames_checked(columns, mapping, offset)
         note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, mapping.wrench.table.name, self.log)
         report = ReadingReport(
             sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, steps=tuple(self.log.steps),
             samples=len(columns[mapping.wrench.targets[0]]), rate=rate, columns=tuple(columns),
         )  # fmt: skip
         return ImportedRecording(name=self.paths[0].name, columns=columns, report=report)
+
+    def _frames_checked(
+        self, columns: dict[str, Array], mapping: ColumnMapping, offset: OffsetReading | None
+    ) -> dict[str, Array]:
+        """A clearly better reading of the orientation is named; it is taken where no name stated the order."""
+        found, group = frame_evidence(columns), mapping.orientation
+        if found is None or group is None:
+            return columns
+        if found.shows_no_weight:
+            what = "no weight turns with the sensor in these readings: compensated already, or hidden by contact"
+            self.log.suspicious(what, mapping.wrench.table.name)
+        if not found.is_better:
+            return columns
+        as_read, better = found.as_read, found.best
+        what = f"{better.meaning}: the mass is {better.mass:.3g} kg then, and the residual of the weight falls"
+        what += f" from {as_read.rms:.3g} to {better.rms:.3g} N"
+        unstated = self.stated.form is None and all(name[-1:].isdigit() or name.endswith("]") for name in group.columns)
+        if better.meaning != W_FIRST or not unstated or (offset is not None and offset.applied):
+            self.log.suspicious(f"{what}; {better.advice}", group.table.name)
+            return columns
+        self.log.mended(f"no name states the quaternion's order, and {what}; taken so", group.table.name)
+        return columns | {new: columns[old] for new, old in (("qx", "qy"), ("qy", "qz"), ("qz", "qw"), ("qw", "qx"))}
 
     # ------------------------------------------------------------------------------------- sources
 
@@ -123,7 +158,9 @@ class _Reading:
             for what, count, is_mended in table.notes:
                 (self.log.mended if is_mended else self.log.taken)(what, named.name, count)
             if table.texts:
-                shown = ", ".join(f"{name} ({', '.join(map(quoted, texts[:2]))})" for name, texts in [*table.texts.items()][:4])
+                shown = ", ".join(
+                    f"{name} ({', '.join(map(quoted, texts[:2]))})" for name, texts in [*table.texts.items()][:4]
+                )
                 self.log.taken(f"columns of text are not used: {shown}", named.name, len(table.texts))
         return tables
 
@@ -155,20 +192,17 @@ class _Reading:
                 what = "no time is recognised in this source, and another source has one"
                 raise InputError(what=what, where=table.name, remedy='name it in a map: time = "column"')
         series = [mended(stream, self.log) for stream in self._streams(groups)]
-        clock = on_one_clock(series, self.stated.offset, self.options.period, self.rig, self.log, self._shared(series))
+        clock = on_one_clock(series, self.stated.offset, self.options.period, self.rig, self.log, self.one_clock)
         columns = self._turned(clock.columns, base_axes)
         return columns, (tuple(s.reading for s in series), clock.offset, clock.rate)
 
-    @staticmethod
-    def _shared(series: Sequence[Series]) -> bool:
-        """Whether all series are of one source, whose columns share a clock."""
-        return len({one.where for one in series}) == 1
-
     def _streams(self, groups: Groups) -> list[Stream]:
         """Groups that were sampled together as one stream each, with the auxiliary columns of their table."""
-        streams: list[tuple[LogTable, dict[str, Array], Array]] = []
+        streams: list[tuple[LogTable, dict[str, Array], Mask]] = []
         for group, columns in groups:
             rows = self._own_rows(group, columns)
+            # Rows of one table share a clock, unless each is of one topic only.
+            self.one_clock &= all(table is group.table and bool((known & rows).any()) for table, _, known in streams)
             for place, (table, members, known) in enumerate(streams):
                 if table is group.table and (known & rows).sum() >= SHARED_ROWS * max(known.sum(), rows.sum()):
                     streams[place] = (table, members | columns, known & rows)
@@ -177,7 +211,7 @@ class _Reading:
                 streams.append((group.table, dict(columns), rows))
         return [self._stream(*stream, groups) for stream in streams]
 
-    def _own_rows(self, group: ColumnGroup, columns: Mapping[str, Array]) -> Array:
+    def _own_rows(self, group: ColumnGroup, columns: Mapping[str, Array]) -> Mask:
         """Mask of the rows in which a group has a new sample: all its cells filled, and none held from before."""
         rows = np.ones(group.table.rows, dtype=bool)
         for column in columns.values():
@@ -187,20 +221,24 @@ class _Reading:
         if time is not None and len(known):  # a row that is written twice holds nothing
             known = known[np.concatenate([[True], np.diff(time.stamps[known]) != 0])]
         if len(known) < 2:
-            raise InputError(what=f"{group.title} has no samples", where=group.table.name, remedy="give a log that has them")
+            raise InputError(
+                what=f"{group.title} has no samples", where=group.table.name, remedy="give a log that has them"
+            )
         changed, held = held_rows([column[known] for column in columns.values()])
         share = 1 - float(changed.mean())
         total = len(known)
         if held:
             what = f"{group.quantity.value} held for {held} rows each: only its new values are used"
-            self.log.mended(what, group.table.name, int((~changed).sum()), total)
+            self.log.mended(what, group.table.name, total - int(changed.sum()), total)
             rows = np.zeros(group.table.rows, dtype=bool)
             rows[known[changed]] = True
         elif share > (0.02 if group.quantity is Quantity.WRENCH else 0.5):
-            self.log.suspicious(f"{group.quantity.value} repeats its last value", group.table.name, int((~changed).sum()), total)
+            self.log.suspicious(
+                f"{group.quantity.value} repeats its last value", group.table.name, total - int(changed.sum()), total
+            )
         return rows
 
-    def _stream(self, table: LogTable, columns: Mapping[str, Array], rows: Array, groups: Groups) -> Stream:
+    def _stream(self, table: LogTable, columns: Mapping[str, Array], rows: Mask, groups: Groups) -> Stream:
         """The rows of a stream; those where it has no sample are left out, the auxiliary columns with them."""
         time = self._time(table)
         assert time is not None  # checked before
@@ -213,7 +251,7 @@ class _Reading:
             stamps, full = stamps[kept], {name: column[kept] for name, column in full.items()}
         return Stream(where=table.name, stamps=stamps, columns=full, essential=tuple(columns))
 
-    def _note_rows(self, table: LogTable, rows: Array, kept: int) -> None:
+    def _note_rows(self, table: LogTable, rows: Mask, kept: int) -> None:
         """Log rows in which a group has no sample, as missing cells or as those of other topics in one table."""
         without = len(rows) - kept
         if without > 0.2 * len(rows):
@@ -245,7 +283,9 @@ class _Reading:
             found[key if plain or key not in RESERVED or name in named else f"log_{key}"] = column
         if len(found) > MOST_AUXILIARY:
             kept = {n: c for n, c in found.items() if n in self.stated.columns or n in ("temperature", "repeat")}
-            self.log.taken("further columns are not kept: more than a recording needs", table.name, len(found) - len(kept))
+            self.log.taken(
+                "further columns are not kept: more than a recording needs", table.name, len(found) - len(kept)
+            )
             return kept
         return found
 
@@ -256,17 +296,24 @@ class _Reading:
         table = mapping.wrench.table
         if any(group.table is not table for group, _ in groups):
             what = "no time is recognised in the sources"
-            raise InputError(what=what, where=table.name, remedy='name it in a map: time = "column", or rate = 500 (Hz)')
+            raise InputError(
+                what=what, where=table.name, remedy='name it in a map: time = "column", or rate = 500 (Hz)'
+            )
         columns = {name: column for _, part in groups for name, column in part.items()}
-        complete = np.isfinite(np.stack(list(columns.values()))).all(axis=0)
+        complete = np.asarray(np.isfinite(np.stack(list(columns.values()))).all(axis=0))
         if not complete.all():
             self.log.mended("rows with empty cells left out", table.name, int((~complete).sum()), len(complete))
         columns = {name: column[complete] for name, column in columns.items()}
         angles = [columns[name] for name in columns if name in QUATERNION or name == "phi" or name[0] == "q"]
-        step = float(np.median(np.linalg.norm(np.diff(np.stack(angles), axis=1), axis=0))) if complete.sum() > 1 else 0.0
+        step = (
+            float(np.median(np.linalg.norm(np.diff(np.stack(angles), axis=1), axis=0))) if complete.sum() > 1 else 0.0
+        )
         if step < POSE_STEP / 2:
-            what = f"no time, and neighbouring rows differ by {2 * step:.2g} rad: a run without its time, not poses at rest"
-            raise InputError(what=what, where=table.name, remedy='state its rate in a map: rate = 500 (Hz), or time = "column"')
+            what = f"no time, and neighbouring rows differ by {2 * step:.2g} rad:"
+            what += " a run without its time, not poses at rest"
+            raise InputError(
+                what=what, where=table.name, remedy='state its rate in a map: rate = 500 (Hz), or time = "column"'
+            )
         self.log.taken("no time: every row is a pose at rest", table.name, int(complete.sum()))
         return self._turned(columns, base_axes)
 

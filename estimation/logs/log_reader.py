@@ -15,7 +15,7 @@ MAX_COLUMNS = 20_000
 
 
 class LogReader(ABC):
-    """A file format. A subclass in a module of `estimation/logs/readers` is tried on every source, in order of `rank`."""
+    """A file format. Its subclasses, in `estimation/logs/readers`, are tried on a source in the order of `rank`."""
 
     title: ClassVar[str]
     rank: ClassVar[int] = 0

@@ -19,6 +19,7 @@ from modeling.errors import InputError
 QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")
 PLANAR_FORM = OrientationForm("planar")
 UNIT_NORM = 1e-3
+LARGEST_NUMBER = 1e9
 LARGEST_LEVER = 20.0
 """Metres: no arm reaches further, so that larger positions are in millimetres."""
 LARGEST_JOINT = 2.5 * 2 * pi
@@ -79,10 +80,16 @@ class SiColumns:
             place = matrix_positions(values, form)
         if form.has_angles:
             values = values * self._factor("angle", group.columns[-1])
-        columns = {} if place is None else dict(zip(POSITION, (place * self._factor("position", group.columns[0])).T, strict=True))
+        columns = (
+            {}
+            if place is None
+            else dict(zip(POSITION, (place * self._factor("position", group.columns[0])).T, strict=True))
+        )
         columns = self._checked_position(columns, group)
         self._note(group, (*QUATERNION, *columns), str(form))
-        plain = form.name == "xyzw" and bool((np.abs((values**2).sum(axis=1) - 1) < UNIT_NORM)[np.isfinite(values).all(axis=1)].all())
+        plain = form.name == "xyzw" and bool(
+            (np.abs((values**2).sum(axis=1) - 1) < UNIT_NORM)[np.isfinite(values).all(axis=1)].all()
+        )
         turned = values if plain else form.quaternions(values, where)
         return dict(zip(QUATERNION, _without_jumps(turned).T, strict=True)) | columns
 
@@ -93,21 +100,40 @@ class SiColumns:
             return {name: column * 1e-3 for name, column in columns.items()}
         return columns
 
-    def _scaled(self, group: ColumnGroup, kinds: list[str], how: str, targets: tuple[str, ...] | None = None) -> dict[str, Array]:
+    def _scaled(
+        self, group: ColumnGroup, kinds: list[str], how: str, targets: tuple[str, ...] | None = None
+    ) -> dict[str, Array]:
         targets = targets or group.targets
         columns = {}
         units = []
         for target, name, kind in zip(targets, group.columns, kinds, strict=True):
             factor, column = self._factor(kind, name), group.table.columns[name]
+            column = self._plausible(column, name, group)
             columns[target] = column if factor == 1.0 else column * factor
             unit = name_and_unit(name)[1]
             units += [unit] if factor != 1.0 and unit else []
         self._note(group, targets, how + (f", from {', '.join(dict.fromkeys(units))}" if units else ""))
         return columns
 
+    def _plausible(self, column: Array, name: str, group: ColumnGroup) -> Array:
+        """The column, with numbers that no sensor has (damaged bytes, overflow marks) as missing."""
+        with np.errstate(invalid="ignore"):
+            wild = np.abs(column) > LARGEST_NUMBER
+        if not wild.any():
+            return column
+        self.log.mended(
+            f"numbers of {name} beyond {LARGEST_NUMBER:g} taken as missing",
+            group.table.name,
+            int(wild.sum()),
+            len(column),
+        )
+        return np.where(wild, np.nan, column)
+
     def _note(self, group: ColumnGroup, targets: tuple[str, ...], how: str) -> None:
         self.used.append(
-            UsedColumns(quantity=group.quantity.value, source=group.table.name, columns=group.columns, targets=targets, how=how)
+            UsedColumns(
+                quantity=group.quantity.value, source=group.table.name, columns=group.columns, targets=targets, how=how
+            )
         )
 
     def _factor(self, kind: str, name: str) -> float:
@@ -120,7 +146,11 @@ class SiColumns:
         factors = KINDS[kind]
         if unit not in factors:
             what = f"column {name} names the unit {unit}, which is none of {kind}"
-            raise InputError(what=what, where=self.mapping.wrench.table.name, remedy=f'state it in a map: units = {{ {kind} = "..." }}')
+            raise InputError(
+                what=what,
+                where=self.mapping.wrench.table.name,
+                remedy=f'state it in a map: units = {{ {kind} = "..." }}',
+            )
         return factors[unit]
 
 
@@ -140,7 +170,7 @@ def in_sensor_axes(wrench: Mapping[str, Array], motion: Mapping[str, Array]) -> 
     from scipy.spatial.transform import Rotation  # slow to import
 
     turn = Rotation.from_quat(np.stack([motion[name] for name in QUATERNION], axis=1))
-    found = {}
+    found: dict[str, Array] = {}
     for names in (("fx", "fy", "fz"), ("tx", "ty", "tz")):
         vector = turn.apply(np.stack([wrench[name] for name in names], axis=1), inverse=True)
         found |= dict(zip(names, vector.T, strict=True))

@@ -36,11 +36,16 @@ class CommonClock:
 
 
 def on_one_clock(
-    series: Sequence[Series], stated_offset: float | None, period: float | None, rig: Rig | None, log: StepLog, shared: bool
+    series: Sequence[Series],
+    stated_offset: float | None,
+    period: float | None,
+    rig: Rig | None,
+    log: StepLog,
+    shared: bool,
 ) -> CommonClock:
     """All series at the instants of the first, which holds the wrench: that is the one with noise to keep white.
 
-    Motion of other series is interpolated there, by a cubic spline, orientation on the sphere; auxiliary columns linearly.
+    Motion of other series is interpolated there by cubic splines, orientation on the sphere; other columns linearly.
     """
     wrench, others = series[0], series[1:]
     offset = None
@@ -61,11 +66,17 @@ def on_one_clock(
         inside = (instants >= low) & (instants <= high)
         if inside.sum() < 20:
             what = f"the stamps of {wrench.where} and {others[0].where} do not overlap"
-            raise InputError(what=what, where=wrench.where, remedy="give logs of one run, or state the offset in a map: offset = 12.3 (s)")
+            raise InputError(
+                what=what,
+                where=wrench.where,
+                remedy="give logs of one run, or state the offset in a map: offset = 12.3 (s)",
+            )
         columns = {name: column[inside] for name, column in columns.items()}
         for one in others:
             columns |= _at(one, instants[inside])
-            log.taken(f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum()))
+            log.taken(
+                f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum())
+            )
     clean = _finite(columns, wrench.where, log)
     return _cut(clean, wrench.dt, period, offset, wrench.where, log)
 
@@ -81,7 +92,9 @@ def _at(series: Series, instants: Array) -> dict[str, Array]:
         if name in found:
             continue
         smooth = name[0] in "pq" and bool(np.isfinite(column).all())
-        found[name] = interpolated_position(own, column[:, None], instants)[:, 0] if smooth else np.interp(instants, own, column)
+        found[name] = (
+            interpolated_position(own, column[:, None], instants)[:, 0] if smooth else np.interp(instants, own, column)
+        )
     return found
 
 
@@ -97,7 +110,9 @@ def _estimated(wrench: Series, others: Sequence[Series], rig: Rig | None, log: S
     dummy = {channel: np.zeros(len(instants)) for channel in channels}
     names = [n for n in columns if n[0] in "pq"]
     table = ColumnTable(
-        columns={"time": instants - instants[0], **{n: columns[n] for n in names}, **dummy}, where=motion.where, first_row=1
+        columns={"time": instants - instants[0], **{n: columns[n] for n in names}, **dummy},
+        where=motion.where,
+        first_row=1,
     )
     try:
         signals = recording_from_table(table, name=motion.where, rig=rig).signals
@@ -109,7 +124,10 @@ def _estimated(wrench: Series, others: Sequence[Series], rig: Rig | None, log: S
     apart = wrench.start > instants[-1] or wrench.instants[-1] < instants[0]
     around = wrench.start - float(instants[0]) if apart else 0.0
     if apart:
-        log.suspicious(f"its clock begins {around:.6g} s after that of {motion.where}: their first samples are aligned", wrench.where)
+        log.suspicious(
+            f"its clock begins {around:.6g} s after that of {motion.where}: their first samples are aligned",
+            wrench.where,
+        )
     found = clock_offset(regressors, wrench.instants, np.stack([wrench.columns[c] for c in channels], axis=1), around)
     return None if found is None else _judged(found, wrench, motion, log)
 
@@ -122,7 +140,9 @@ def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog) 
         return found
     if found.alternatives:
         others = ", ".join(f"{offset:.3g}" for offset in found.alternatives[:3])
-        log.suspicious(f"the motion is periodic: an offset of {others} s would fit as well; the smallest is taken", wrench.where)
+        log.suspicious(
+            f"the motion is periodic: an offset of {others} s would fit as well; the smallest is taken", wrench.where
+        )
     small = abs(found.offset) < max(2 * found.std, SMALLEST_SHIFT * wrench.dt)
     return replace(found, applied=not small)
 
@@ -149,22 +169,29 @@ def _cut(
     """The columns with `time` from 0 on; with a period, cut into repeats of equally many samples."""
     samples = len(next(iter(columns.values())))
     if period is None:
-        return CommonClock(columns={"time": dt * np.arange(samples), **columns}, rate=1 / dt, offset=offset)
+        return CommonClock(columns={"time": _ticks(samples, dt), **columns}, rate=1 / dt, offset=offset)
     per_repeat = round(period / dt)
     repeats = int((samples + 0.5) * dt / period) if per_repeat else 0
     if per_repeat < 20 or repeats < 2:
         what = f"a period of {period:g} s fits {samples * dt / period:.3g} times into {samples * dt:.4g} s"
-        raise InputError(what=what, where="--period", remedy="give the period of a motion that ran at least twice, or --no-period")
+        raise InputError(
+            what=what, where="--period", remedy="give the period of a motion that ran at least twice, or --no-period"
+        )
     step = period / per_repeat
     count = repeats * per_repeat
     if abs(step - dt) * count > 0.2 * dt:
         log.mended(f"interpolated at {per_repeat} samples a period, {1 / step:.8g} Hz", where, count)
         own = Series(where=where, start=0.0, dt=dt, columns=columns, reading=None)  # type: ignore[arg-type]
-        columns = _at(own, step * np.arange(count))
+        columns = _at(own, _ticks(count, step))
         dt = step
     if count < samples:
         log.mended("samples after the last whole repeat left out", where, samples - count, samples)
     columns = {name: column[:count] for name, column in columns.items() if name != "repeat"}
     repeat = np.repeat(np.arange(repeats, dtype=np.float64), per_repeat)
     log.taken(f"cut into {repeats} repeats of {per_repeat} samples", where)
-    return CommonClock(columns={"time": dt * np.arange(count), "repeat": repeat, **columns}, rate=1 / dt, offset=offset)
+    return CommonClock(columns={"time": _ticks(count, dt), "repeat": repeat, **columns}, rate=1 / dt, offset=offset)
+
+
+def _ticks(count: int, step: float) -> Array:
+    """`count` instants from 0 on, s."""
+    return np.asarray(step * np.arange(count), dtype=np.float64)

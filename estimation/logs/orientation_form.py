@@ -12,7 +12,10 @@ from estimation.logs.log_table import Array
 from modeling.errors import InputError, quoted
 
 FORMS = "xyzw, wxyz, rotation_vector, euler XYZ (capitals: about moving axes), matrix_rows, matrix_columns"
-UNIT_TOLERANCE = 0.02
+UNIT_TOLERANCE, WORST_UNIT = 0.02, 0.1
+"""Deviations of a norm from 1: of the median from which it is another form, and of one row that is damaged."""
+LARGEST = 1e6
+"""A number beyond which no row is a pose."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,7 @@ class OrientationForm:
         from scipy.spatial.transform import Rotation  # slow to import
 
         found = np.full((len(values), 4), np.nan)
-        known = np.isfinite(values).all(axis=1)
+        known = (np.abs(values) < LARGEST).all(axis=1)
         rows = values[known]
         if self.name in ("xyzw", "wxyz"):
             turned = _unit(rows, where)
@@ -71,7 +74,9 @@ class OrientationForm:
         elif self.name == "euler":
             found[known] = Rotation.from_euler(self.angles, rows).as_quat()
         else:
-            found[known] = Rotation.from_matrix(_orthonormal(matrix_blocks(rows, self), where)).as_quat()
+            matrices = _orthonormal(matrix_blocks(rows, self), where)
+            sound = np.isfinite(matrices).all(axis=(1, 2))
+            found[np.flatnonzero(known)[sound]] = Rotation.from_matrix(matrices[sound]).as_quat()
         return found
 
 
@@ -88,7 +93,11 @@ def matrix_positions(values: Array, form: OrientationForm) -> Array | None:
     """The translations (n, 3) of homogeneous matrices; None of rotations alone."""
     if values.shape[1] == 9:
         return None
-    places = (3, 7, 11) if form.name == "matrix_rows" else tuple(range(values.shape[1] - (4 if values.shape[1] == 16 else 3), values.shape[1]))[:3]
+    places = (
+        (3, 7, 11)
+        if form.name == "matrix_rows"
+        else tuple(range(values.shape[1] - (4 if values.shape[1] == 16 else 3), values.shape[1]))[:3]
+    )
     return values[:, list(places)]
 
 
@@ -105,16 +114,19 @@ def matrix_form(values: Array) -> OrientationForm:
 
 
 def _unit(rows: Array, where: str) -> Array:
+    """The quaternions normalised; rows that are none become NaN, as damaged cells do, unless most are none."""
     norm = np.linalg.norm(rows, axis=1, keepdims=True)
-    if len(rows) and np.median(np.abs(norm - 1)) > UNIT_TOLERANCE:
+    off = np.abs(norm - 1)
+    if len(rows) and np.median(off) > UNIT_TOLERANCE:
         what = f"the quaternion's norm is {np.median(norm):.3g} instead of 1"
         raise InputError(what=what, where=where, remedy="name the columns of the orientation in a map, and their form")
-    return np.asarray(rows / np.where(norm > 0.5, norm, np.nan))
+    return np.asarray(rows / np.where(off < WORST_UNIT, norm, np.nan))
 
 
 def _orthonormal(matrices: Array, where: str) -> Array:
-    gram = np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)
-    if len(matrices) and np.median(np.abs(gram).max(axis=(1, 2))) > UNIT_TOLERANCE:
+    """The matrices as they are; those that are no rotation become NaN, unless most are none."""
+    off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+    if len(matrices) and np.median(off) > UNIT_TOLERANCE:
         remedy = 'name its columns in a map, and orientation = "matrix_rows" or "matrix_columns"'
         raise InputError(what="the matrix of the orientation is no rotation", where=where, remedy=remedy)
-    return matrices
+    return np.where((off < WORST_UNIT)[:, None, None], matrices, np.nan)

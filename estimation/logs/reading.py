@@ -78,3 +78,8 @@ def _names(path: Path) -> set[str]:
         return set(header_names(start.decode("utf-8-sig", errors="replace"), str(path)))
     except InputError:
         return set()
+
+
+def read_with_rig(path: str | Path, *, rig: Rig | None) -> Recording:
+    """A recording as it stands; where the rig names the columns of its logs, a log of them."""
+    return read_recording(path, rig=rig) if rig is None or not rig.columns else read(path, rig=rig)

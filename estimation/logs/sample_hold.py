@@ -1,10 +1,11 @@
-"""Sample and hold: values that a driver repeats until the sensor has new ones, and channels that stand still or clip."""
+"""Sample and hold: values that a driver repeats until the sensor has new ones; channels that stand still or clip."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
@@ -14,7 +15,7 @@ REGULAR_SHARE = 0.8
 SATURATED_SHARE = 0.01
 
 
-def held_rows(columns: Sequence[Array]) -> tuple[Array, int]:
+def held_rows(columns: Sequence[Array]) -> tuple[NDArray[np.bool_], int]:
     """Mask (n,) of the rows with a new value in any column, and the number of rows for which one is held.
 
     0 when the holds are of no regular length.

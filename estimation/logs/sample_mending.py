@@ -51,7 +51,7 @@ class Series:
     @property
     def instants(self) -> Array:
         """Stamps of the samples (m,), s."""
-        return self.start + self.dt * np.arange(self.samples)
+        return np.asarray(self.start + self.dt * np.arange(self.samples), dtype=np.float64)
 
 
 def mended(stream: Stream, log: StepLog) -> Series:
@@ -81,7 +81,9 @@ def mended(stream: Stream, log: StepLog) -> Series:
 
 def _reading(where: str, samples: int, dt: float, stamps: Array, jitter: float) -> ClockReading:
     seconds = float(stamps[-1] - stamps[0])
-    return ClockReading(where=where, samples=samples, rate=1 / dt, start=float(stamps[0]), seconds=seconds, jitter=jitter)
+    return ClockReading(
+        where=where, samples=samples, rate=1 / dt, start=float(stamps[0]), seconds=seconds, jitter=jitter
+    )
 
 
 def _timed_rows(stream: Stream, log: StepLog) -> Index:
@@ -107,7 +109,12 @@ def _increasing_rows(stream: Stream, rows: Index, log: StepLog) -> Index:
     for name in stream.essential:
         differs |= stream.columns[name][rows[same]] != stream.columns[name][rows[same - 1]]
     if differs.sum() > 0.05 * len(rows):
-        log.taken("stamps are too coarse to tell neighbouring samples apart; their order is used", stream.where, int(differs.sum()), len(rows))
+        log.taken(
+            "stamps are too coarse to tell neighbouring samples apart; their order is used",
+            stream.where,
+            int(differs.sum()),
+            len(rows),
+        )
         same = same[~differs]
     elif differs.any():
         log.mended("samples with the stamp of the one before left out", stream.where, int(differs.sum()), len(rows))
@@ -127,7 +134,9 @@ def _longest_run(stream: Stream, rows: Index, log: StepLog) -> Index:
         return rows
     runs = np.split(rows, restarts)
     longest = max(runs, key=len)
-    log.mended(f"time restarts: the longest of {len(runs)} runs is kept", stream.where, len(rows) - len(longest), len(rows))
+    log.mended(
+        f"time restarts: the longest of {len(runs)} runs is kept", stream.where, len(rows) - len(longest), len(rows)
+    )
     return longest
 
 
@@ -159,7 +168,9 @@ def _longest_piece(stamps: Array, ticks: Index, where: str, log: StepLog) -> tup
     piece = int(np.argmax(np.diff(bounds)))
     begin, end = int(bounds[piece]), int(bounds[piece + 1])
     longest = float(np.diff(stamps)[cuts - 1].max())
-    what = f"{len(cuts)} gaps of up to {longest:.3g} s: the longest piece is kept, {stamps[end - 1] - stamps[begin]:.4g} s"
+    what = (
+        f"{len(cuts)} gaps of up to {longest:.3g} s: the longest piece is kept, {stamps[end - 1] - stamps[begin]:.4g} s"
+    )
     log.mended(what, where, len(ticks) - (end - begin), len(ticks))
     return begin, end
 
@@ -173,7 +184,7 @@ def _line(stamps: Array, ticks: Index) -> tuple[float, float, Array]:
 
 
 def _is_irregular(deviation: Array) -> bool:
-    """Whether the stamps wander from the clock, by more than jitter does: medians of windows by more than 1.5 samples."""
+    """Whether the stamps wander from the clock as jitter does not: medians of windows by more than 1.5 samples."""
     window = min(max(len(deviation) // 10, 1), JITTER_WINDOW)
     pieces = np.array_split(deviation, max(len(deviation) // window, 1))
     wander = max(abs(float(np.median(piece))) for piece in pieces)

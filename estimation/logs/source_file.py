@@ -81,9 +81,11 @@ class SourceFile:
             if len(members) != 1:
                 raise self.error(f"a zip file with {len(members)} files", "unpack it, and give the files")
             return cast(BinaryIO, archive.open(members[0]))
-        openers = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
-        opener = openers.get(self.compression or "")
-        return self.path.open("rb") if opener is None else cast(BinaryIO, opener(self.path, "rb"))
+        if self.compression == ".gz":
+            return cast(BinaryIO, gzip.open(self.path))
+        if self.compression == ".bz2":
+            return cast(BinaryIO, bz2.open(self.path))
+        return cast(BinaryIO, lzma.open(self.path)) if self.compression == ".xz" else self.path.open("rb")
 
     @contextmanager
     def on_disk(self) -> Iterator[Path]:

@@ -24,7 +24,9 @@ class StepLog:
         step = ReadingStep(kind=StepKind.MENDED, what=what, where=where, count=count, total=total)
         if self.strict:
             what = str(step).removeprefix(f"{where}: ")
-            raise InputError(what=f"would have to be mended: {what}", where=where, remedy="leave out --strict to mend it")
+            raise InputError(
+                what=f"would have to be mended: {what}", where=where, remedy="leave out --strict to mend it"
+            )
         self.steps.append(step)
 
     def suspicious(self, what: str, where: str, count: int | None = None, total: int | None = None) -> None:

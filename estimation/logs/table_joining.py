@@ -25,7 +25,7 @@ def is_headerless(table: LogTable) -> bool:
 
 
 def with_preset_names(tables: Sequence[LogTable], preset: str | None, log: StepLog) -> list[LogTable]:
-    """The tables, headerless ones with the names that their preset, or their content beyond doubt, gives the columns."""
+    """The tables, headerless ones with the names that their preset, or content beyond doubt, gives the columns."""
     headerless = [table for table in tables if is_headerless(table)]
     if preset == "kinova" or (len(headerless) > 1 and len(headerless) == len(tables) and _one_is_time(headerless)):
         return [_named_by_file(table, log) if table in headerless else table for table in tables]

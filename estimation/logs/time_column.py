@@ -29,7 +29,9 @@ class TimeColumn:
     how: str
 
 
-def time_column(table: LogTable, *, stated: str | None = None, factor: float | None = None, milliseconds: bool = False) -> TimeColumn | None:
+def time_column(
+    table: LogTable, *, stated: str | None = None, factor: float | None = None, milliseconds: bool = False
+) -> TimeColumn | None:
     """The time of a table: `stated` by a map, else by name, else by content where columns have no names; None without.
 
     `factor` to seconds where the unit is stated; `milliseconds` where steps of 1 mean them (presets that say so).
@@ -60,7 +62,8 @@ def _pair(table: LogTable) -> TimeColumn | None:
     for name in names:
         found = re.fullmatch(SECONDS, name, re.IGNORECASE)
         other = found and next(
-            (n for n in names if (m := re.fullmatch(NANOSECONDS, n, re.IGNORECASE)) and m["stem"] == found["stem"]), None
+            (n for n in names if (m := re.fullmatch(NANOSECONDS, n, re.IGNORECASE)) and m["stem"] == found["stem"]),
+            None,
         )
         if other:
             whole, parts = table.columns[name], table.columns[other]

@@ -29,7 +29,9 @@ class ReadingStep:
     total: int | None = None
 
     def __str__(self) -> str:
-        share = "" if self.count is None else f" ({self.count}" + ("" if self.total is None else f" of {self.total}") + ")"
+        share = (
+            "" if self.count is None else f" ({self.count}" + ("" if self.total is None else f" of {self.total}") + ")"
+        )
         return f"{self.where}: {self.what}{share}"
 
 
@@ -58,7 +60,7 @@ class ClockReading:
 
 @dataclass(frozen=True, kw_only=True)
 class OffsetReading:
-    """Wrench stamp minus motion stamp of the same instant, s, with its std and 95 % interval; whether it was applied."""
+    """Wrench stamp minus motion stamp of the same instant, s, its std and 95 % interval; whether it was applied."""
 
     offset: float
     std: float

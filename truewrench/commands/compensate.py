@@ -47,14 +47,14 @@ def chance(text: str) -> float:
 def run(arguments: argparse.Namespace) -> None:
     """Compute the contact wrench, write and print it."""
     from estimation.contact.contact_wrench import compensate
-    from estimation.recordings.reading import read
+    from estimation.logs.reading import read_with_rig
     from truewrench.files.model_file import ModelFile
     from truewrench.files.output import atomic_write, progress_line, require_writable_folder
 
     if arguments.out is not None:
         require_writable_folder(arguments.out.parent)
     saved = ModelFile.read(arguments.model)
-    recording = read(arguments.recording, rig=saved.rig)
+    recording = read_with_rig(arguments.recording, rig=saved.rig)
     with progress_line() as progress:
         progress("compensate")
         found = compensate(

@@ -14,8 +14,10 @@ if TYPE_CHECKING:
 
     from estimation.logs.log_table import Array
 
-PRESETS = ("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova")
-PRESETS += ("xyz_quaternion_wrench", "joints_deg_wrench")
+PRESETS = (
+    *("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova"),
+    *("xyz_quaternion_wrench", "joints_deg_wrench"),
+)
 ROWS_AT_ONCE = 100_000
 
 
@@ -25,11 +27,15 @@ def add_to(commands: Subcommands[Any]) -> None:
     text += " clocks), and write one recording. The reading report says what was done to how many samples."
     command = commands.add_parser("import", help="logs of robots as a recording", description=text)
     command.add_argument("sources", nargs="+", metavar="SOURCE", help="log file, or folder of a ROS 2 bag; one run")
-    command.add_argument("--preset", metavar="NAME", help=f"layout of the log (default: recognised): {', '.join(PRESETS)}")
+    command.add_argument(
+        "--preset", metavar="NAME", help=f"layout of the log (default: recognised): {', '.join(PRESETS)}"
+    )
     command.add_argument("--map", metavar="FILE", help='columns and units in TOML, such as fx = "wrench.force.x"')
     command.add_argument("--rig", metavar="RIG", help="rig file (TOML): the arm of joint angles, and [columns]")
     period = command.add_mutually_exclusive_group()
-    period.add_argument("--period", type=_positive, metavar="T", help="period of a repeated motion, s: cut into repeats")
+    period.add_argument(
+        "--period", type=_positive, metavar="T", help="period of a repeated motion, s: cut into repeats"
+    )
     period.add_argument("--no-period", action="store_true", help="the motion is one run, even if it seems to repeat")
     command.add_argument("--strict", action="store_true", help="refuse whatever would have to be mended")
     command.add_argument("--out", type=Path, metavar="REC", help="recording to write (.csv or .parquet)")

@@ -9,7 +9,7 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from estimation.recordings.reading import read
+from estimation.logs.reading import read_with_rig
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
 from modeling.chain.model import WrenchModel, planar, spatial
@@ -42,7 +42,8 @@ class DataSet:
         paths = [Path(p) for p in (*training, *validation)]
         _require_different(paths)
         recordings = [
-            replace(read(p, rig=description), name=n) for p, n in zip(paths, recording_labels(paths), strict=True)
+            replace(read_with_rig(p, rig=description), name=n)
+            for p, n in zip(paths, recording_labels(paths), strict=True)
         ]
         _require_one_sensor(recordings)
         model = (planar if recordings[0].dimension == 2 else spatial)(description)

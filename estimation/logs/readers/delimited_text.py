@@ -9,7 +9,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO, TextIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -136,12 +136,6 @@ class _Text(io.TextIOBase):
             return self.read(size)
         return text.replace(",", " ") if self.mixed else text
 
-    def __iter__(self) -> Iterator[str]:  # pandas asks for it, and reads by `read`
-        return self
-
-    def __next__(self) -> str:
-        raise StopIteration
-
 
 # --------------------------------------------------------------------------------------------- layout
 
@@ -206,7 +200,10 @@ def _names(before: Sequence[str], dialect: Dialect, width: int) -> tuple[list[st
     if len(heads) > 1 and all(UNIT.fullmatch(cell.lower()) for cell in names if cell):
         names, units = heads[-2], names
     names = [*names, *[""] * width][: max(width, len(names))]
-    named = [f"{n} ({u.strip('[]()')})" if u.strip("[]()-1") else n for n, u in zip(names, [*units, *[""] * len(names)], strict=False)]
+    named = [
+        f"{n} ({u.strip('[]()')})" if u.strip("[]()-1") else n
+        for n, u in zip(names, [*units, *[""] * len(names)], strict=False)
+    ]
     return named, True
 
 
@@ -237,7 +234,9 @@ def _table(source: SourceFile, layout: Layout, text: _Text) -> LogTable:
     numbers, texts, notes = columns.finished()
     if long_rows:
         notes.append(("rows with too many cells left out", long_rows, True))
-    if layout.has_header and (again := [name for name in names if re.search(r"\.\d+$", name) and name not in layout.names]):
+    if layout.has_header and (
+        again := [name for name in names if re.search(r"\.\d+$", name) and name not in layout.names]
+    ):
         notes.append((f"duplicated or unnamed column, renamed: {', '.join(again[:4])}", len(again), False))
     title = f"text, separated by {_SEPARATOR[layout.dialect.separator]}"
     title += ", decimal comma" if layout.dialect.decimal == "," else ""
@@ -265,7 +264,6 @@ def _chunks(source: SourceFile, layout: Layout, text: _Text, columns: int) -> It
             skipinitialspace=True,
             na_values=["-", "--", "none", "None"],
             on_bad_lines="warn",
-            float_precision="round_trip",
             chunksize=max(CHUNK_CELLS // columns, 1000),
         )
     except pd.errors.EmptyDataError:
@@ -295,7 +293,9 @@ class _Columns:
         if column.dtype.kind in "fiub":
             return column.to_numpy(dtype=np.float64)
         cells = column.astype(str).str.strip()
-        numbers = pd.to_numeric(cells.str.replace(",", ".", regex=False) if self.decimal == "," else cells, errors="coerce")
+        numbers = pd.to_numeric(
+            cells.str.replace(",", ".", regex=False) if self.decimal == "," else cells, errors="coerce"
+        )
         wrong = numbers.isna() & column.notna() & ~cells.str.lower().isin([*MISSING, "nan"])
         if wrong.any():
             self.bad[place] += int(wrong.sum())
@@ -320,7 +320,13 @@ class _Columns:
                 numbers[name] = column
                 if self.bad[place]:
                     shown = next(iter(self.texts[place]))
-                    notes.append((f"cells of {name} that are no numbers, such as {shown[:20]!r}, taken as missing", self.bad[place], False))
+                    notes.append(
+                        (
+                            f"cells of {name} that are no numbers, such as {shown[:20]!r}, taken as missing",
+                            self.bad[place],
+                            False,
+                        )
+                    )
             else:
                 empty += 1
         if empty:

@@ -29,11 +29,9 @@ class Excel(LogReader):
         """The sheets that hold numbers."""
         import openpyxl  # slow to import
 
-        book = openpyxl.load_workbook(source.path, read_only=True, data_only=True)
-        try:
+        with source.path.open("rb") as stream:
+            book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
             sheets = [(sheet.title, _rows(sheet, str(source.path))) for sheet in book.worksheets]
-        finally:
-            book.close()
         found = [_table(f"{source.name}:{title}", rows) for title, rows in sheets if rows]
         return [table for table in found if table is not None]
 

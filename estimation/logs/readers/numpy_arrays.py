@@ -12,6 +12,7 @@ from estimation.logs.array_bundle import tables_of_arrays
 from estimation.logs.log_reader import LogReader
 from estimation.logs.log_table import LogTable
 from estimation.logs.source_file import SourceFile
+from modeling.errors import InputError
 
 MAGIC = b"\x93NUMPY"
 
@@ -34,7 +35,12 @@ class NumpyArrays(LogReader):
     @staticmethod
     def _arrays(path: Path, *, single: bool) -> dict[str, NDArray[Any]]:
         if single:
-            mapped = np.load(path, allow_pickle=False, mmap_mode="r")  # a header that lies about its size fails here
-            return {"": mapped}
+            with path.open("rb") as stream:
+                if b"|O'" in stream.read(1000):
+                    what = "an array of Python objects is a pickle, which can run programs and is never opened"
+                    raise InputError(what=what, where=str(path), remedy="save the numbers as arrays of numbers")
+            return {
+                "": np.load(path, allow_pickle=False, mmap_mode="r")
+            }  # a header that lies about its size fails here
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}

@@ -41,8 +41,6 @@ class RosBag(LogReader):
         return topics.tables()
 
 
-
-
 def messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
     """Topic, message type, receive stamp (ns) and message of every message of a known type."""
     from rosbags.highlevel import AnyReader  # slow to import

@@ -1,0 +1,145 @@
+"""`truewrench import`, and from raw files to the right verdict in two commands, or two Python calls."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import truewrench as tw
+from estimation.logs.readers import delimited_text
+from modeling.effects import named
+from modeling.rig.rig import Convention, Rig
+from tests.log_files import CHANNELS, DRAG, FORMATS, Writer, original, plotjuggler, two_clocks
+from truewrench.command_line import main
+from truewrench.commands import import_recording
+
+pytest.importorskip("mujoco")
+
+
+def run(capsys: pytest.CaptureFixture[str], *argv: str | Path) -> tuple[int, str, str]:
+    code = main([str(argument) for argument in argv])
+    return code, *capsys.readouterr()
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_the_recording_that_it_writes_is_read(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = original()
+    out = tmp_path / f"run{suffix}"
+    code, text, _ = run(capsys, "import", *FORMATS["ur_rtde"](frame, tmp_path), "--out", out)
+    assert code == 0
+    assert text.startswith("Recording: 2500 samples, 10 s at 250 Hz")
+    assert text.endswith(f"Written: {out}\n")
+    recording = tw.read(out)
+    assert recording.reading is None  # a recording as it stands
+    np.testing.assert_allclose(recording.wrench, frame[CHANNELS], atol=1e-9)
+
+
+def test_json_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, text, _ = run(capsys, "import", *two_clocks(original(), tmp_path), "--json")
+    data = json.loads(text)
+    assert code == 0
+    assert data["offset"]["applied"]
+    assert data["offset"]["interval"][0] < 0.037 < data["offset"]["interval"][1]
+    assert {"kind": "mended", "count": 3, "total": 2500}.items() <= data["steps"][3].items() or any(
+        step["kind"] == "mended" and step["count"] == 3 for step in data["steps"]
+    )
+
+
+def test_strict_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.csv"
+    sources = two_clocks(original(), tmp_path)
+    code, text, error = run(capsys, "import", *sources, "--strict", "--out", out)
+    assert (code, text) == (2, "")
+    assert "missing samples interpolated (3 of 2500)" in error
+    assert error.count("\n") == 1
+    assert not out.exists()
+
+
+def test_options_and_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = FORMATS["semicolons"](original(), tmp_path)[0]
+    for argv, message in (
+        (["--preset", "kuka"], "use one of ur_rtde"),
+        (["--map", tmp_path / "none.toml"], "No such file"),
+        (["--period", "-1"], "invalid"),
+        (["--period", "3", "--no-period"], "not allowed with"),
+        (["--period", "70"], "give the period of a motion that ran at least twice"),
+        (["--rig", tmp_path / "none.toml"], "No such file"),
+        (["--out", source / "x.csv"], "is not a folder"),
+    ):
+        code, text, error = run(capsys, "import", source, *argv)
+        assert (code, text) == (2, "")
+        assert message in error
+        assert error.count("\n") == 1
+
+
+def test_nothing_is_written_without_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = FORMATS["semicolons"](original(), tmp_path)[0]
+    code, text, _ = run(capsys, "import", source)
+    assert code == 0
+    assert "Nothing is written without --out" in text
+    assert [path.name for path in tmp_path.iterdir()] == [source.name]
+
+
+def test_a_recording_of_formats_is_held_to_it(tmp_path: Path) -> None:
+    """`tw.read` of FORMATS' columns does not mend; the import of the same file does."""
+    path = tmp_path / "run.csv"
+    original().drop(index=[100]).to_csv(path, index=False)
+    with pytest.raises(tw.InputError, match="1 samples are missing"):
+        tw.read(path)
+    assert tw.read(path, map=_empty_map(tmp_path)).samples == 2500
+
+
+def _empty_map(folder: Path) -> Path:
+    (folder / "map.toml").write_text("")
+    return folder / "map.toml"
+
+
+def test_rows_go_through_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of other sizes for reading and writing than the table has."""
+    monkeypatch.setattr(delimited_text, "CHUNK_CELLS", 1000)
+    monkeypatch.setattr(import_recording, "ROWS_AT_ONCE", 700)
+    frame = original()
+    source, out = tmp_path / "long.csv", tmp_path / "out.csv"
+    frame.to_csv(source, index=False, sep=";")
+    assert main(["import", str(source), "--out", str(out)]) == 0
+    written = pd.read_csv(out)
+    for name in frame.columns:
+        np.testing.assert_allclose(written[name], frame[name], rtol=1e-15, atol=1e-12)
+
+
+# ------------------------------------------------------------------------------- from raw files to a verdict
+
+SOURCES: dict[str, Writer] = {name: FORMATS[name] for name in ("ros 1 bag", "ros 2 bag sqlite3", "franka")}
+SOURCES |= {"two clocks": two_clocks, "plotjuggler": plotjuggler}
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_hidden_drag_is_found_in_what_was_imported(name: str, tmp_path: Path) -> None:
+    """By the Python call; among two candidates, as the whole catalogue takes longer (`make long`)."""
+    rig = Rig.from_data({"sensor": {"convention": "on_tool"}})
+    recording = tw.read(*SOURCES[name](original(), tmp_path), rig=rig)
+    fitted = tw.fit(tw.spatial(rig) + named("viscous_drag"), recording)
+    for parameter, true in (("viscous_drag.c", DRAG.c), ("viscous_drag.d", DRAG.d)):
+        assert abs(fitted.values[parameter] - true) < 4 * fitted.parameters[parameter].std + 0.02 * true
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["two clocks", "ros 2 bag mcap"])
+def test_two_commands_to_the_verdict(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write = two_clocks if name == "two clocks" else FORMATS[name]
+    out = tmp_path / "run.csv"
+    assert (
+        run(capsys, "import", *write(original(5000 if name == "two clocks" else 2500), tmp_path), "--out", out)[0] == 0
+    )
+    code, text, _ = run(capsys, "diagnose", out, "--workers", "1", "--json")
+    found = json.loads(text)
+    assert code == 0
+    assert found["verdict"] == "explained"
+    assert found["added"] == ["viscous_drag"]
+    assert found["sign"]["convention"] == Convention.ON_TOOL.value
+    parameters = next(effect for effect in found["effects"] if effect["id"] == "viscous_drag")["parameters"]
+    assert abs(parameters["c"]["value"] - DRAG.c) < 4 * parameters["c"]["std"]

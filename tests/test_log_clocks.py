@@ -1,0 +1,262 @@
+"""Clocks and samples: what drivers do to them is noticed, mended where that is harmless, and said; --strict refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation.logs.reading import imported, read
+from estimation.recordings.reading_report import StepKind
+from modeling.errors import InputError
+from tests.log_files import CHANNELS, POSITION, QUATERNION, Frame, original, poses_at, two_clocks
+
+pytest.importorskip("mujoco")
+
+OFFSET = 0.037
+Spoil = Callable[[Frame], Frame]
+
+
+def written(frame: Frame, folder: Path, name: str = "log.csv") -> Path:
+    """A CSV with a name that FORMATS does not have, so that it is imported."""
+    path = folder / name
+    frame.rename(columns={"time": "stamp"}).to_csv(path, index=False)
+    return path
+
+
+def steps(path: Path, kind: StepKind = StepKind.MENDED) -> list[str]:
+    return [str(step) for step in imported(path).report.of(kind)]
+
+
+# -------------------------------------------------------------------------------------------- two clocks
+
+
+def test_two_files_on_two_clocks(tmp_path: Path) -> None:
+    """Issue 13: 37 ms between them, 3 of 5000 samples lost; poses at 200 Hz, wrench at 500 Hz with jitter."""
+    frame = original(5000)
+    sources = two_clocks(frame, tmp_path, OFFSET)
+    found = imported(*sources)
+    offset = found.report.offset
+    assert offset is not None
+    assert offset.applied
+    assert abs(offset.offset - OFFSET) < 2e-3
+    assert offset.interval[0] < OFFSET < offset.interval[1]
+    assert offset.std < 1e-3
+    assert any(
+        step.count == 3 and "missing samples interpolated" in step.what for step in found.report.of(StepKind.MENDED)
+    )
+    # Where the wrench was at 37 ms later stamps, there the motion is; 0.3 ms of error at up to 0.9 m/s and 2.5 rad/s.
+    first = int(np.argmin(np.abs(frame["fx"].to_numpy() - found.columns["fx"][0])))
+    truth = poses_at(frame, frame["time"].to_numpy()[first : first + found.report.samples])
+    for names, speed in ((POSITION, 0.9), (QUATERNION, 2.5)):
+        error = max(float(np.abs(found.columns[name] - truth[name]).max()) for name in names)
+        assert error < 3e-4 * speed + 2e-6
+    recording = read(*sources)
+    np.testing.assert_allclose(recording.wrench[:, 0], found.columns["fx"])
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("offset", [-0.2, 0.0, 0.5])
+def test_the_interval_holds_the_offset(offset: float, seed: int, tmp_path: Path) -> None:
+    found = imported(*two_clocks(original(), tmp_path, offset, seed)).report.offset
+    assert found is not None
+    assert abs(found.offset - offset) < 4 * found.std  # exceeded once in 16 000 times
+    assert found.applied is (offset != 0.0) or abs(found.offset) > 2 * found.std
+
+
+def test_clocks_of_different_origins(tmp_path: Path) -> None:
+    """The controller counts from its start, the sensor's computer from 1970: first samples are aligned at first."""
+    found = imported(*two_clocks(original(), tmp_path, 1_760_000_000.25))
+    assert found.report.offset is not None
+    assert abs(found.report.offset.offset % 1 - 0.25) < 2e-3
+    assert any("first samples are aligned" in step.what for step in found.report.of(StepKind.SUSPICIOUS))
+
+
+def test_a_tool_that_never_turns_gives_no_offset(tmp_path: Path) -> None:
+    frame = original().assign(fx=0.1, qx=0.0, qy=0.0, qz=0.0, qw=1.0, px=0.0, py=0.0, pz=0.0)
+    frame[CHANNELS] = np.random.default_rng(0).normal(0, 0.1, (len(frame), 6))
+    wrench, pose = written(frame[["time", *CHANNELS]], tmp_path, "w.csv"), tmp_path / "p.csv"
+    frame[["time", *QUATERNION, *POSITION]].assign(time=frame["time"] + 0.01).to_csv(pose, index=False)
+    report = imported(wrench, pose).report
+    assert report.offset is None or not report.offset.applied
+    assert any("cannot be estimated" in step.what for step in report.of(StepKind.SUSPICIOUS))
+
+
+def test_logs_that_do_not_overlap_and_have_one_origin(tmp_path: Path) -> None:
+    frame = original()
+    wrench = written(frame[["time", *CHANNELS]].iloc[:400], tmp_path, "w.csv")
+    pose = tmp_path / "p.csv"
+    frame[["time", *QUATERNION, *POSITION]].iloc[2000:].to_csv(pose, index=False)
+    with pytest.raises(InputError, match="do not overlap"):
+        imported(wrench, pose)
+
+
+# --------------------------------------------------------------------------------------------- samples
+
+
+def lose(*rows: int) -> Spoil:
+    return lambda f: f.drop(index=list(rows))
+
+
+def swap(row: int) -> Spoil:
+    def spoil(frame: Frame) -> Frame:
+        order = np.arange(len(frame))
+        order[[row, row + 1]] = order[[row + 1, row]]
+        return frame.iloc[order]
+
+    return spoil
+
+
+def blank(row: int, *columns: str) -> Spoil:
+    def spoil(frame: Frame) -> Frame:
+        frame = frame.copy()
+        frame.loc[row, list(columns)] = np.nan
+        return frame
+
+    return spoil
+
+
+def double(*rows: int) -> Spoil:
+    return lambda f: f.iloc[np.sort(np.concatenate([np.arange(len(f)), rows]))]
+
+
+HARMLESS: dict[str, tuple[Spoil, str]] = {
+    "lost": (lose(500, 501, 1200), "missing samples interpolated (3 of 2500)"),
+    "swapped": (swap(700), "put in the order of time (1 of 2500)"),
+    "doubled": (double(3, 900), "doubled rows left out (2 of 2502)"),
+    "empty cells": (blank(300, "fz"), "empty or held cells left out (1 of 2500)"),
+    "empty row": (blank(300, "time"), "without time left out (1 of 2500)"),
+}
+
+
+@pytest.mark.parametrize("case", HARMLESS)
+def test_what_is_harmless_is_mended(case: str, tmp_path: Path) -> None:
+    spoil, said = HARMLESS[case]
+    path = written(spoil(original()), tmp_path)
+    found = imported(path)
+    assert any(said in str(step) for step in found.report.of(StepKind.MENDED)), str(found.report)
+    assert found.report.samples == 2500
+    for name in (*CHANNELS, *QUATERNION, *POSITION):
+        error = np.abs(found.columns[name] - original()[name].to_numpy())
+        # An interpolated sample of the wrench lacks its noise, and has its neighbours': 6 std of both; of the motion it
+        # has their quantisation, 1 µm and 6e-6 rad, times at most 1.5.
+        assert error.max() < (0.8 if name in CHANNELS else 1e-5)
+        assert np.count_nonzero(error > 1e-9) <= 3
+    with pytest.raises(InputError, match=r"would have to be mended.*leave out --strict"):
+        imported(path, strict=True)
+
+
+def test_untouched_is_not_mended(tmp_path: Path) -> None:
+    found = imported(written(original(), tmp_path), strict=True)
+    assert not found.report.of(StepKind.MENDED)
+    assert not found.report.of(StepKind.SUSPICIOUS)
+
+
+def test_a_long_gap_cuts(tmp_path: Path) -> None:
+    path = written(original().drop(index=range(600, 700)), tmp_path)
+    found = imported(path)
+    assert found.report.samples == 1800
+    np.testing.assert_allclose(found.columns["fx"], original()["fx"][700:], atol=1e-12)
+    assert any("1 gaps of up to 0.404 s: the longest piece is kept" in step for step in steps(path))
+
+
+def test_time_that_restarts(tmp_path: Path) -> None:
+    frame = original()
+    two = frame.iloc[[*range(1500), *range(900)]]
+    found = imported(written(two, tmp_path))
+    assert found.report.samples == 1500
+    assert any("longest of 2 runs" in step.what for step in found.report.of(StepKind.MENDED))
+
+
+@pytest.mark.parametrize("held", [4, 5])
+def test_a_held_wrench_is_used_where_it_is_new(held: int, tmp_path: Path) -> None:
+    frame = original().copy()
+    frame[CHANNELS] = frame[CHANNELS].iloc[np.arange(len(frame)) // held * held].to_numpy()
+    found = imported(written(frame, tmp_path))
+    assert found.report.rate == pytest.approx(250 / held, rel=1e-3)
+    np.testing.assert_allclose(found.columns["fy"], original()["fy"][::held], atol=1e-9)
+    np.testing.assert_allclose(found.columns["px"], original()["px"][::held], atol=3e-6)
+    assert any(f"held for {held} rows" in step.what for step in found.report.of(StepKind.MENDED))
+
+
+def test_a_held_pose_is_interpolated(tmp_path: Path) -> None:
+    frame = original().copy()
+    columns = [*QUATERNION, *POSITION]
+    frame[columns] = frame[columns].iloc[np.arange(len(frame)) // 5 * 5].to_numpy()
+    found = imported(written(frame, tmp_path))
+    assert found.report.rate == pytest.approx(250.0)
+    expected = original()["px"].to_numpy()[: found.report.samples]
+    np.testing.assert_allclose(found.columns["px"], expected, atol=5e-6)
+
+
+def test_jitter_is_believed_less_than_the_clock(tmp_path: Path) -> None:
+    """0.4 of a sample of jitter: the samples stay as they are, on a uniform clock."""
+    frame = original().copy()
+    frame["time"] += np.random.default_rng(0).uniform(-0.4, 0.4, len(frame)) * 0.004
+    found = imported(written(frame, tmp_path))
+    np.testing.assert_array_equal(found.columns["fx"], original()["fx"])
+    assert found.report.rate == pytest.approx(250.0, rel=1e-4)
+    assert found.report.clocks[0].jitter == pytest.approx(0.004 * 0.8 / np.sqrt(12), rel=0.05)
+
+
+def test_irregular_sampling_is_interpolated(tmp_path: Path) -> None:
+    """Sampled at other instants indeed: a random walk of the step. The pose is that of the uniform instants."""
+    steps = 0.004 * (1 + 0.3 * np.sin(np.arange(2500) / 300))
+    stamps = np.cumsum(steps) - steps[0]
+    frame = original().copy()
+    frame[[*QUATERNION, *POSITION]] = poses_at(frame, stamps)[[*QUATERNION, *POSITION]].to_numpy()
+    frame["time"] = stamps
+    found = imported(written(frame, tmp_path))
+    assert any("sampled irregularly" in step.what for step in found.report.of(StepKind.MENDED))
+    expected = poses_at(frame, found.columns["time"])
+    np.testing.assert_allclose(found.columns["px"], expected["px"], atol=5e-6)
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+@pytest.mark.parametrize("epoch", [0, 1_760_000_000])
+def test_units_of_time_are_recognised(scale: float, unit: str, epoch: int, tmp_path: Path) -> None:
+    frame = original().copy()
+    frame["time"] = np.round((frame["time"] + epoch) * scale) if epoch else frame["time"] * scale
+    found = imported(written(frame, tmp_path))
+    assert found.report.rate == pytest.approx(250.0, rel=1e-6)
+    assert any(f": {unit}" in step.what and "recognised" in step.what for step in found.report.steps)
+
+
+def test_time_in_doubt_is_asked_for(tmp_path: Path) -> None:
+    frame = original().assign(time=np.arange(2500.0))
+    path = written(frame, tmp_path)
+    with pytest.raises(InputError, match="seconds, milliseconds or a count of samples"):
+        imported(path)
+    stated = tmp_path / "map.toml"
+    stated.write_text('units = { time = "ms" }')
+    assert imported(path, map=stated).report.rate == pytest.approx(1000.0)
+
+
+def test_channels_that_stand_still_or_clip_are_suspicious(tmp_path: Path) -> None:
+    frame = original().assign(tz=0.25)
+    frame["fz"] = np.minimum(frame["fz"], np.quantile(frame["fz"], 0.9))
+    frame["fx"] = np.where(np.abs(frame["fx"]) < 1.0, 0.0, frame["fx"])
+    report = imported(written(frame, tmp_path)).report
+    said = "\n".join(map(str, report.of(StepKind.SUSPICIOUS)))
+    assert "tz never changes" in said
+    assert "fz stays at its extreme value" in said
+    assert "fx is exactly zero" in said
+
+
+# --------------------------------------------------------------------------------------------- periods
+
+
+def test_a_stated_period_cuts_repeats(tmp_path: Path) -> None:
+    whole = original()
+    frame = whole.iloc[np.arange(6000) % 2500].assign(time=np.arange(6000) * 0.004)
+    found = imported(written(frame, tmp_path), period=10.0)
+    np.testing.assert_array_equal(np.unique(found.columns["repeat"], return_counts=True)[1], [2500, 2500])
+    recording = found.recording()
+    assert recording.repeats == 2
+    assert recording.continuous
+    off = imported(written(frame, tmp_path), period=9.999)
+    assert any("samples a period" in step.what for step in off.report.of(StepKind.MENDED))
+    with pytest.raises(InputError, match="fits"):
+        imported(written(frame, tmp_path), period=20.0)

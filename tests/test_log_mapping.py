@@ -1,0 +1,296 @@
+"""Columns: maps, units, forms of orientation, presets of headerless files; what is in doubt is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from estimation.logs.column_map import ColumnMap
+from estimation.logs.column_pattern import PRESETS
+from estimation.logs.reading import imported, read
+from estimation.recordings.reading_report import StepKind
+from modeling.errors import InputError
+from modeling.rig.rig import Rig
+from tests.log_files import (
+    CHANNELS,
+    POSITION,
+    QUATERNION,
+    Frame,
+    headerless,
+    in_base_axes,
+    matrices,
+    original,
+    rotations,
+)
+from truewrench.commands.import_recording import PRESETS as LISTED
+
+pytest.importorskip("mujoco")
+
+
+def renamed(frame: Frame, folder: Path, names: Mapping[str, str] | None = None, file: str = "log.csv") -> Path:
+    """A CSV with names that mean nothing: a, b, c, .. but for those given."""
+    path = folder / file
+    letters = {name: f"signal {chr(97 + i)}" for i, name in enumerate(frame.columns)}
+    frame.rename(columns=letters | {"time": "t"} | dict(names or {})).to_csv(path, index=False)
+    return path
+
+
+def same_as_original(columns: Mapping[str, np.ndarray], frame: Frame) -> None:
+    for name in (*CHANNELS, *POSITION):
+        np.testing.assert_allclose(columns[name], frame[name], rtol=0, atol=1e-9)
+    turned = np.stack([columns[name] for name in QUATERNION], axis=1)
+    np.testing.assert_allclose(np.abs((turned * frame[QUATERNION].to_numpy()).sum(axis=1)), 1.0, atol=1e-12)
+
+
+# ----------------------------------------------------------------------------------------- orientation
+
+TURN: dict[str, Callable[[Rotation], np.ndarray]] = {
+    "quaternion xyzw": lambda r: r.as_quat(),
+    "quaternion wxyz": lambda r: r.as_quat()[:, [3, 0, 1, 2]],
+    "rotation_vector": lambda r: r.as_rotvec(),
+    "euler ZYX": lambda r: r.as_euler("ZYX"),
+    "euler xyz": lambda r: r.as_euler("xyz"),
+    "matrix_rows": lambda r: r.as_matrix().reshape(-1, 9),
+    "matrix_columns": lambda r: r.as_matrix().transpose(0, 2, 1).reshape(-1, 9),
+    "matrix row-major": lambda r: np.concatenate([r.as_matrix(), np.zeros((len(r), 3, 1))], axis=2).reshape(-1, 12),
+}
+
+
+@pytest.mark.parametrize("form", TURN)
+@pytest.mark.parametrize("degrees", [False, True])
+def test_a_map_states_the_orientation(form: str, degrees: bool, tmp_path: Path) -> None:
+    if degrees and not ("euler" in form or "vector" in form):
+        pytest.skip("no angles")
+    frame = original().iloc[:100]
+    values = TURN[form](rotations(frame)) * (180 / np.pi if degrees else 1.0)
+    parts = {f"o{i}": column for i, column in enumerate(values.T)}
+    path = renamed(frame[["time", *CHANNELS, *POSITION]].assign(**parts), tmp_path, {name: name for name in parts})
+    lines = [f'{name} = "signal {chr(98 + i)}"' for i, name in enumerate([*CHANNELS, *POSITION])]
+    lines += [f"orientation_columns = {list(parts)}", f'orientation = "{form}"', 'time = "t"']
+    lines += ['units = { angle = "deg" }'] * degrees
+    stated = tmp_path / "map.toml"
+    stated.write_text("\n".join(lines))
+    same_as_original(imported(path, map=stated).columns, frame)
+
+
+def test_the_order_of_a_matrix_is_seen_in_it(tmp_path: Path) -> None:
+    frame = original().iloc[:100]
+    for order in ((0, 1, 2), (0, 2, 1)):
+        values = matrices(frame).transpose(order).reshape(-1, 16)
+        path = tmp_path / "log.csv"
+        named = {f"ee_pose[{i}]": values[:, i] for i in range(16)}
+        frame[["time", *CHANNELS]].rename(columns={"time": "t"}).assign(**named).to_csv(path, index=False)
+        same_as_original(imported(path).columns, frame)
+
+
+def test_a_wrench_in_base_axes_is_turned(tmp_path: Path) -> None:
+    frame = original().iloc[:100]
+    path = tmp_path / "log.csv"
+    in_base_axes(frame).rename(columns={"time": "t"}).to_csv(path, index=False)
+    found = imported(path, map=ColumnMap.of({"wrench_axes": "base"}))
+    same_as_original(found.columns, frame)
+
+
+# ----------------------------------------------------------------------------------------------- units
+
+
+def test_units_of_names_and_of_maps(tmp_path: Path) -> None:
+    frame = original().iloc[:100]
+    scaled = frame.assign(px=frame["px"] * 1e3, py=frame["py"] * 1e3, pz=frame["pz"] * 1e3, tx=frame["tx"] * 1e3)
+    scaled = scaled.assign(ty=frame["ty"] * 1e3, tz=frame["tz"] * 1e3, time=frame["time"] * 1e3)
+    names = {p: f"{p[1]}_mm" for p in POSITION} | {t: f"{t.upper()} [N mm]" for t in CHANNELS[3:]} | {"time": "t (ms)"}
+    path = tmp_path / "log.csv"
+    scaled.rename(columns=names).to_csv(path, index=False)
+    same_as_original(imported(path).columns, frame)
+    scaled.rename(columns={"time": "t"}).to_csv(path, index=False)
+    units = {"time": "ms", "position": "mm", "torque": "N mm"}
+    same_as_original(imported(path, map=ColumnMap.of({"units": units})).columns, frame)
+
+
+def test_millimetres_and_degrees_are_recognised(tmp_path: Path) -> None:
+    frame = original().iloc[:100]
+    path = tmp_path / "log.csv"
+    shifted = frame.assign(**{name: (frame[name] + 0.5) * 1e3 for name in POSITION}).rename(columns={"time": "t"})
+    shifted.to_csv(path, index=False)
+    found = imported(path)
+    np.testing.assert_allclose(found.columns["px"], frame["px"] + 0.5, atol=1e-9)
+    assert any("taken as millimetres" in step.what for step in found.report.of(StepKind.MENDED))
+    joints = frame[["time", *CHANNELS]].rename(columns={"time": "t"}).assign(q1=np.linspace(-90, 90, 100), q2=30.0)
+    joints.to_csv(path, index=False)
+    found = imported(path)
+    np.testing.assert_allclose(found.columns["q1"], np.linspace(-np.pi / 2, np.pi / 2, 100), atol=1e-12)
+    assert any("taken as degrees" in step.what for step in found.report.of(StepKind.MENDED))
+
+
+# ---------------------------------------------------------------------------------------- files, presets
+
+
+def test_headerless_by_a_preset(tmp_path: Path) -> None:
+    frame = original().iloc[:100]
+    paths = headerless(frame, tmp_path)
+    same_as_original(imported(*paths, preset="xyz_quaternion_wrench").columns, frame)
+    with pytest.raises(InputError, match=r"no wrench is recognised among column_1.*--map"):
+        imported(*paths)
+
+
+def test_joints_in_degrees_with_comma_and_space(tmp_path: Path) -> None:
+    frame = original().iloc[:100]
+    path = tmp_path / "log.txt"
+    degrees = np.degrees(np.sin(frame["time"].to_numpy()))
+    rows = zip(degrees, *(frame[c] for c in CHANNELS), strict=True)
+    path.write_text("\n".join(f"{q:.9f}, {q + 5:.9f} " + " ".join(f"{w:.9f}" for w in wrench) for q, *wrench in rows))
+    found = imported(path, preset="joints_deg_wrench", map=ColumnMap.of({"rate": 250}))
+    np.testing.assert_allclose(found.columns["q1"], np.sin(frame["time"]), atol=1e-9)
+    np.testing.assert_allclose(found.columns["tz"], frame["tz"], atol=1e-9)
+    assert found.report.rate == pytest.approx(250)
+
+
+def test_kinova_three_files(tmp_path: Path) -> None:
+    frame = original()
+    angles = np.sin(np.outer(frame["time"], np.arange(1, 8)))
+    parts: dict[str, Any] = {"joint_positions.csv": angles, "wrench.csv": frame[CHANNELS]}
+    parts |= {"time.csv": frame[["time"]].to_numpy() + 5.0}
+    for name, values in parts.items():
+        np.savetxt(tmp_path / name, values, delimiter=",")
+    found = imported(*(tmp_path / name for name in parts))
+    np.testing.assert_allclose(found.columns["fx"], frame["fx"], atol=1e-12)
+    np.testing.assert_allclose(found.columns["q7"], np.sin(7 * frame["time"]), atol=1e-12)
+    assert found.report.samples == 2500
+
+
+def test_joint_states_of_two_publishers(tmp_path: Path) -> None:
+    """One topic, each message with some of the joints, in turn; the rig's order of the joints counts."""
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Bag
+
+    from tests.log_files import ros_messages, ros_types, write_messages
+
+    frame = original().iloc[:500]
+    store = ros_types()[0]
+    state = store.types["sensor_msgs/msg/JointState"]
+
+    def messages() -> Iterator[Any]:
+        for topic, kind, stamp, message in ros_messages(store.types, frame):
+            yield topic, kind, stamp, message
+            if "pose" in topic:
+                t = message.header.stamp.sec % 1000 + message.header.stamp.nanosec * 1e-9
+                for names in (["elbow", "base"], ["wrist"]):
+                    angles = np.array([np.sin(t + len(name)) for name in names])
+                    empty = np.zeros(0)
+                    yield (
+                        "/joint_states",
+                        "sensor_msgs/msg/JointState",
+                        stamp,
+                        state(message.header, names, angles, empty, empty),
+                    )
+
+    with Bag(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        write_messages(writer, store, messages())
+    stated = ColumnMap.of({"q1": "joint:base", "q2": "joint:elbow", "q3": "joint:wrist"})
+    with pytest.raises(InputError, match="different sources"):
+        imported(tmp_path / "bag", map=stated)
+    found = imported(tmp_path / "bag", rig=_three_joints(tmp_path))
+    t = found.columns["time"] + (1_760_000_000 % 1000)
+    for name, joint in (("q1", "base"), ("q2", "elbow"), ("q3", "wrist")):
+        np.testing.assert_allclose(found.columns[name][:-3], np.sin(t + len(joint))[:-3], atol=1e-6)
+
+
+def _three_joints(folder: Path) -> Rig:
+    joints = ["base", "elbow", "wrist"]
+    links = "".join(f'<link name="l{i}"/>' for i in range(4))
+    text = "".join(
+        f'<joint name="{name}" type="continuous"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0 0 0.3"/><axis xyz="{i % 2} {1 - i % 2} 0"/></joint>'
+        for i, name in enumerate(joints)
+    )
+    (folder / "arm.urdf").write_text(f'<robot name="arm">{links}{text}</robot>')
+    return Rig.from_data({"robot": {"urdf": str(folder / "arm.urdf"), "sensor_frame": "l3"}})
+
+
+def test_the_rig_names_columns(tmp_path: Path) -> None:
+    frame = original().iloc[:100]
+    names = {name: name.upper() + "!" for name in (*CHANNELS, *QUATERNION, *POSITION)}
+    path = renamed(frame, tmp_path, names)
+    rig = Rig.from_data({"columns": {**names, "temperature": "signal o", "time": "t"}})
+    recording = read(path, rig=rig)
+    same_as_original({**dict(zip(CHANNELS, recording.wrench.T, strict=True)), **recording.columns}, frame)
+    again = Rig.from_data(rig.to_data())
+    assert again.columns == rig.columns
+
+
+def test_unknown_columns_are_kept_under_harmless_names(tmp_path: Path) -> None:
+    """`wx` of an unknown log is not taken for an angular velocity in the sensor frame."""
+    frame = original().iloc[:100].assign(wx=np.arange(100.0), speed=np.arange(100.0), note="fine", same=3.0)
+    path = tmp_path / "log.csv"
+    frame.rename(
+        columns={"fx": "Force X", "fy": "Force Y", "fz": "Force Z"} | {f"t{a}": f"Torque {a}" for a in "xyz"}
+    ).to_csv(path, index=False)
+    columns = imported(path).columns
+    assert {"log_wx", "speed", "temperature"} <= set(columns)
+    assert not {"wx", "note", "same"} & set(columns)
+
+
+# --------------------------------------------------------------------------------------------- in doubt
+
+MAPS: dict[str, tuple[str, str]] = {
+    "no TOML": ("fx = ", "not a TOML file"),
+    "no such column": ('time = "clock"', "no column 'clock'"),
+    "half a wrench": ('fx = "fx"\nfy = "fy"', "not fz"),
+    "no form": ('orientation = "wyzx"', "is no form"),
+    "no unit": ('units = { time = "h" }', "units.time = 'h' is not known"),
+    "no kind": ('units = { mass = "g" }', "is no kind of unit"),
+    "no axes": ('wrench_axes = "tool"', "wrench_axes"),
+    "no rate": ("rate = -5", "rate"),
+    "no text": ("fx = 3", "not the name of a column"),
+    "too few": ('wrench = ["fx", "fy"]', "has 2 columns"),
+    "bad count": ('orientation_columns = ["qx", "qy", "qz"]', "3 columns of orientation"),
+}
+
+
+@pytest.mark.parametrize("case", MAPS)
+def test_a_wrong_map_is_explained(case: str, tmp_path: Path) -> None:
+    text, message = MAPS[case]
+    stated, path = tmp_path / "map.toml", tmp_path / "log.csv"
+    stated.write_text(text)
+    original().iloc[:50].to_csv(path, index=False)
+    with pytest.raises(InputError) as caught:
+        imported(path, map=stated)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_two_readings_are_asked_for(tmp_path: Path) -> None:
+    frame = original().iloc[:50].rename(columns={"time": "t"})
+    twice = frame.assign(**{f"left.{c}": frame[c] for c in CHANNELS}).rename(
+        columns={c: f"right.{c}" for c in CHANNELS}
+    )
+    path = tmp_path / "log.csv"
+    twice.to_csv(path, index=False)
+    with pytest.raises(InputError, match=r"could be right.fx .. right.tz .* or left.fx .. left.tz"):
+        imported(path)
+    stated = {c: f"left.{c}" for c in CHANNELS}
+    np.testing.assert_allclose(imported(path, map=ColumnMap.of(stated)).columns["fx"], frame["fx"])
+
+
+def test_a_run_without_time_is_no_list_of_poses(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    original().drop(columns="time").rename(columns={"fx": "Fx"}).to_csv(path, index=False)
+    with pytest.raises(InputError, match="a run without its time, not poses at rest"):
+        imported(path)
+    assert imported(path, map=ColumnMap.of({"rate": 250})).report.rate == pytest.approx(250)
+    original().drop(columns="time").rename(columns={"fx": "Fx"}).iloc[::100].to_csv(path, index=False)
+    found = imported(path)
+    assert found.report.rate is None
+    assert found.recording().at_rest
+
+
+def test_the_commands_presets_are_the_librarys() -> None:
+    """The command line lists them without importing the library."""
+    assert tuple(PRESETS) == LISTED
+    with pytest.raises(InputError, match="no preset 'kuka'"):
+        imported("x.csv", preset="kuka")
