@@ -185,7 +185,7 @@ class _Groups:
         both = [*self.candidates(Quantity.POSE), *self.candidates(Quantity.ORIENTATION)]
         order = {pattern: place for place, pattern in enumerate(PATTERNS)}
         both.sort(key=lambda g: (bool(COMMANDED.search(g.title)), not g.preset))
-        found = self.only([g for g in both if np.isfinite(g.values()).all(axis=1).any()]) if order else None
+        found = self.only([g for g in both if _has_samples(g)]) if order else None
         if found is not None and self.stated.form is not None and len(found.columns) in self.stated.form.columns:
             found = ColumnGroup(**{**vars(found), "form": self.stated.form})
         return found
@@ -234,10 +234,17 @@ class _Groups:
         )  # fmt: skip
 
 
+def _has_samples(group: ColumnGroup) -> bool:
+    known = np.ones(group.table.rows, dtype=bool)
+    for name in group.columns:
+        known &= np.isfinite(group.table.columns[name])
+    return bool(known.any())
+
+
 def _is_alive(group: ColumnGroup) -> bool:
-    values = group.values()
-    known = values[np.isfinite(values).all(axis=1)]
-    return bool(len(known)) and bool(np.ptp(known, axis=0).any())
+    """Whether any of its columns changes."""
+    columns = [group.table.columns[name] for name in group.columns]
+    return any(bool(np.fmax.reduce(column) > np.fmin.reduce(column)) for column in columns)
 
 
 def _by_stem(pattern: ColumnPattern, table: LogTable) -> dict[str, dict[str, str]]:

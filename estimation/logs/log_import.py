@@ -224,7 +224,7 @@ class _Reading:
             raise InputError(
                 what=f"{group.title} has no samples", where=group.table.name, remedy="give a log that has them"
             )
-        changed, held = held_rows([column[known] for column in columns.values()])
+        changed, held = held_rows((column[known] for column in columns.values()), len(known))
         share = 1 - float(changed.mean())
         total = len(known)
         if held:

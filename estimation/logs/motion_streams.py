@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import pi
 
 import numpy as np
@@ -69,6 +69,10 @@ class SiColumns:
         return columns
 
     def _pose(self, group: ColumnGroup) -> dict[str, Array]:
+        own = [group.table.columns[name] for name in group.columns]
+        if group.form == OrientationForm("xyzw") and len(own) == 4 and _is_continuous(own):
+            self._note(group, QUATERNION, str(group.form))
+            return dict(zip(QUATERNION, own, strict=True))  # as they are, without a copy
         values = group.values()
         where = group.table.name
         place: Array | None = None
@@ -80,18 +84,13 @@ class SiColumns:
             place = matrix_positions(values, form)
         if form.has_angles:
             values = values * self._factor("angle", group.columns[-1])
-        columns = (
-            {}
-            if place is None
-            else dict(zip(POSITION, (place * self._factor("position", group.columns[0])).T, strict=True))
-        )
+        columns = {}
+        if place is not None:
+            columns = dict(zip(POSITION, (place * self._factor("position", group.columns[0])).T, strict=True))
         columns = self._checked_position(columns, group)
         self._note(group, (*QUATERNION, *columns), str(form))
-        plain = form.name == "xyzw" and bool(
-            (np.abs((values**2).sum(axis=1) - 1) < UNIT_NORM)[np.isfinite(values).all(axis=1)].all()
-        )
-        turned = values if plain else form.quaternions(values, where)
-        return dict(zip(QUATERNION, _without_jumps(turned).T, strict=True)) | columns
+        turned = _without_jumps(form.quaternions(values, where))
+        return dict(zip(QUATERNION, turned.T, strict=True)) | columns
 
     def _checked_position(self, columns: dict[str, Array], group: ColumnGroup) -> dict[str, Array]:
         largest = max((float(np.nanmax(np.abs(column), initial=0.0)) for column in columns.values()), default=0.0)
@@ -154,10 +153,19 @@ class SiColumns:
         return factors[unit]
 
 
+def _is_continuous(parts: Sequence[Array]) -> bool:
+    """Whether quaternions in four columns (n,) have a norm of 1, and none points away from the one before."""
+    squares = sum((part * part for part in parts), np.zeros(1))
+    if (np.abs(squares - 1) > UNIT_NORM).any():
+        return False
+    return not bool((sum((part[1:] * part[:-1] for part in parts), np.zeros(1)) < 0).any())
+
+
 def _without_jumps(quaternions: Array) -> Array:
     """Quaternions (n, 4) of which none points away from the one before; the same array where nothing changes."""
     known = np.flatnonzero(np.isfinite(quaternions).all(axis=1))
-    flips = np.sum(quaternions[known[1:]] * quaternions[known[:-1]], axis=1) < 0
+    rows = quaternions if len(known) == len(quaternions) else quaternions[known]
+    flips = np.einsum("ij,ij->i", rows[1:], rows[:-1]) < 0
     if not flips.any():
         return quaternions
     signs = np.ones(len(quaternions))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,12 @@ REGULAR_SHARE = 0.8
 SATURATED_SHARE = 0.01
 
 
-def held_rows(columns: Sequence[Array]) -> tuple[NDArray[np.bool_], int]:
-    """Mask (n,) of the rows with a new value in any column, and the number of rows for which one is held.
+def held_rows(columns: Iterable[Array], samples: int) -> tuple[NDArray[np.bool_], int]:
+    """Mask (n,) of the rows with a new value in any column (n,), and the number of rows for which one is held.
 
     0 when the holds are of no regular length.
     """
-    changed = np.ones(len(columns[0]), dtype=bool)
+    changed = np.ones(samples, dtype=bool)
     changed[1:] = False
     for column in columns:
         changed[1:] |= column[1:] != column[:-1]

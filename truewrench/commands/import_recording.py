@@ -18,7 +18,9 @@ PRESETS = (
     *("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova"),
     *("xyz_quaternion_wrench", "joints_deg_wrench"),
 )
-ROWS_AT_ONCE = 100_000
+ROWS_AT_ONCE, ROWS_OF_GROUP = 100_000, 500_000
+LONGEST_CHECKED = 2_000_000
+"""Samples up to which the recording is also made, as `diagnose` will make it; more would be in memory twice."""
 
 
 def add_to(commands: Subcommands[Any]) -> None:
@@ -70,7 +72,7 @@ def run(arguments: argparse.Namespace) -> None:
             period=arguments.period,
             strict=arguments.strict,
         )
-        if rig is not None or not any(name == "q1" for name in found.columns):
+        if (rig is not None or "q1" not in found.columns) and found.report.samples < LONGEST_CHECKED:
             found.recording(rig)  # whatever could not be diagnosed is said now
         if arguments.out is not None:
             progress("write")
@@ -92,7 +94,7 @@ def write_table(columns: Mapping[str, Array], path: Path, *, parquet: bool) -> N
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        pq.write_table(pa.table(dict(columns)), path)
+        pq.write_table(pa.table(dict(columns)), path, row_group_size=ROWS_OF_GROUP)
         return
     with path.open("w", encoding="utf-8", newline="") as stream:
         for start in range(0, samples, ROWS_AT_ONCE):

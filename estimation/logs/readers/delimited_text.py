@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from estimation.logs.log_reader import LogReader, require_columns, require_size
+from estimation.logs.log_reader import MAX_CELLS, LogReader, require_columns, require_size
 from estimation.logs.log_table import Array, LogTable, unique_names
 from estimation.logs.source_file import HEAD_BYTES, SourceFile
 
@@ -224,7 +224,7 @@ def _header_cells(line: str, dialect: Dialect, width: int) -> list[str]:
 def _table(source: SourceFile, layout: Layout, text: _Text) -> LogTable:
     names = unique_names(layout.names)
     text.mixed = layout.dialect.separator == ", "
-    columns = _Columns(names, layout.dialect.decimal)
+    columns = _Columns(names, layout.dialect.decimal, _expected_rows(source))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         for chunk in _chunks(source, layout, text, len(names)):
@@ -272,20 +272,36 @@ def _chunks(source: SourceFile, layout: Layout, text: _Text, columns: int) -> It
         raise source.error(f"its rows cannot be read: {error}", "give a text file with one sample a line") from None
 
 
-class _Columns:
-    """Columns that grow by chunks: numbers, and of text the first values."""
+def _expected_rows(source: SourceFile) -> int:
+    """Lines of the file by the length of the first ones, a little more than likely; few of a compressed file."""
+    lines = source.head.count(b"\n") + 1
+    size = source.path.stat().st_size if source.compression is None else len(source.head)
+    return int(1.05 * size * lines / max(len(source.head), 1)) + 100
 
-    def __init__(self, names: Sequence[str], decimal: str) -> None:
+
+class _Columns:
+    """Columns that grow by chunks: numbers, and of text the first values.
+
+    Memory is asked for once, by the rows that are expected, and used as rows come: parts that are put together in the
+    end would be in memory twice.
+    """
+
+    def __init__(self, names: Sequence[str], decimal: str, expected: int) -> None:
         self.names, self.decimal, self.rows = names, decimal, 0
-        self.parts: list[list[Array]] = [[] for _ in names]
+        self.arrays = [np.empty(min(expected, MAX_CELLS // max(len(names), 1) + 1)) for _ in names]
         self.texts: list[dict[str, None]] = [{} for _ in names]
         self.bad = [0] * len(names)
 
     def add(self, chunk: pd.DataFrame) -> None:
         """Add the rows of a chunk; cells that are no numbers become NaN."""
-        self.rows += len(chunk)
+        end = self.rows + len(chunk)
         for place in range(len(self.names)):
-            self.parts[place].append(self._numbers(chunk[place], place))
+            if end > len(self.arrays[place]):
+                grown = np.empty(2 * end)
+                grown[: self.rows] = self.arrays[place][: self.rows]
+                self.arrays[place] = grown
+            self.arrays[place][self.rows : end] = self._numbers(chunk[place], place)
+        self.rows = end
 
     def _numbers(self, column: pd.Series, place: int) -> Array:
         import pandas as pd
@@ -310,9 +326,7 @@ class _Columns:
         notes: list[tuple[str, int, bool]] = []
         empty = 0
         for place, name in enumerate(self.names):
-            parts, self.parts[place] = self.parts[place], []
-            column = np.concatenate(parts) if parts else np.empty(0)
-            del parts
+            column = self.arrays[place][: self.rows]
             known = int(np.isfinite(column).sum())
             if self.bad[place] > known:
                 texts[name] = tuple(self.texts[place])[:TEXTS_KEPT]
