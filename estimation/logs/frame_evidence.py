@@ -129,5 +129,5 @@ def _fitted(meaning: str, advice: str, direction: Array, force: Array, *, needed
 
 
 def _least_squares(regressors: Array, force: Array) -> tuple[Array, float]:
-    solution = np.linalg.lstsq(regressors, force, rcond=1e-10)[0]
+    solution = np.asarray(np.linalg.lstsq(regressors, force, rcond=1e-10)[0], dtype=np.float64)
     return solution, float(np.sqrt(np.mean((force - regressors @ solution) ** 2)))
