@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from estimation.text_table import table
+from modeling.table import Column, Table, Tabular
 
 
 class StepKind(Enum):
@@ -75,7 +75,7 @@ class OffsetReading:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadingReport:
+class ReadingReport(Tabular):
     """How sources became a recording of `samples` rows at `rate` Hz (None for static poses)."""
 
     sources: tuple[tuple[str, str, int, int], ...]
@@ -103,21 +103,34 @@ class ReadingReport:
         }
         return data
 
-    def __str__(self) -> str:
-        rate = "static poses" if self.rate is None else f"{self.samples / self.rate:.4g} s at {self.rate:.6g} Hz"
-        parts = [f"Recording: {self.samples} samples, {rate}; {', '.join(self.columns)}"]
-        parts.append(table(["source", "kind", "rows", "columns"], [[str(c) for c in s] for s in self.sources]))
+    @property
+    def table(self) -> Table:
+        """What became which columns."""
         rows = [[u.quantity, u.source, _shortened(u.columns), u.how] for u in self.used]
-        parts.append(table(["quantity", "source", "columns", "read as"], rows))
+        return Table.of(("quantity", "source", "columns", "read as"), rows)
+
+    def printed(self) -> list[Table | str]:
+        """Sources, columns, clocks, the offset between them, and every step by its kind."""
+        rate = "static poses" if self.rate is None else f"{self.samples / self.rate:.4g} s at {self.rate:.6g} Hz"
+        parts: list[Table | str] = [f"Recording: {self.samples} samples, {rate}; {', '.join(self.columns)}"]
+        parts.append(
+            Table.of(("source", "kind", "rows", "columns"), [(n, k, str(r), str(c)) for n, k, r, c in self.sources])
+        )
+        parts.append(self.table)
         if self.clocks:
-            clocks = [[c.where, f"{c.rate:.6g}", f"{c.seconds:.4g}", f"{c.jitter * 1e3:.2g}"] for c in self.clocks]
-            parts.append(table(["clock", "rate, Hz", "length, s", "jitter, ms"], clocks))
+            columns = (Column("rate", "Hz", ".6g"), Column("length", "s", ".4g"), Column("jitter", "ms", ".2g"))
+            parts.append(
+                Table.of(("clock", *columns), [(c.where, c.rate, c.seconds, c.jitter * 1e3) for c in self.clocks])
+            )
         if self.offset is not None:
             parts.append(_offset_sentence(self.offset))
-        for kind, title in _TITLES.items():
-            if found := self.of(kind):
-                parts.append("\n".join([f"{title}:", *(f"  {step}" for step in found)]))
-        return "\n\n".join(parts)
+        found = {title: self.of(kind) for kind, title in _TITLES.items()}
+        return parts + [
+            "\n".join([f"{title}:", *(f"  {step}" for step in steps)]) for title, steps in found.items() if steps
+        ]
+
+    def __str__(self) -> str:
+        return "\n\n".join(map(str, self.printed()))
 
 
 _TITLES: Mapping[StepKind, str] = {
