@@ -6,12 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from estimation.logs.column_map import ColumnMap
 from estimation.logs.reading import imported, read
 from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError
+from modeling.rig.rig import Rig
 from tests.log_files import CHANNELS, POSITION, QUATERNION, Frame, original, poses_at, two_clocks
+from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate
 
 pytest.importorskip("mujoco")
 
@@ -64,6 +68,31 @@ def test_the_interval_holds_the_offset(offset: float, seed: int, tmp_path: Path)
     assert found is not None
     assert abs(found.offset - offset) < 4 * found.std  # exceeded once in 16 000 times
     assert found.applied is (offset != 0.0) or abs(found.offset) > 2 * found.std
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_joint_angles_need_the_arm(seed: int, tmp_path: Path) -> None:
+    """Planar joints and wrench in a file each; without the rig it is said that the offset is not estimated."""
+    arm = PlanarRig()
+    motion = arm.random_motion(seed=seed, period=10.0)
+    frame = simulate(arm, motion, hidden=[ViscousDrag()], repeats=1, samples_per_period=2500, seed=seed)
+    wrench, joints = tmp_path / "w.csv", tmp_path / "j.csv"
+    frame[["time", "fx", "fy", "tau"]].assign(time=frame["time"] + OFFSET).to_csv(wrench, index=False)
+    frame[["time", "q1", "q2", "q3"]].to_csv(joints, index=False)
+    rig = Rig.from_data({"robot": {"link_lengths": list(arm.link_lengths)}})
+    found = imported(wrench, joints, rig=rig).report.offset
+    assert found is not None
+    assert found.applied
+    assert abs(found.offset - OFFSET) < min(2e-3, 4 * found.std)
+    blind = imported(wrench, joints).report
+    assert blind.offset is None
+    assert any("is not estimated: columns q1, q2, q3" in step.what for step in blind.of(StepKind.SUSPICIOUS))
+
+
+def test_a_stated_offset_is_applied(tmp_path: Path) -> None:
+    found = imported(*two_clocks(original(), tmp_path, OFFSET), map=ColumnMap.of({"offset": 0.037})).report.offset
+    assert found is not None
+    assert (found.offset, found.applied) == (0.037, True)
 
 
 def test_clocks_of_different_origins(tmp_path: Path) -> None:
@@ -168,6 +197,25 @@ def test_time_that_restarts(tmp_path: Path) -> None:
     found = imported(written(two, tmp_path))
     assert found.report.samples == 1500
     assert any("longest of 2 runs" in step.what for step in found.report.of(StepKind.MENDED))
+
+
+def test_runs_that_a_repeat_column_counts(tmp_path: Path) -> None:
+    """Time restarts in each: all are kept, and a lost sample of one is mended."""
+    runs = original().iloc[:1200]
+    frame = pd.concat([runs, runs.drop(index=[600]), runs], ignore_index=True)
+    frame = frame.assign(repeat=np.repeat([0, 1, 2], [1200, 1199, 1200]), fx=frame["fx"]).rename(columns={"fx": "Fx"})
+    found = imported(written(frame, tmp_path))
+    assert found.report.samples == 3600
+    assert any(step.count == 1 and "missing samples interpolated" in step.what for step in found.report.steps)
+    recording = found.recording()
+    assert (recording.repeats, recording.continuous) == (3, False)
+
+
+def test_a_record_too_short_for_an_offset(tmp_path: Path) -> None:
+    sources = two_clocks(original().iloc[:400], tmp_path, 0.0)
+    report = imported(*sources).report
+    assert report.offset is None
+    assert any("too short to estimate" in step.what for step in report.of(StepKind.SUSPICIOUS))
 
 
 @pytest.mark.parametrize("held", [4, 5])

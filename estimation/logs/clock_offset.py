@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 LARGEST_OFFSET = 2.0
 """Seconds to either side that are searched."""
+SHORTEST = 2.0
+"""Seconds of overlap, inside the range that is searched, below which as many coefficients fit anything."""
 SCAN_STEP = 0.02
 SCAN_ROWS = 2500
 REFINE_ROWS = 20_000
@@ -111,11 +113,12 @@ def _planar(signals: Mapping[str, Array], gravity: float) -> tuple[Array, Array,
     c, s = np.cos(signals["phi"]), np.sin(signals["phi"])
 
     def in_sensor(x: Array, y: Array) -> Array:
-        return np.stack([c * x + s * y, c * y - s * x], axis=1)
+        return np.stack([c * x - s * y, s * x + c * y], axis=1)  # phi is clockwise
 
     rate, turning = signals["dphi"], np.stack([signals["ddphi"], signals["dphi"] ** 2], axis=1)
     levers = [np.outer(rate, axis) for axis in np.eye(2)]
-    levers += [turning, turning[:, ::-1] * [1.0, -1.0]]  # of the centre of mass, along and across
+    # Accelerations of points along y' and x': y'' = ddphi x' - dphi² y', x'' = -ddphi y' - dphi² x'.
+    levers += [turning * [1.0, -1.0], -turning[:, ::-1]]
     levers += [in_sensor(np.ones_like(c), np.zeros_like(c))]
     levers += [in_sensor(signals["px"], signals["py"])] if "px" in signals else []
     velocity = in_sensor(signals["vx"], signals["vy"]) if "vx" in signals else np.zeros((len(c), 2))
@@ -132,7 +135,7 @@ def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around:
     """The offset of the wrench (n, p) at its stamps (n,), searched about `around`; None where too little overlaps."""
     reach = min(LARGEST_OFFSET, 0.25 * float(min(np.ptp(stamps), np.ptp(motion.instants))))
     inside = (stamps - around > motion.instants[0] + reach) & (stamps - around < motion.instants[-1] - reach)
-    if inside.sum() < 100:
+    if inside.sum() < 100 or np.ptp(stamps[inside]) < SHORTEST:
         return None
     size = wrench[inside].std(axis=0)
     size[: motion.dimension] = size[: motion.dimension].max()  # forces share coefficients

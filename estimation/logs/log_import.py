@@ -20,7 +20,7 @@ from estimation.logs.log_table import Array, LogTable
 from estimation.logs.motion_streams import QUATERNION, SiColumns, in_sensor_axes
 from estimation.logs.one_clock import on_one_clock
 from estimation.logs.sample_hold import held_rows, note_suspicious_channels
-from estimation.logs.sample_mending import Stream, mended
+from estimation.logs.sample_mending import Stream, mended, mended_runs
 from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
 from estimation.logs.table_joining import joined_by_rows, with_preset_names
@@ -41,7 +41,6 @@ RESERVED = {
     *PLANAR_CHANNELS,
     *SPATIAL_CHANNELS,
     "time",
-    "repeat",
     *motion_columns(MotionForm.PLANAR_POSE),
     *motion_columns(MotionForm.POSE),
 }
@@ -191,7 +190,9 @@ class _Reading:
             if time is None:
                 what = "no time is recognised in this source, and another source has one"
                 raise InputError(what=what, where=table.name, remedy='name it in a map: time = "column"')
-        series = [mended(stream, self.log) for stream in self._streams(groups)]
+        streams = self._streams(groups)
+        mend = mended_runs if len(streams) == 1 else mended
+        series = [mend(stream, self.log) for stream in streams]
         clock = on_one_clock(series, self.stated.offset, self.options.period, self.rig, self.log, self.one_clock)
         columns = self._turned(clock.columns, base_axes)
         return columns, (tuple(s.reading for s in series), clock.offset, clock.rate)

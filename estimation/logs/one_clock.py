@@ -78,7 +78,7 @@ def on_one_clock(
                 f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum())
             )
     clean = _finite(columns, wrench.where, log)
-    return _cut(clean, wrench.dt, period, offset, wrench.where, log)
+    return _cut(clean, wrench.dt, period, offset, wrench.where, log, wrench.runs)
 
 
 def _at(series: Series, instants: Array) -> dict[str, Array]:
@@ -102,8 +102,6 @@ def _estimated(wrench: Series, others: Sequence[Series], rig: Rig | None, log: S
     """The offset between the clocks of wrench and motion, where the motion's kinematics are known."""
     motion = others[0]
     start, stop = max(o.start for o in others), min(o.instants[-1] for o in others)
-    if stop - start < 2.0:
-        return None
     instants = motion.instants[(motion.instants >= start - 1e-9) & (motion.instants <= stop + 1e-9)]
     columns = {name: column for one in others for name, column in _at(one, instants).items()}
     channels = PLANAR_CHANNELS if "tau" in wrench.columns else SPATIAL_CHANNELS
@@ -129,13 +127,19 @@ def _estimated(wrench: Series, others: Sequence[Series], rig: Rig | None, log: S
             wrench.where,
         )
     found = clock_offset(regressors, wrench.instants, np.stack([wrench.columns[c] for c in channels], axis=1), around)
-    return None if found is None else _judged(found, wrench, motion, log)
+    if found is None:
+        log.suspicious(
+            f"too short to estimate its clock offset against {motion.where}; the stamps are believed", wrench.where
+        )
+        return None
+    return _judged(found, wrench, motion, log)
 
 
 def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog) -> OffsetReading:
     """The offset, applied where it is known and differs from zero by more than its interval and a part of a sample."""
     if not found.applied:
-        what = f"the clock offset against {motion.where} cannot be estimated from this motion; the stamps are believed"
+        what = f"the clock offset against {motion.where} cannot be estimated from this motion;"
+        what += " the stamps are believed, unless a map states offset = ... (s)"
         log.suspicious(what, wrench.where)
         return found
     if found.alternatives:
@@ -164,10 +168,22 @@ def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str,
 
 
 def _cut(
-    columns: dict[str, Array], dt: float, period: float | None, offset: OffsetReading | None, where: str, log: StepLog
+    columns: dict[str, Array],
+    dt: float,
+    period: float | None,
+    offset: OffsetReading | None,
+    where: str,
+    log: StepLog,
+    runs: int = 1,
 ) -> CommonClock:
-    """The columns with `time` from 0 on; with a period, cut into repeats of equally many samples."""
+    """The columns with `time` from 0 on, in every run; with a period, cut into repeats of equally many samples."""
     samples = len(next(iter(columns.values())))
+    if runs > 1:
+        time = np.tile(_ticks(samples // runs, dt), runs)
+        repeat = np.repeat(np.arange(runs, dtype=np.float64), samples // runs)
+        return CommonClock(
+            columns={"time": time, "repeat": repeat, **_without(columns, "repeat")}, rate=1 / dt, offset=offset
+        )
     if period is None:
         return CommonClock(columns={"time": _ticks(samples, dt), **columns}, rate=1 / dt, offset=offset)
     per_repeat = round(period / dt)
@@ -186,10 +202,14 @@ def _cut(
         dt = step
     if count < samples:
         log.mended("samples after the last whole repeat left out", where, samples - count, samples)
-    columns = {name: column[:count] for name, column in columns.items() if name != "repeat"}
+    columns = {name: column[:count] for name, column in _without(columns, "repeat").items()}
     repeat = np.repeat(np.arange(repeats, dtype=np.float64), per_repeat)
     log.taken(f"cut into {repeats} repeats of {per_repeat} samples", where)
     return CommonClock(columns={"time": _ticks(count, dt), "repeat": repeat, **columns}, rate=1 / dt, offset=offset)
+
+
+def _without(columns: Mapping[str, Array], left_out: str) -> dict[str, Array]:
+    return {name: column for name, column in columns.items() if name != left_out}
 
 
 def _ticks(count: int, step: float) -> Array:

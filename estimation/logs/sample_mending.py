@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +35,14 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
-    """Columns (m,) at start + i dt, s on the clock of the stamps."""
+    """Columns (m,) at start + i dt, s on the clock of the stamps; several runs of equally many samples each restart."""
 
     where: str
     start: float
     dt: float
     columns: Mapping[str, Array]
     reading: ClockReading
+    runs: int = 1
 
     @property
     def samples(self) -> int:
@@ -52,6 +53,30 @@ class Series:
     def instants(self) -> Array:
         """Stamps of the samples (m,), s."""
         return np.asarray(self.start + self.dt * np.arange(self.samples), dtype=np.float64)
+
+
+def mended_runs(stream: Stream, log: StepLog) -> Series:
+    """The stream on a uniform clock; where time restarts and `repeat` counts, its runs, if they are equally long."""
+    repeat = stream.columns.get("repeat")
+    starts = np.flatnonzero(np.diff(stream.stamps) < 0) + 1
+    if repeat is None or not starts.size or not (repeat[starts] != repeat[starts - 1]).all():
+        return mended(stream, log)
+    pieces = [_piece(stream, part) for part in np.split(np.arange(len(repeat)), starts)]
+    if min(len(piece.stamps) for piece in pieces) < FEWEST:
+        return mended(stream, log)
+    attempt = StepLog(strict=log.strict)
+    runs = [mended(piece, attempt) for piece in pieces]
+    if len({run.samples for run in runs}) > 1 or np.ptp([run.dt for run in runs]) * runs[0].samples > runs[0].dt:
+        return mended(stream, log)
+    log.steps.extend(attempt.steps)
+    log.taken(f"time restarts: {len(runs)} runs of one motion", stream.where)
+    columns = {name: np.concatenate([run.columns[name] for run in runs]) for name in runs[0].columns}
+    return replace(runs[0], columns=columns, runs=len(runs))
+
+
+def _piece(stream: Stream, rows: Index) -> Stream:
+    columns = {name: column[rows] for name, column in stream.columns.items()}
+    return replace(stream, stamps=stream.stamps[rows], columns=columns)
 
 
 def mended(stream: Stream, log: StepLog) -> Series:

@@ -135,7 +135,11 @@ def header_names(text: str, where: str) -> list[str]:
         raise InputError(what=what, where=where, remedy="correct that row") from None
     if len(names) == 1 and re.search(r"[;\t]", names[0]):
         what = "the columns are not separated by commas"
-        raise InputError(what=what, where=where, remedy="write a CSV with commas, and points in the numbers")
+        raise InputError(
+            what=what,
+            where=where,
+            remedy="write a CSV with commas, and points in the numbers, or bring the log in by `truewrench import`",
+        )
     if all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
         raise InputError(what="row 1 is not a header", where=where, remedy="name the columns in the first row")
     return require_unique_names(names, where)

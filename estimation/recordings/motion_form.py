@@ -12,7 +12,7 @@ from modeling.space import Space
 
 JOINT_ANGLE = re.compile(r"q[1-9]\d*")
 KINEMATICS = {Space.PLANE: "link_lengths", Space.SPACE: "urdf"}
-RECORD = "record it, or rename the column that holds it"
+RECORD = "record it, rename the column that holds it, or bring the log in by `truewrench import`"
 
 
 def wrench_channels(table: ColumnTable) -> tuple[str, ...]:
