@@ -211,6 +211,19 @@ def test_runs_that_a_repeat_column_counts(tmp_path: Path) -> None:
     assert (recording.repeats, recording.continuous) == (3, False)
 
 
+def test_incomplete_repeats_at_the_ends_are_left_out(tmp_path: Path) -> None:
+    """On two clocks the ends do not overlap, and repeats have to be equally long."""
+    count = 8
+    frame = original().iloc[np.arange(count * 500) % 2500].assign(time=np.arange(count * 500) * 0.004)
+    frame["repeat"] = np.arange(len(frame)) // 500
+    wrench = written(frame[["time", "repeat", *CHANNELS]], tmp_path, "w.csv")
+    pose = tmp_path / "p.csv"
+    frame[["time", *QUATERNION, *POSITION]].iloc[30:-40].to_csv(pose, index=False)
+    found = imported(wrench, pose)
+    assert any("incomplete repeats" in step.what for step in found.report.of(StepKind.MENDED))
+    assert found.recording().repeats == count - 2
+
+
 def test_a_record_too_short_for_an_offset(tmp_path: Path) -> None:
     sources = two_clocks(original().iloc[:400], tmp_path, 0.0)
     report = imported(*sources).report

@@ -177,6 +177,8 @@ def _cut(
     runs: int = 1,
 ) -> CommonClock:
     """The columns with `time` from 0 on, in every run; with a period, cut into repeats of equally many samples."""
+    if runs == 1 and period is None and "repeat" in columns:
+        columns = _whole_repeats(columns, where, log)
     samples = len(next(iter(columns.values())))
     if runs > 1:
         time = np.tile(_ticks(samples // runs, dt), runs)
@@ -206,6 +208,21 @@ def _cut(
     repeat = np.repeat(np.arange(repeats, dtype=np.float64), per_repeat)
     log.taken(f"cut into {repeats} repeats of {per_repeat} samples", where)
     return CommonClock(columns={"time": _ticks(count, dt), "repeat": repeat, **columns}, rate=1 / dt, offset=offset)
+
+
+def _whole_repeats(columns: dict[str, Array], where: str, log: StepLog) -> dict[str, Array]:
+    """The columns without a first and a last repeat that are incomplete, as they are on two clocks or after a cut."""
+    repeat = columns["repeat"]
+    bounds = np.concatenate([[0], np.flatnonzero(np.diff(repeat)) + 1, [len(repeat)]])
+    counts = np.diff(bounds)
+    if len(counts) < 3:
+        return columns
+    usual = int(np.median(counts[1:-1]))
+    begin = int(bounds[1]) if counts[0] < usual else 0
+    end = int(bounds[-2]) if counts[-1] < usual else len(repeat)
+    if end - begin < len(repeat):
+        log.mended("samples of incomplete repeats left out", where, len(repeat) - (end - begin), len(repeat))
+    return {name: column[begin:end] for name, column in columns.items()}
 
 
 def _without(columns: Mapping[str, Array], left_out: str) -> dict[str, Array]:
