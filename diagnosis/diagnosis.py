@@ -138,11 +138,44 @@ def diagnose(
 ) -> Diagnosis:
     """Identify the physical effects that a rigid-tool model lacks, from its recordings.
 
-    `validate` are held-out recordings of other motions of the same rig and tool, never fitted; `effects` are the
-    candidates, by default the whole catalogue, and `effect_rules` judge them, the first that applies. `workers` is the
-    number of processes; the result does not depend on it.
-    Raises InputError when the model has effects already, its signals are not recorded, or the estimated mass is
-    negative.
+    Parameters
+    ----------
+    model : WrenchModel
+        The rigid tool, without effects: `planar(rig)` or `spatial(rig)`.
+    recordings : Recording or iterable of Recording
+        Recordings of one rig and tool, which the models are fitted to.
+    validate : Recording or iterable of Recording, optional
+        Held-out recordings of other motions of the same rig and tool, never fitted; by default none.
+    effects : sequence of Effect, optional
+        The candidate effects; by default the whole catalogue.
+    effect_rules : sequence of EffectRule, optional
+        Verdict rules on an effect, in order: the first that applies decides.
+    progress : callable, optional
+        Called with one line of text at each stage; by default silent.
+    workers : int, optional
+        Number of processes, by default 1. The result does not depend on it.
+
+    Returns
+    -------
+    Diagnosis
+        Verdict on the recordings, effects added, the final fit, and a finding for every candidate effect.
+
+    Raises
+    ------
+    InputError
+        When the model has effects already, its signals are not recorded, the sign convention cannot be decided, or the
+        estimated mass is negative.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> candidates = [tw.effects.named("viscous_drag"), tw.effects.named("sensor_lag")]
+    >>> found = tw.diagnose(tw.planar(rig), tw.read("train.csv", rig=rig), effects=candidates)
+    >>> found.verdict.value, found.added
+    ('explained', ('viscous_drag',))
+    >>> [(f.effect.id, f.verdict.value) for f in found.findings]
+    [('viscous_drag', 'supported'), ('sensor_lag', 'negligible')]
     """
     from threadpoolctl import threadpool_limits
 

@@ -94,17 +94,45 @@ class Intervals(Tabular):
 def intervals(fit: WhitenedFit, *, level: float = LEVELS.confidence, pull: Array | None = None) -> Intervals:
     """Confidence intervals with nominal coverage, though the noise was estimated from the same recordings.
 
-    theta's error is sum_r a_rj w_r over the whitened rows' noise w, with the influence a = D C of least squares
-    (rows, k), or the one given (`pull`). Its variance is sum_r a_rj² times the power of row r, which is 1 as far as
-    whitening succeeded: every row was divided by an estimate. With q_r the shares of the rows in the variance and
-    v = var(sum_r q_r log power_r), the variance is distributed as chi-square with f degrees of freedom, whose logarithm
-    has variance trigamma(f / 2): f = 2 trigamma^-1(v) (F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110-114, on the
-    logarithm). Error over std is then Student's t with f degrees of freedom.
+    Parameters
+    ----------
+    fit : WhitenedFit
+        A fit to whole recordings, with their noise.
+    level : float, optional
+        Two-sided confidence level, by default 0.95.
+    pull : array (rows, k), optional
+        Influence of the noise of each whitened row on every parameter, in the parameters' units; by default that of
+        least squares, D C.
+
+    Returns
+    -------
+    Intervals
+        Std, effective degrees of freedom and ends (k,) in the order of the fit's `theta`, in the parameters' units;
+        infinitely wide for an unidentifiable parameter.
+
+    Notes
+    -----
+    theta's error is sum_r a_rj w_r over the whitened rows' noise w, with the influence a = D C of least squares (rows,
+    k), or the one given (`pull`). Its variance is sum_r a_rj² times the power of row r, which is 1 as far as whitening
+    succeeded: every row was divided by an estimate. With q_r the shares of the rows in the variance and v = var(sum_r
+    q_r log power_r), the variance is distributed as chi-square with f degrees of freedom, whose logarithm has variance
+    trigamma(f / 2): f = 2 trigamma^-1(v) (F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110-114, on the logarithm).
+    Error over std is then Student's t with f degrees of freedom.
 
     A single run is whitened by an autoregression of its own residual, whose low-frequency part depends on few samples
     and on the orders tried. The spectrum of the whitened residual is therefore estimated again, as a smooth curve, and
     multiplied in (prewhitening: D. W. K. Andrews and J. C. Monahan, Econometrica 60 (1992) 953-966), together with the
     variance of that curve.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
+    >>> found = tw.intervals(tw.fit(model, tw.read("train.csv", rig=rig)), level=0.99)
+    >>> row = [p.name for p in model.parameters].index("m")
+    >>> print(f"{found.low[row]:.4f} to {found.high[row]:.4f} kg")
+    0.8997 to 0.9005 kg
     """
     residual, derivative = WhitenedProblem(fit.layout, fit.recordings, fit.noise).evaluate(fit.theta)
     pull = derivative @ fit.covariance if pull is None else pull

@@ -164,15 +164,54 @@ def fit(
 ) -> Fit | StreamedFit:
     """Estimate a model's parameters from one recording or several of the same rig and tool.
 
-    Every parameter is shared but the biases, which are recording-specific (`bias_fx@name`). The noise is estimated from
-    the recordings unless given; where it comes from the residual, fit and noise re-estimation are iterated. A sign
-    convention AUTO is decided from the recordings.
+    Every parameter is shared but the biases, which are recording-specific (`bias_fx@name`). A sign convention AUTO is
+    decided from the recordings.
 
-    With a `NoiseModel`, recordings or chunks are processed one by one and not kept in memory, on `executor`
-    (`concurrent.futures.Executor` or compatible) where given: see `estimation.streaming.streamed_fit`. `constraints`
-    are bounds, physical consistency of the tool and a prior: see `estimation.least_squares.constrained`. Raises
-    InputError when a recording lacks a signal that the model needs, the convention cannot be decided, the mass is
-    significantly negative under the stated convention, or chunks or an executor come without a `NoiseModel`.
+    Parameters
+    ----------
+    model : WrenchModel
+        The model, with its effects.
+    recordings : Recording or iterable of Recording, or of Chunk
+        Recordings with the model's channels and signals; with a `NoiseModel` also chunks.
+    noise : sequence of RecordingNoise, or NoiseModel, optional
+        Noise of each recording; by default it is estimated from the recordings. With a `NoiseModel`, recordings or
+        chunks are processed one by one and not kept in memory: see `estimation.streaming.streamed_fit`.
+    start : mapping of str to float, optional
+        Initial values of parameters by name, in their units; by default the parameters' own.
+    executor : Executor, optional
+        `concurrent.futures.Executor` or compatible that processes the parts under a `NoiseModel`; by default none.
+    constraints : Constraints, optional
+        Bounds, physical consistency of the tool and a prior; by default none, and not under a `NoiseModel`.
+
+    Returns
+    -------
+    Fit or StreamedFit
+        Parameters by name with std and unit, `theta` (k,) and its covariance (k, k); a `StreamedFit` with a
+        `NoiseModel`.
+
+    Raises
+    ------
+    InputError
+        When a recording lacks a signal that the model needs, the convention cannot be decided, the mass is
+        significantly negative under the stated convention, a parameter has no initial value, the constraints are
+        infeasible, or chunks or an executor come without a `NoiseModel`.
+
+    Notes
+    -----
+    Whitened nonlinear least squares by Levenberg-Marquardt. Where the noise comes from the residual, fit and noise
+    re-estimation are iterated.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> recording = tw.read("train.csv", rig=rig)
+    >>> found = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), recording)
+    >>> print(f"m = {found.values['m']:.2f} kg, c = {found.values['viscous_drag.c']:.2f} N s/m")
+    m = 0.90 kg, c = 0.15 N s/m
+    >>> white = tw.NoiseModel.white([0.15, 0.25, 0.012])
+    >>> type(tw.fit(tw.planar(rig), tw.chunks(recording, 1000), noise=white)).__name__
+    'StreamedFit'
     """
     if isinstance(noise, NoiseModel):
         return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=constraints)

@@ -78,7 +78,38 @@ class Comparison(Tabular):
 
 
 def compare(fit: Fit, recording: Recording | None = None) -> Comparison:
-    """Compare a fit with one of its recordings, or with a held-out one (validation fit: its biases re-estimated)."""
+    """Compare a fit with a recording: residual, noise floor, systematic error and a test of lack of fit.
+
+    Parameters
+    ----------
+    fit : Fit
+        A fit of a model to recordings.
+    recording : Recording, optional
+        One of the fit's recordings, by default the first; or a held-out one of the same rig and tool, on which the
+        biases alone are re-estimated (validation fit).
+
+    Returns
+    -------
+    Comparison
+        Residual (n, p), measured minus predicted, and RMS, noise floor and systematic error of each channel, N and N m;
+        reduced chi-square, and the p-value of "the residual is consistent with the noise" (`lack_of_fit`).
+
+    Raises
+    ------
+    InputError
+        When the recording lacks a signal that the model needs.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> fit = tw.fit(tw.planar(rig), tw.read("train.csv", rig=rig))
+    >>> found = tw.compare(fit, tw.read("validate.csv", rig=rig))
+    >>> {channel: round(rms, 2) for channel, rms in found.rms.items()}
+    {'fx': 0.5, 'fy': 0.27, 'tau': 0.06}
+    >>> found.lack_of_fit < 0.01
+    True
+    """
     if recording is None or recording in fit.recordings:
         number = 0 if recording is None else fit.recordings.index(recording)
         return comparison_of(fit, number)

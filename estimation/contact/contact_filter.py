@@ -29,15 +29,50 @@ FilterRow = Mapping[str, float] | ArrayLike
 class ContactFilter(Tabular):
     """Contact wrench row by row, the real-time counterpart of `compensate`.
 
-    At each sample `update` takes the current motion and reading and gives the contact wrench (p,), of the environment
-    on the tool with the signs and axes of `modeling.tool.wrench_components`, of `delay` seconds ago. One Savitzky-Golay
-    window over all columns gives the motion's value, rate and acceleration and smooths the reading, so that prediction
-    and reading have the same delay. The prediction passes the sensor's transfer function before it is subtracted from
-    the reading. The contact itself is not deconvolved: the sensor's group delay `late`, relative to the motion's clock,
-    adds to `delay`. A sensor that leads the motion makes `delay` longer.
-
-    The result is None for the first rows, until the window is full and the transfer function's initial transient has
+    At each sample `update` takes the current motion and reading and gives the contact wrench (p,), N and N m, of the
+    environment on the tool with the signs and axes of `modeling.tool.wrench_components`, of `delay` seconds ago. The
+    result is None for the first rows, until the window is full and the transfer function's initial transient has
     decayed (`warm_up`). A row with a missing value restarts the filter.
+
+    Parameters
+    ----------
+    fitted : Fit or CalibratedModel
+        The fitted model of the tool; recording-specific effects are dropped.
+    columns : sequence of str
+        Columns of a row besides the model's channels: motion and auxiliary, named as in FORMATS, SI.
+    window : LocalPolynomial
+        Window that differentiates the motion and smooths the reading; its `dt` is the sampling interval.
+    rig : Rig, optional
+        The kinematics that joint angles need.
+    zero : array (p,), optional
+        The readings' zero of this session, in the channels' units; by default the calibration's biases. Drift that
+        depends on a recorded column is added.
+
+    Raises
+    ------
+    InputError
+        When the model needs other signals, its transfer function cannot be run sample by sample, or `zero` is not one
+        finite number for each channel.
+
+    Notes
+    -----
+    One Savitzky-Golay window over all columns gives the motion's value, rate and acceleration and smooths the reading,
+    so that prediction and reading have the same delay. The prediction passes the sensor's transfer function before it
+    is subtracted from the reading. The contact itself is not deconvolved: the sensor's group delay `late`, relative to
+    the motion's clock, adds to `delay`. A sensor that leads the motion makes `delay` longer.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
+    >>> window = tw.LocalPolynomial.of_delay(0.05, dt=0.01)
+    >>> stream = tw.ContactFilter(fit, columns=["q1", "q2", "q3"], window=window, rig=rig)
+    >>> stream.columns, stream.warm_up
+    (('q1', 'q2', 'q3', 'fx', 'fy', 'tau'), 11)
+    >>> results = [stream.update([0, 0, 0.5, 15, 0.2, -1.3]) for _ in range(stream.warm_up)]
+    >>> results[0] is None, results[-1].shape
+    (True, (3,))
     """
 
     def __init__(
@@ -49,12 +84,7 @@ class ContactFilter(Tabular):
         rig: Rig | None = None,
         zero: ArrayLike | None = None,
     ) -> None:
-        """A filter for rows of `columns` (motion and auxiliary, named as in FORMATS) and the model's channels.
-
-        `zero` (p,) is the readings' zero of this session in the channels' units, by default the calibration's biases;
-        drift that depends on a recorded column is added. `rig` gives the kinematics that joint angles need.
-        Raises InputError when the model needs other signals, or its transfer function cannot be run sample by sample.
-        """
+        """A filter that has received no row."""
         self.calibration = (fitted if isinstance(fitted, CalibratedModel) else CalibratedModel.of(fitted)).lasting
         self.window = window
         model, theta = self.calibration.model, self.calibration.theta

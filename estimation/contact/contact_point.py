@@ -81,15 +81,45 @@ class ContactPoint(Tabular):
 
 
 def contact_point(wrench: Array, covariance: Array, surface: Surface) -> ContactPoint:
-    """Where on `surface` contact wrenches (n, 6) act: fcx .. tcz, N and N m, of the environment on the tool.
+    """Where on a surface of the tool contact wrenches act.
 
-    Torques are about the sensor origin; all in the sensor frame. A force f at r has the torque t = r x f, so that it
-    acts on the line r = f x t / |f|² + s f / |f| (the wrench's axis), and with t . f = 0. Of the points where the line
-    crosses the surface it is the one where the force pushes into the tool, f . n < 0 with n outward: the first that
-    the force meets. `covariance` (6, 6) or (n, 6, 6) is that of the wrenches. It propagates to the point by the
-    implicit function theorem (`_covariance`), and to the torsion t . u, u = f / |f|, by
-        d(t . u) = u . dt + (t - (t . u) u) . df / |f|.
-    Raises InputError when the wrenches do not have six components.
+    Parameters
+    ----------
+    wrench : array (n, 6)
+        Contact wrenches fcx .. tcz, N and N m, of the environment on the tool, about the sensor origin, in the sensor
+        frame.
+    covariance : array (6, 6) or (n, 6, 6)
+        Covariance of the wrenches, N², N² m and N² m².
+    surface : Surface
+        Surface of the tool in the sensor frame: `Sphere`, `Plane` or `Capsule`.
+
+    Returns
+    -------
+    ContactPoint
+        Point (n, 3), m, in the sensor frame, with covariance (n, 3, 3), and torsion (n,), N m, with its std. The point
+        is nan where the force is not twice its std, its line misses the surface, or it points out of the tool.
+
+    Raises
+    ------
+    InputError
+        When the wrenches do not have six components.
+
+    Notes
+    -----
+    A force f at r has the torque t = r x f, so that it acts on the line r = f x t / |f|² + s f / |f| (the wrench's
+    axis), and with t . f = 0. Of the points where the line crosses the surface it is the one where the force pushes
+    into the tool, f . n < 0 with n outward: the first that the force meets. The wrenches' covariance propagates to the
+    point by the implicit function theorem (`_covariance`), and to the torsion t . u, u = f / |f|, by d(t . u) = u . dt
+    + (t - (t . u) u) . df / |f|.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> covariance = [[1e-4 * (i == j) for j in range(6)] for i in range(6)]
+    >>> finger = tw.Capsule(start=(0, 0, 0), end=(0, 0, 0.2), radius=0.01)
+    >>> found = tw.contact_point([[0, -5, 0, 0.5, 0, 0]], covariance, finger)  # from +y, 0.1 m along the finger
+    >>> [round(float(x), 3) + 0 for x in found.point[0]]
+    [0.0, 0.01, 0.1]
     """
     wrench = np.asarray(wrench, dtype=float)
     if wrench.ndim != 2 or wrench.shape[1] != 6:

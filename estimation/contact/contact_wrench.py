@@ -162,14 +162,50 @@ def compensate(
     tip_length: float | None = None,
     false_alarms: float = LEVELS.contact,
 ) -> ContactWrench:
-    """The contact wrench of a recording: its readings less the fitted tool's load (22.13).
+    """The contact wrench of a recording: its readings less the fitted tool's load.
 
+    Parameters
+    ----------
+    fitted : Fit, StreamedFit or CalibratedModel
+        The fitted model of the tool; recording-specific effects are dropped.
+    recording : Recording
+        Recording with contact, with the model's channels.
+    keep_zero : bool, optional
+        Take the calibration's zero; by default that of this recording is estimated where the tool is free.
+    tip_length : float, optional
+        Distance of a planar contact from the sensor origin along the tip, m; by default the rig's.
+    false_alarms : float, optional
+        Probability of any detected contact interval in a recording without contact, by default 0.01.
+
+    Returns
+    -------
+    ContactWrench
+        Wrench (n, p), N and N m, of the environment on the tool, about the sensor origin, whatever the readings' signs,
+        with covariance (n, p, p) and the detected contact intervals.
+
+    Raises
+    ------
+    InputError
+        When the channels differ or a signal that the model needs is missing.
+
+    Notes
+    -----
     A reading is G (tool - contact) + zero, so that contact = G^-1 (predicted - measured), predicted with the zero of
-    this recording. The zero is the mean residual where the tool is free (`detect_contacts`), or the calibration's with
-    `keep_zero`; the parameters' covariance propagates about that zero, since an error in the weight moves the zero too.
-    The sensor's dynamics are not inverted, which would amplify the noise (`late`).
-    `tip_length` (m) is where a planar contact acts; by default the rig's.
-    Raises InputError when the channels differ or a signal that the model needs is missing.
+    this recording (22.13 in chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot
+    Manipulators", Bassi et al.). The zero is the mean residual where the tool is free (`detect_contacts`), or the
+    calibration's with `keep_zero`; the parameters' covariance propagates about that zero, since an error in the weight
+    moves the zero too. The sensor's dynamics are not inverted, which would amplify the noise (`late`).
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
+    >>> contact = tw.compensate(fit, tw.read("contact.csv", rig=rig))
+    >>> contact.names, contact.wrench.shape
+    (('fcx', 'fcy', 'tauc'), (2000, 3))
+    >>> [(round(contact.time_of(i.first), 1), round(contact.time_of(i.last), 1)) for i in contact.intervals]
+    [(1.5, 2.5), (6.5, 7.5), (11.5, 12.5), (16.5, 17.5)]
     """
     known = (fitted if isinstance(fitted, CalibratedModel) else CalibratedModel.of(fitted)).lasting
     check_channels(known.model, (recording,))

@@ -26,12 +26,40 @@ FREQUENCIES_PER_LOBE = 8
 
 @dataclass(frozen=True, kw_only=True)
 class LocalPolynomial:
-    """The polynomial of `degree` that fits 2 `half` + 1 samples, dt (s) apart, best by least squares.
+    """The polynomial that fits a window of samples best by least squares (Savitzky-Golay).
 
-    Its value and derivatives in the middle are `kernels` times the samples. They are symmetric, so that the phase is
-    linear and the delay `delay` = half dt at every frequency. Polynomials up to `degree` are reproduced exactly; by
-    symmetry, value and acceleration are exact for the next odd power too, the rate for the next even one.
-    Raises InputError when the window has too few samples for its polynomial, or the degree is below 2.
+    Its value and derivatives in the middle are `kernels` times the 2 `half` + 1 samples. `of_delay` and `of_bandwidth`
+    give the longest window for a delay or a bandwidth.
+
+    Parameters
+    ----------
+    half : int
+        Samples on either side of the middle one.
+    dt : float
+        Sampling interval, s.
+    degree : int, optional
+        Degree of the polynomial, by default 4.
+
+    Raises
+    ------
+    InputError
+        When the window has too few samples for its polynomial, the degree is below 2, or the step is not positive.
+
+    Notes
+    -----
+    The kernels are symmetric, so that the phase is linear and the delay `delay` = half dt at every frequency.
+    Polynomials up to `degree` are reproduced exactly; by symmetry, value and acceleration are exact for the next odd
+    power too, the rate for the next even one.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> window = tw.LocalPolynomial.of_delay(0.05, dt=0.01)
+    >>> window.samples, window.kernels.shape, round(window.bandwidth, 2)
+    (11, (3, 11), 16.17)
+    >>> value, rate, acceleration = window.kernels @ [(0.01 * i) ** 2 for i in range(11)]  # t², 0.05 s ago
+    >>> round(float(value), 4), round(float(rate), 4), round(float(acceleration), 4)
+    (0.0025, 0.1, 2.0)
     """
 
     half: int

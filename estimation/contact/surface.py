@@ -31,7 +31,27 @@ class Surface(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Sphere(Surface):
-    """A sphere, such as a probe's tip."""
+    """A sphere, such as a probe's tip.
+
+    Parameters
+    ----------
+    centre : array (3,)
+        Centre in the sensor frame, m.
+    radius : float
+        Radius, m.
+
+    Raises
+    ------
+    InputError
+        When the centre does not have three finite components, or the radius is not positive.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> tip = tw.Sphere(centre=(0, 0, 0.2), radius=0.01)
+    >>> tip.outward(tip.centre + [[0, 0.01, 0]]).round(6).tolist()
+    [[0.0, 1.0, 0.0]]
+    """
 
     centre: Array
     radius: float
@@ -55,7 +75,27 @@ class Sphere(Surface):
 
 @dataclass(frozen=True, eq=False)
 class Plane(Surface):
-    """A flat face of the tool through `point`, unbounded; `normal` points out of the tool."""
+    """A flat face of the tool, unbounded.
+
+    Parameters
+    ----------
+    point : array (3,)
+        A point of the plane in the sensor frame, m.
+    normal : array (3,)
+        Normal out of the tool in the sensor frame, of any length: it is scaled to 1.
+
+    Raises
+    ------
+    InputError
+        When a vector does not have three finite components, or the normal is zero.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> face = tw.Plane(point=(0, 0, 0.1), normal=(0, 0, 2))
+    >>> face.normal.tolist()
+    [0.0, 0.0, 1.0]
+    """
 
     point: Array
     normal: Array
@@ -82,7 +122,27 @@ class Plane(Surface):
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Surface):
-    """A cylinder of `radius` about the segment from `start` to `end`, closed by half spheres: a finger, a round tip."""
+    """A cylinder about a segment, closed by half spheres: a finger, a round tip.
+
+    Parameters
+    ----------
+    start, end : array (3,)
+        Ends of the segment in the sensor frame, m.
+    radius : float
+        Radius of cylinder and half spheres, m.
+
+    Raises
+    ------
+    InputError
+        When a vector does not have three finite components, or radius or length is not positive.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> finger = tw.Capsule(start=(0, 0, 0.02), end=(0, 0, 0.12), radius=0.008)
+    >>> round(finger.length, 3), finger.axis.tolist()
+    (0.1, [0.0, 0.0, 1.0])
+    """
 
     start: Array
     end: Array

@@ -72,15 +72,48 @@ def errors_in_variables_fit(
 ) -> ErrorsInVariables:
     """Estimate a model's parameters from recordings with noisy motion, and the bias of ordinary least squares.
 
-    `input_noise` is that of one sample of one repeat, the same in all recordings; unless given, it is measured from
-    the first recording that has repeats. Averaging over R repeats (22.12 in chapter 22, "Characterization of the
-    Dynamical Model of a Force Sensor for Robot Manipulators", Bassi et al.) leaves 1/R of its covariance. The weights
-    are those of the effective noise of readings and inputs; nothing is then lost against orthogonal regression
-    (`CorrectedScoreProblem` has the comparison). The covariance is the sandwich N^-1 V N^-1: the inverse information N
-    of the true signals is not the variance, since the gradient has the variance V, which includes the noise of the
-    regressor.
-    Raises InputError as `fit` does; when no input noise can be measured, or it belongs to no signal of the recordings;
-    and for models with dynamics, in which the noise of one sample affects many.
+    Parameters
+    ----------
+    model : WrenchModel
+        Model without dynamics, in which the noise of one sample would affect many.
+    recordings : Recording or iterable of Recording
+        Recordings of one rig and tool.
+    input_noise : InputNoise, optional
+        Noise of one sample of one repeat of the motion, the same in all recordings; by default it is measured from the
+        first recording that has repeats.
+    noise : sequence of RecordingNoise, optional
+        Noise of the readings per recording; by default it is estimated as in `fit`.
+    start : mapping of str to float, optional
+        Initial values of parameters by name, in their units; by default the parameters' own.
+
+    Returns
+    -------
+    ErrorsInVariables
+        The ordinary and the corrected fit with the same weights, the bias of the ordinary one by parameter, and the
+        smallest share of true motion in the information of any direction of the parameters (`reliability`).
+
+    Raises
+    ------
+    InputError
+        As `fit` does; when no input noise can be measured, or it belongs to no signal of the recordings; and for models
+        with dynamics.
+
+    Notes
+    -----
+    Averaging over R repeats (22.12 in chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot
+    Manipulators", Bassi et al.) leaves 1/R of the input noise's covariance. The weights are those of the effective
+    noise of readings and inputs; nothing is then lost against orthogonal regression (`CorrectedScoreProblem` has the
+    comparison). The covariance is the sandwich N^-1 V N^-1: the inverse information N of the true signals is not the
+    variance, since the gradient has the variance V, which includes the noise of the regressor.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> noise = tw.InputNoise.stated({"ddphi": 2.0})
+    >>> found = tw.errors_in_variables_fit(tw.planar(rig), tw.read("train.csv", rig=rig), input_noise=noise)
+    >>> found.bias["I"] < 0 < found.reliability < 1  # noise attenuates the inertia
+    True
     """
     first = fit(model, recordings, noise=noise, start=start)
     _require_no_dynamics(first)

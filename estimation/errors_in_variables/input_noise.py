@@ -21,10 +21,25 @@ REPEAT_ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class InputNoise:
-    """Noise of measured motion signals, white.
+    """White noise of measured motion signals.
 
-    names       signals of a recording's motion (columns of FORMATS), and `turn_x, turn_y, turn_z` for a quaternion
-    covariance  (s, s) of one sample of one repeat, in products of the signals' units (SI)
+    `stated` takes standard deviations, `measured` estimates it from the repeats of a recording.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Signals of a recording's motion (columns of FORMATS), and `turn_x, turn_y, turn_z` for a quaternion.
+    covariance : array (s, s)
+        Covariance of one sample of one repeat, in products of the signals' units (SI).
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> noise = tw.InputNoise.stated({"ax": 0.2, "dphi": 0.01})
+    >>> noise.names, noise.covariance.shape
+    (('ax', 'dphi'), (2, 2))
+    >>> print(noise)
+    ax 0.2 m/s², dphi 0.01 rad/s
     """
 
     names: tuple[str, ...]

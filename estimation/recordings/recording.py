@@ -34,11 +34,40 @@ class MotionForm(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
-    """n samples of a wrench (n, p) in N and N·m, and of the motion.
+    """Samples of a wrench and of the motion, as recorded; `read` gives it.
 
-    `columns` hold everything else that was recorded, SI, as read. `time` is uniform, in s, and starts at 0
-    (in every repeat when they are separate runs, `continuous` False); None when every row is a static pose.
-    The motion was run `repeats` times, with n / repeats samples each. `reading` tells how a log became this recording.
+    Parameters
+    ----------
+    name : str
+        Name of the file, for messages and recording-specific parameters (`bias_fx@name`).
+    channels : tuple of str
+        fx, fy, tau in the plane; fx, fy, fz, tx, ty, tz in six axes.
+    wrench : array (n, p)
+        Readings in N and N m, in the order of the channels, with the sensor's signs.
+    columns : mapping of str to array (n,)
+        Everything else that was recorded, SI, as read.
+    form : MotionForm
+        How the motion was recorded: joint angles, planar pose or pose.
+    time : array (n,) or None
+        Uniform, in s, from 0 on (in every repeat when they are separate runs, `continuous` False); None when every row
+        is a static pose.
+    repeats : int, optional
+        How often the motion was run, with n / repeats samples each; by default 1.
+    continuous : bool, optional
+        Whether the repeats follow each other without a pause, by default True.
+    rig : Rig, optional
+        The rig with its kinematics; by default none.
+    reading : ReadingReport, optional
+        How a log became this recording; by default none, as for a file with the columns of a recording.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> recording = tw.read("train.csv", rig=tw.Rig.read("rig.toml"))
+    >>> recording.samples, recording.repeats, round(recording.dt, 6)
+    (4000, 8, 0.01)
+    >>> sorted(recording.signals)[:4], recording.signals["ddphi"].shape
+    (['ax', 'ay', 'ddphi', 'ddq1'], (4000,))
     """
 
     name: str

@@ -54,12 +54,35 @@ REPEAT_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class RepeatTable(Tabular):
-    """Mean error and variance of each run, of their average and in validation; random and systematic part (erratum 6).
+    """Mean error and variance of each run, of their average and in validation; random and systematic part.
 
-    readings    one row per channel: measured minus predicted
-    motion      one row per recorded column of the motion: as read minus smoothed (`Recording.signals`). Its gain is
-                the effect of 22.12 on input noise: 1 for the quantisation of a resolver, which repeats
-    validation  one row per recording and channel
+    `of` makes it from a fit and one of its recordings; InputError when that recording's motion was not repeated.
+
+    Parameters
+    ----------
+    recording : str
+        Name of the recording.
+    readings : tuple of ErrorStatistics
+        One for each channel, N and N m: measured minus predicted.
+    motion : tuple of ErrorStatistics
+        One for each recorded column of the motion: as read minus smoothed (`Recording.signals`). Its gain is the effect
+        of 22.12 on input noise: 1 for the quantisation of a resolver, which repeats.
+    validation : tuple of ValidationRow, optional
+        One for each held-out recording and channel; by default none.
+
+    Notes
+    -----
+    22.12 in chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators" (Bassi et
+    al.); random and systematic part as in erratum 6 of PHYSICS.md.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
+    >>> found = tw.RepeatTable.of(fit)
+    >>> [(row.name, len(row.means), f"{row.averaging.noise:.2f} {row.unit}") for row in found.readings]
+    [('fx', 8, '0.15 N'), ('fy', 8, '0.25 N'), ('tau', 8, '0.01 N m')]
     """
 
     recording: str

@@ -87,21 +87,51 @@ def robust_fit(
     loss: Loss | None = None,
     start: Mapping[str, float] | None = None,
 ) -> RobustFit:
-    """Estimate a model's parameters with a robust loss (default Huber(1.345)) in place of squares.
+    """Estimate a model's parameters with a robust loss in place of squares.
 
+    Parameters
+    ----------
+    model : WrenchModel
+        The model, with its effects.
+    recordings : Recording or iterable of Recording
+        Recordings of one rig and tool.
+    loss : Loss, optional
+        `Huber` or `StudentT`; by default Huber(1.345).
+    start : mapping of str to float, optional
+        Initial values of parameters by name, in their units; by default the parameters' own.
+
+    Returns
+    -------
+    RobustFit
+        The M-estimate, the least-squares fit beside it, and the outliers of each recording.
+
+    Raises
+    ------
+    InputError
+        As `fit` does.
+
+    Notes
+    -----
     Outliers are local in time; whitened rows are Fourier lines or innovations, over which one outlier is spread. So
     rows are not weighted. Instead the readings are cleaned by the amount that the loss gives (`Outliers`), least
     squares and noise re-estimation use the cleaned readings, and both are iterated to convergence. The estimating
-    equation is then X' W' W (e - o(e)) = 0, W the whitening of the cleaned noise: for white noise Huber's sum
-    psi(e_t / s) x_t = 0 (his H-algorithm, "Robust regression", Ann. Statist. 1 (1973) 799-821).
+    equation is then X' W' W (e - o(e)) = 0, W the whitening of the cleaned noise: for white noise Huber's sum psi(e_t /
+    s) x_t = 0 (his H-algorithm, "Robust regression", Ann. Statist. 1 (1973) 799-821).
 
-    Covariance. With J = d(e - o)/de the linearised cleaning, the estimating equation has the derivative
-    H = X' W' W J X in theta and noise of covariance M = X' W' W X, as W whitens the cleaned noise:
-    H^-1 M H^-T = pull' pull with the influence pull = W X H^-T. For white noise J = diag(psi'), and this is the known
-    s² E psi² / (E psi')² (X'X)^-1.
+    Covariance. With J = d(e - o)/de the linearised cleaning, the estimating equation has the derivative H = X' W' W J X
+    in theta and noise of covariance M = X' W' W X, as W whitens the cleaned noise: H^-1 M H^-T = pull' pull with the
+    influence pull = W X H^-T. For white noise J = diag(psi'), and this is the known s² E psi² / (E psi')² (X'X)^-1.
 
     Unmodelled effects are downweighted only where neighbouring samples do not predict them: a smooth residual stays.
-    Raises InputError as `fit` does.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
+    >>> found = tw.robust_fit(model, tw.read("train.csv", rig=rig))
+    >>> found.converged, round(found.values["m"], 2), round(found.plain.values["m"], 2)
+    (True, 0.9, 0.9)
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     check_channels(model, several)

@@ -65,9 +65,30 @@ class Loss(ABC):
 
 @dataclass(frozen=True)
 class Huber(Loss):
-    """psi = u up to k and ±k beyond: squares within, absolute values outside. k = 1.345 is 95 % efficient.
+    """Huber's loss: squares within ±k, absolute values outside.
 
-    Raises InputError unless k is positive.
+    Parameters
+    ----------
+    k : float, optional
+        Corner of psi, in units of the noise's robust std; by default 1.345, which is 95 % efficient.
+
+    Raises
+    ------
+    InputError
+        Unless k is positive.
+
+    Notes
+    -----
+    psi = u up to k and ±k beyond.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> loss = tw.Huber()
+    >>> print(f"{loss.efficiency:.2f}")
+    0.95
+    >>> tw.Huber(k=2.0).psi([-3.0, 0.5, 10.0]).tolist()
+    [-2.0, 0.5, 2.0]
     """
 
     k: float = 1.345
@@ -95,10 +116,28 @@ class Huber(Loss):
 
 @dataclass(frozen=True)
 class StudentT(Loss):
-    """The score of Student's t, psi = u / (1 + u² / freedom), redescending: the influence of far outliers vanishes.
+    """The score of Student's t, redescending: the influence of far outliers vanishes.
 
-    Maximum likelihood for t noise whose scale is the unit of u. Raises InputError unless
-    `freedom` is positive.
+    Parameters
+    ----------
+    freedom : float, optional
+        Degrees of freedom, by default 4.
+
+    Raises
+    ------
+    InputError
+        Unless `freedom` is positive.
+
+    Notes
+    -----
+    psi = u / (1 + u² / freedom). Maximum likelihood for t noise whose scale is the unit of u.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> loss = tw.StudentT(freedom=4.0)
+    >>> [round(float(loss.psi(u)), 2) for u in (0.1, 2.0, 20.0)]
+    [0.1, 1.0, 0.2]
     """
 
     freedom: float = 4.0

@@ -20,10 +20,27 @@ Array = NDArray[np.float64]
 class CentreOfMass(Tabular):
     """The tool's centre of mass in the sensor frame, from the sensor origin.
 
-    axes        of the components: x, y, z; in the plane `tip` along the tip, and x' if the model has that component
-    value       (d,) m
-    covariance  (d, d) m², by the delta method: J C J' with J the derivative of first moment / mass
-    shown       (d,) whether it is identifiable
+    `of` gives that of a fit, with the model's effects on the body.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        Axes of the d components: x, y, z; in the plane `tip` along the tip, and x' if the model has that component.
+    value : array (d,)
+        Components, m.
+    covariance : array (d, d)
+        m², by the delta method: J C J' with J the derivative of first moment / mass.
+    shown : array (d,) of bool
+        Whether a component is identifiable.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
+    >>> centre = tw.CentreOfMass.of(fit)
+    >>> centre.axes, centre.value.round(3).tolist()
+    (('tip',), [0.07])
     """
 
     axes: tuple[str, ...]

@@ -25,13 +25,35 @@ which makes a direction identifiable always precedes one that only reduces varia
 
 @dataclass(frozen=True, eq=False)
 class PoseAdvice(Tabular):
-    """Identifiability from static poses, and the further poses that complete it.
+    r"""Identifiability from static poses, and the further poses that complete it.
 
-    fit       the fit, with at least one recording of static poses
-    never     parameters not identifiable from the recordings and any static poses
-    missing   parameters not identifiable from the recordings, but with further static poses
-    chosen    indices in `poses` of the poses chosen until all these are identifiable; the most informative one if none
-    after     std of every unknown with the chosen poses added, each once; infinite where not identifiable
+    `of` gives it for a fit; InputError when none of its recordings is of static poses.
+
+    Parameters
+    ----------
+    fit : Fit
+        The fit, with at least one recording of static poses.
+    poses : CandidatePoses
+        Poses of the rig to choose from.
+    never : tuple of str
+        Parameters not identifiable from the recordings and any static poses.
+    missing : tuple of str
+        Parameters not identifiable from the recordings, but with further static poses.
+    chosen : tuple of int
+        Indices in `poses` of the poses chosen until all these are identifiable; the most informative one if none is
+        missing.
+    after : mapping of str to float
+        Std of every unknown with the chosen poses added, each once, in its unit; infinite where not identifiable.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rows = [f"0.5,{-4.3 + 0.1 * (i % 2)},{-7.9 + 0.1 * (i % 3)},{-0.5 - 0.01 * (i % 2)}" for i in range(8)]
+    >>> with open("poses.csv", "w") as file:  # one pose, eight readings
+    ...     print("phi,fx,fy,tau", *rows, sep="\n", file=file)
+    >>> advice = tw.PoseAdvice.of(tw.fit(tw.planar(), tw.read("poses.csv")))
+    >>> advice.never, advice.missing, len(advice.chosen)
+    (('I',), ('bias_fx', 'bias_fy', 'bias_tau', 'm', 'mlg'), 1)
     """
 
     fit: Fit

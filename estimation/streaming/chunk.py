@@ -16,12 +16,31 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chunk:
-    """n samples of one run: the wrench (n, p) in N and N m, and a model's input signals (n,) by name, SI.
+    """Samples of one run: the wrench, and a model's input signals.
 
-    run      the run it is part of: chunks of one run share its zero, and may come in any order
-    history  leading rows that serve only as past values of coloured noise; 0 where the run begins
-    Signals are those of `Recording.signals`: phi, dphi, ddphi, ax, ay in the plane, for example.
-    Raises InputError for columns of different lengths and for rows that are all history.
+    Parameters
+    ----------
+    run : str
+        The run it is part of: chunks of one run share its zero, and may come in any order.
+    signals : mapping of str to array (n,)
+        Signals by name, SI, as those of `Recording.signals`: phi, dphi, ddphi, ax, ay in the plane, for example.
+    wrench : array (n, p)
+        Readings in N and N m.
+    history : int, optional
+        Leading rows that serve only as past values of coloured noise; by default 0, as where the run begins.
+
+    Raises
+    ------
+    InputError
+        For columns of different lengths and for rows that are all history.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> recording = tw.read("train.csv", rig=tw.Rig.read("rig.toml"))
+    >>> whole = tw.Chunk(run="monday", signals=recording.signals, wrench=recording.wrench)
+    >>> [(piece.history, len(piece.wrench)) for piece in whole.pieces(2000, overlap=20)]
+    [(0, 2000), (20, 2020)]
     """
 
     run: str
@@ -56,12 +75,35 @@ class Chunk:
 
 
 def chunks(recording: Recording, size: int, overlap: int = 0, *, run: str | None = None) -> Iterator[Chunk]:
-    """A recording in chunks of `size` samples, each with the `overlap` samples before it as history.
+    """A recording in chunks, each with the samples before it as history.
 
-    The overlap must be the noise's history (`NoiseModel.memory`), and the size a multiple of its block. Signals are
-    derived from the whole recording before it is cut. Repeats that are separate runs are cut apart, without history
-    from each other. `run` names the run if not the recording's name.
-    Raises InputError for a size below 1 or below the overlap.
+    Parameters
+    ----------
+    recording : Recording
+        The recording. Its signals are derived from the whole before it is cut.
+    size : int
+        Samples of a chunk after its history; a multiple of the noise's block.
+    overlap : int, optional
+        Samples of history, by default 0, as white noise needs; for coloured noise `NoiseModel.memory`.
+    run : str, optional
+        Name of the run, by default the recording's name.
+
+    Returns
+    -------
+    iterator of Chunk
+        Chunks in the order of time. Repeats that are separate runs are cut apart, without history from each other.
+
+    Raises
+    ------
+    InputError
+        For a size below 1 or below the overlap, on iteration.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> recording = tw.read("train.csv", rig=tw.Rig.read("rig.toml"))
+    >>> [(chunk.run, len(chunk.wrench)) for chunk in tw.chunks(recording, 2000, overlap=20)]
+    [('train.csv', 2000), ('train.csv', 2020)]
     """
     if not size >= max(overlap, 1) or overlap < 0:
         what = f"chunks of {size} samples with an overlap of {overlap}"

@@ -60,12 +60,42 @@ class LongLog:
 
 
 def read_chunks(path: str | Path, *, rig: Rig | None = None, size: int = ROWS_PER_CHUNK, overlap: int = 0) -> LongLog:
-    """The chunks of one run in a CSV or Parquet file with the motion's derivatives as columns (FORMATS, SI units).
+    r"""The chunks of one run in a CSV or Parquet file with the motion's derivatives as columns.
 
-    Joint angles need q1.., dq1.., ddq1.. and the rig's kinematics, a planar pose phi, dphi, ddphi, an orientation
-    wx.., alx..; without position, velocity and acceleration the sensor origin's acceleration is taken as zero. Signals
-    are used as recorded, where `read` smooths the motion over the whole run. The overlap is `NoiseModel.memory`.
-    Raises InputError for a size below 1 or the overlap, and, on iteration, for a file that is not such a log.
+    Joint angles need q1.., dq1.., ddq1.. and the rig's kinematics, a planar pose phi, dphi, ddphi, an orientation wx..,
+    alx..; without position, velocity and acceleration the sensor origin's acceleration is taken as zero. Signals are
+    used as recorded, where `read` smooths the motion over the whole run.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; columns as in FORMATS, SI units.
+    rig : Rig, optional
+        The kinematics that joint angles need; by default none.
+    size : int, optional
+        Rows of a chunk after its history, by default 65536.
+    overlap : int, optional
+        Rows of history, by default 0, as white noise needs; for coloured noise `NoiseModel.memory`.
+
+    Returns
+    -------
+    LongLog
+        Iterable over the chunks, repeatedly; the file is read piece by piece on each iteration.
+
+    Raises
+    ------
+    InputError
+        For a size below 1 or the overlap, and, on iteration, for a file that is not such a log.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rows = [f"{0.01 * i:.2f},0.1,0,0,-0.9,-8.8,-0.6" for i in range(300)]
+    >>> with open("log.csv", "w") as file:
+    ...     print("time,phi,dphi,ddphi,fx,fy,tau", *rows, sep="\n", file=file)
+    >>> log = tw.read_chunks("log.csv", size=200, overlap=10)
+    >>> log.channels, [(chunk.history, len(chunk.wrench)) for chunk in log]
+    (('fx', 'fy', 'tau'), [(0, 200), (10, 110)])
     """
     if not size >= max(overlap, 1) or overlap < 0:
         what = f"chunks of {size} rows with an overlap of {overlap}"

@@ -147,18 +147,48 @@ def survey(
 ) -> Survey:
     """Diagnose many recordings of one rig and tool, each by itself.
 
-    rig        the rig, or its file; required for joint angles
-    out        folder for survey.parquet, survey.html and the outcomes, from which an interrupted survey resumes; None
-               stores nothing
-    executor   a Dask client or any executor of `concurrent.futures`; workers read the recordings by absolute path
-    scheduler  instead, the address of a Dask scheduler; without either, a local cluster of `workers` processes
-    only       ids of the candidate effects; None is the whole catalogue
-    work       function of a task that returns its outcome
+    Parameters
+    ----------
+    recordings : iterable of str or Path
+        Files of the recordings.
+    rig : Rig, str or Path, optional
+        The rig, or its file; required for joint angles.
+    out : str or Path, optional
+        Folder for survey.parquet, survey.html and the outcomes, from which an interrupted survey resumes; by default
+        nothing is stored.
+    executor : Executor or DaskClient, optional
+        A Dask client or any executor of `concurrent.futures`; workers read the recordings by absolute path.
+    scheduler : str, optional
+        Instead, the address of a Dask scheduler; without either, a local cluster.
+    workers : int, optional
+        Processes of the local cluster; by default one for each core, at most one for each recording.
+    only : sequence of str, optional
+        Ids of the candidate effects; by default the whole catalogue.
+    progress : callable, optional
+        Called with one line of text; by default silent.
+    work : callable, optional
+        Function of a task that returns its outcome; by default the diagnosis.
 
-    A recording that cannot be diagnosed is a row with its error. Outcomes that an earlier survey stored in `out` for
-    the same recording, rig and version are reused.
-    Raises InputError for a rig or an effect that cannot be used, a folder that cannot be written, a scheduler that does
-    not answer.
+    Returns
+    -------
+    Survey
+        One row for each recording in their order. A recording that cannot be diagnosed is a row with its error.
+        Outcomes that an earlier survey stored in `out` for the same recording, rig and version are reused.
+
+    Raises
+    ------
+    InputError
+        For a rig or an effect that cannot be used, a folder that cannot be written, a scheduler that does not answer,
+        or more than one of executor, scheduler and workers.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> with ThreadPoolExecutor(1) as executor:
+    ...     found = tw.survey(["train.csv"], rig="rig.toml", only=["viscous_drag"], executor=executor)
+    >>> dict(found.verdicts), found.rows[0].outcome.added
+    ({'explained': 1}, ('viscous_drag',))
     """
     _require_one_executor(executor, scheduler, workers)
     paths = [Path(recording) for recording in recordings]

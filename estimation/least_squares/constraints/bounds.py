@@ -16,10 +16,28 @@ BOUNDS_REMEDY = "write name = [low, high], in the parameter's SI unit; inf leave
 
 @dataclass(frozen=True)
 class Bounds:
-    """Lower and upper bound of parameters by name, inclusive, in the parameters' units.
+    """Lower and upper bound of parameters by name, inclusive.
 
-    Equal bounds fix a parameter. With several recordings `bias_fx` is the first one's, `bias_fx@name` another's.
-    `where` names their source in an InputError.
+    `read` takes them from a TOML file, `from_data` from a dictionary of its layout; both check the intervals.
+
+    Parameters
+    ----------
+    intervals : mapping of str to (float, float)
+        Lower and upper bound in the parameter's unit, infinite for none; equal bounds fix a parameter. With several
+        recordings `bias_fx` is the first one's, `bias_fx@name` another's.
+    where : str, optional
+        Their source in an InputError, by default "bounds".
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> bounds = tw.Bounds({"m": (0.0, 0.9), "I": (0.0, float("inf"))})
+    >>> found = tw.fit(
+    ...     tw.planar(rig), tw.read("train.csv", rig=rig), constraints=tw.Constraints(bounds=bounds)
+    ... )
+    >>> round(found.values["m"], 6)
+    0.9
     """
 
     intervals: Mapping[str, tuple[float, float]]

@@ -17,8 +17,25 @@ from modeling.chain.pseudo_inertia import pseudo_inertia
 class Constraints:
     """Bounds of parameters, physical consistency of the tool, and a reference tool as prior; each is optional.
 
-    physical    the pseudo-inertia is positive semidefinite: some mass distribution has these moments
-    prior       implies physical consistency where its weight is not 0
+    Parameters
+    ----------
+    bounds : Bounds, optional
+        Lower and upper bounds of parameters; by default none.
+    physical : bool, optional
+        Whether the pseudo-inertia must be positive semidefinite: some mass distribution has these moments. By default
+        not.
+    prior : Prior, optional
+        Reference tool; implies physical consistency where its weight is not 0. By default none.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
+    >>> stated = tw.Constraints(bounds=tw.Bounds({"m": (0.89, 0.89)}), physical=True)
+    >>> found = tw.fit(model, tw.read("train.csv", rig=rig), constraints=stated)
+    >>> round(found.values["m"], 6), found.values["I"] > 0
+    (0.89, True)
     """
 
     bounds: Bounds | None = None

@@ -18,11 +18,29 @@ from modeling.errors import InputError
 
 @dataclass(frozen=True)
 class Prior:
-    """The moments of a reference tool by parameter name, and the weight of its divergence in the chi-square.
+    """The moments of a reference tool, and the weight of its divergence in the chi-square.
 
-    The weight is a precision: the reference counts like an independent measurement of each of the tool's principal
-    moments with a relative standard deviation of sqrt(2 / weight): 200 for 10 %, 20 000 for 1 %; 0 disables it. `where`
-    names the source in an InputError.
+    `read` takes them from a TOML file, `from_data` from a dictionary of its layout.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        Every moment of the reference tool by parameter name, in SI units: `m`, `mlg`, `I` in the plane.
+    weight : float
+        A precision: the reference counts like an independent measurement of each of the tool's principal moments with a
+        relative standard deviation of sqrt(2 / weight): 200 for 10 %, 20 000 for 1 %; 0 disables it.
+    where : str, optional
+        Their source in an InputError, by default "prior".
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
+    >>> prior = tw.Prior({"m": 0.9, "mlg": 0.063, "I": 0.0129}, weight=200)
+    >>> found = tw.fit(model, tw.read("train.csv", rig=rig), constraints=tw.Constraints(prior=prior))
+    >>> round(found.values["I"], 4)
+    0.0129
     """
 
     values: Mapping[str, float]
