@@ -175,7 +175,7 @@ def compensate(
     tip_length : float, optional
         Distance of a planar contact from the sensor origin along the tip, m; by default the rig's.
     false_alarms : float, optional
-        Probability of any detected contact interval in a recording without contact, by default 0.01.
+        Largest probability of any detected contact interval in a recording without contact, by default 0.01.
 
     Returns
     -------

@@ -17,6 +17,9 @@ from modeling.chain.pseudo_inertia import pseudo_inertia
 class Constraints:
     """Bounds of parameters, physical consistency of the tool, and a reference tool as prior; each is optional.
 
+    The fit raises InputError when a name is unknown, the tool's moments are not linear in the parameters, or the
+    constraints are infeasible together (it names an irreducible subset).
+
     Parameters
     ----------
     bounds : Bounds, optional
