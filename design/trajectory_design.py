@@ -105,22 +105,56 @@ def design(
 ) -> ExcitingTrajectory:
     """The most informative trajectory of a series for the model's parameters, within the limits of the rig.
 
-    model      the rigid tool of the rig when None; recording-specific disturbances, backlash, deflection and saturation
-               are left out
-    values     of the parameters by name, where the sensitivities depend on them
-    prior      sets of values for a Bayesian criterion (`DiscretePrior.around` a fit's covariance); None: at values
-    criterion  D-optimal when None
-    series     independent series of the joints with 12 harmonics in 5 s when None
-    samples    equally spaced readings of one run
-    noise      weight of the readings; None for unweighted SI
-    starts     random starts, from `seed`; None for 24, 48 of a series of few harmonics, or 6 where each takes long. The
-               best optima are refined
-    bounded    whether the upper bound is computed too, some ten seconds for three joints
-    executor   runs the starts and the bound's searches (any like `concurrent.futures.Executor`, see `optimise`); the
-               result is the same
+    Parameters
+    ----------
+    rig : Rig
+        The arm and its limits.
+    model : WrenchModel, optional
+        By default the rig's rigid tool; recording-specific disturbances, backlash, deflection and saturation are left
+        out.
+    values : mapping of str to float, optional
+        Parameters by name, where the sensitivities depend on them; by default nominal.
+    prior : DiscretePrior, optional
+        Sets of values for a Bayesian criterion (`DiscretePrior.around` a fit's covariance); by default at `values`.
+    criterion : Criterion, optional
+        By default D-optimal.
+    series : TrajectorySeries, optional
+        By default independent series of the joints with 12 harmonics in 5 s.
+    samples : int, optional
+        Equally spaced readings of one run.
+    noise : NoiseModel or ColouredNoise, optional
+        Weight of the readings; by default unweighted SI.
+    starts : int, optional
+        Random starts, of which the best optima are refined; by default 24, 48 of a series of few harmonics, or 6 where
+        each takes long.
+    seed : int, optional
+        Of the random starts, by default 0.
+    bounded : bool, optional
+        Whether the upper bound is computed too, some ten seconds for three joints; by default True.
+    executor : Executor, optional
+        Runs the starts and the bound's searches (any like `concurrent.futures.Executor`); the result is the same.
+    progress : callable, optional
+        Called while it works.
 
-    Raises InputError for a rig without arm or limits, too few samples, a model with parameters that are unidentifiable
-    along every trajectory of this arm, and limits that no trajectory keeps.
+    Returns
+    -------
+    ExcitingTrajectory
+        The trajectory, its value, bound, and use of the limits between the samples too.
+
+    Raises
+    ------
+    InputError
+        For a rig without arm or limits, too few samples, a model with parameters that are unidentifiable along every
+        trajectory of this arm, and limits that no trajectory keeps.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> series = tw.FreeSeries(joints=3, harmonics=(1, 2), period=5.0)
+    >>> plan = tw.design(rig, series=series, samples=40, starts=1, bounded=False)
+    >>> plan.logdet > 30
+    True
     """
     arm, limits = arm_and_limits(rig)
     designable = (model or (planar if arm.space is Space.PLANE else spatial)(rig)).designable

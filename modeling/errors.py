@@ -27,11 +27,28 @@ def suggestion(name: str, choices: Collection[str], shown: Callable[[str], str] 
 
 
 class TruewrenchError(Exception):
-    """Base class of all errors that this project raises deliberately."""
+    """Base class of all errors that this project raises deliberately.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> issubclass(tw.InputError, tw.TruewrenchError)
+    True
+    """
 
 
 class InputError(TruewrenchError):
-    """Invalid user input: what is wrong with it, where it is, and the remedy."""
+    """Invalid user input: what is wrong with it, where it is, and the remedy.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> try:
+    ...     tw.Rig.read("missing.toml")
+    ... except tw.InputError as error:
+    ...     print(error.where)
+    missing.toml
+    """
 
     def __init__(self, *, what: str, where: str, remedy: str) -> None:
         self.what, self.where, self.remedy = (" ".join(part.split()) for part in (what, where, remedy))

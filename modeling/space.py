@@ -12,7 +12,24 @@ FORCE_UNIT, TORQUE_UNIT = "N", "N m"
 
 
 def signals(*names: str) -> tuple[sp.Symbol, ...]:
-    """SymPy symbols of recorded or derived signals."""
+    """SymPy symbols of recorded or derived signals.
+
+    Parameters
+    ----------
+    *names : str
+        As in a recording's columns, or those derived from them.
+
+    Returns
+    -------
+    tuple of Symbol
+        Real symbols of these names.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> tw.signals("phi", "dphi")
+    (phi, dphi)
+    """
     return tuple(sp.Symbol(name, real=True) for name in names)
 
 

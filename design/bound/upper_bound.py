@@ -67,19 +67,60 @@ def upper_bound(
     executor: Executor | None = None,
     progress: GenerationProgress | None = None,
 ) -> DualityBound:
-    """An upper bound on ln det of the information of `samples` samples of any periodic trajectory within the limits.
+    """An upper bound on ln det of the information of any periodic trajectory within the limits.
 
+    Parameters
+    ----------
+    model : WrenchModel
+        The model whose parameters are to be estimated.
+    arm : Arm
+        A planar arm of at most 4 joints.
+    limits : Limits
+        Of joint position, velocity and acceleration; rad, rad/s, rad/s².
+    samples : int
+        Readings of one run.
+    values : mapping of str to float, optional
+        Parameters by name, for effects whose columns depend on them; nominal where not named.
+    noise : NoiseModel, optional
+        Weights of the readings; by default unweighted SI.
+    degrees : PolynomialDegrees, optional
+        Of the conditions: higher ones are tighter and take longer.
+    effort : Effort, optional
+        Tolerances, starts and time of the search and the proof.
+    seed : int, optional
+        Of the random starts, by default 0.
+    executor : Executor, optional
+        Runs the searches in parallel; the result is the same.
+    progress : callable, optional
+        Called after every round.
+
+    Returns
+    -------
+    DualityBound
+        The bound, proven or checked, with the measure on states that attains the dual's optimum.
+
+    Raises
+    ------
+    InputError
+        For an arm that is not planar or has more than 4 joints, limits of another number of joints or without zero
+        inside, and models whose columns are not affine in ddq or do not follow from the state alone.
+
+    Notes
+    -----
     The D-optimal measure on the viable states, under conditions that every periodic trajectory meets
     (`PeriodicityConditions`), by column generation on its dual; then a search for the largest F from fresh starts, and
     a proof if requested.
 
-    values    of the parameters by name, for effects whose columns depend on them (nominal where not named)
-    noise     weights of the readings; None for unweighted SI
-    degrees   of the conditions: higher ones are tighter and take longer
-    progress  is called after every round
-
-    Raises InputError for an arm that is not planar or has more than 4 joints, limits of another number of joints or
-    without zero inside, and models whose columns are not affine in ddq or do not follow from the state alone.
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> from pathlib import Path
+    >>> limits = "[limits]\\nposition = [1.2]\\nvelocity = [2.5]\\nacceleration = [12.0]\\n"
+    >>> _ = Path("one.toml").write_text(f"[robot]\\nlink_lengths = [0.4]\\n{limits}")
+    >>> one = tw.Rig.read("one.toml")
+    >>> bound = tw.upper_bound(tw.planar(one), one.arm, one.limits, samples=40)
+    >>> bound.logdet > 0
+    True
     """
     _require_planar(arm, limits)
     effort, rng = effort or Effort(), np.random.default_rng(seed)

@@ -11,10 +11,21 @@ from design.criteria.symbolic_cholesky import symbolic_pivots
 
 @dataclass(frozen=True)
 class DOptimal(Criterion):
-    """ln det M: the volume of the confidence ellipsoid of all parameters, which is exp(-value / 2) times a constant.
+    """D-optimality: ln det M, M the information on all k parameters.
 
+    The volume of their confidence ellipsoid is exp(-value / 2) times a constant.
+
+    Notes
+    -----
     A change of parameters theta = A eta adds 2 ln |det A| to every design alike, so that neither units nor the choice
-    of parameters matters. With efficiency exp((value - best) / k) (FORMATS). Gradient M^-1.
+    of parameters matters. The efficiency of a design is exp((value - best) / k).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import truewrench as tw
+    >>> round(tw.DOptimal().value(np.diag([4.0, 1.0])), 4)
+    1.3863
     """
 
     name = "ln det M"

@@ -12,12 +12,25 @@ from modeling.errors import InputError
 
 @dataclass(frozen=True)
 class Subset(Criterion):
-    """ln det of the information on some parameters with all others free: ln det M - ln det M_nn = ln det of the Schur
-    complement M_ss - M_sn M_nn^-1 M_ns, n the nuisance parameters (Atkinson, Donev and Tobias 2007, section 10.3).
+    """Ds-optimality: ln det of the information on some parameters with all others free.
 
-    `indices` are those of the s parameters of interest. The criterion is invariant, up to a constant, under regular
-    linear maps of the nuisance parameters and of the parameters of interest among themselves. Gradient
-    M^-1 - diag(0, M_nn^-1).
+    Parameters
+    ----------
+    indices : tuple of int
+        Positions of the s parameters of interest; all others are nuisance parameters.
+
+    Notes
+    -----
+    ln det M - ln det M_nn = ln det of the Schur complement M_ss - M_sn M_nn^-1 M_ns, n the nuisance parameters
+    (Atkinson, Donev and Tobias 2007, section 10.3). It is invariant, up to a constant, under regular linear maps of the
+    nuisance parameters and of the parameters of interest among themselves.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import truewrench as tw
+    >>> round(tw.Subset(indices=(0,)).value(np.array([[4.0, 1.0], [1.0, 1.0]])), 4)
+    1.0986
     """
 
     indices: tuple[int, ...]

@@ -11,13 +11,36 @@ from modeling.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class EOptimal(ScaledCriterion):
-    """-(1/p) ln tr C^p, C the covariance of theta_i / scale_i and p = `power`: a smooth ln of the smallest eigenvalue.
+    """E-optimality, smooth: -(1/p) ln tr C^p, C the covariance of theta_i / scale_i.
 
-    The information in the least determined direction is lambda = 1 / largest eigenvalue of C. From
-    max^p <= sum of k p-th powers <= k max^p: value <= ln lambda <= value + ln(k) / p. So the value is a lower bound,
-    too low by 0.17 at most for k = 16 and p = 16 (8 % in standard error); it is infinitely often differentiable where
-    the eigenvalue itself is not. (tr M^-p)^(-1/p) is a matrix mean: concave (Pukelsheim 1993,
-    chapter 6). Powers are taken of N = C / tr C, whose eigenvalues are at most 1, so that nothing overflows.
+    A lower bound on the logarithm of the information in the least determined direction.
+
+    Parameters
+    ----------
+    scale : array (k,)
+        Positive, in the parameters' units: errors of that size matter equally.
+    power : int, optional
+        The p above, by default 16.
+
+    Raises
+    ------
+    InputError
+        For a scale that is not positive.
+
+    Notes
+    -----
+    The information in the least determined direction is lambda = 1 / largest eigenvalue of C. From max^p <= sum of k
+    p-th powers <= k max^p: value <= ln lambda <= value + ln(k) / p. So the value is too low by 0.17 at most for k = 16
+    and p = 16 (8 % in standard error); it is infinitely often differentiable where the eigenvalue itself is not. (tr
+    M^-p)^(-1/p) is a matrix mean: concave (Pukelsheim 1993, chapter 6). Powers are taken of N = C / tr C, whose
+    eigenvalues are at most 1, so that nothing overflows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import truewrench as tw
+    >>> round(tw.EOptimal(scale=[1.0, 1.0]).value(np.diag([4.0, 1.0])), 4)
+    -0.0
     """
 
     power: int = 16

@@ -105,20 +105,68 @@ def discriminate(
 ) -> DiscriminationDesign:
     """The T-optimal trajectory of a series, within the limits of the rig, to discriminate a model from its rivals.
 
-    truth, values  the model taken as true, its parameters by name: from a model file or a fit
-    rivals         alternative models (`with_effect_replaced`, `rival_models`); their parameters are those of their fit
-                   to the truth along the reference
-    samples        equally spaced readings of one run, of `noise`
-    reference      the trajectory along which they were not discriminated, or a `WhitenedPrediction` of its signals;
-                   without one, rivals are fitted along some random trajectories together, and lambda before is the
-                   median over these
-    runs           number of runs of the trajectory
-    executor       runs the starts in parallel (processes; see `optimise`)
-
     Both directions count: the rival's fit to the truth and, with the rival true, the truth's fit to it. A pair that no
-    trajectory discriminates in a realistic number of runs does not influence the trajectory for the others. Raises
-    InputError for a rig without arm or limits, a recording-specific effect, a signal that does not follow from the
-    joints, and values at which the truth's prediction equals a rival's.
+    trajectory discriminates in a realistic number of runs does not influence the trajectory for the others.
+
+    Parameters
+    ----------
+    rig : Rig
+        The arm and its limits.
+    truth : WrenchModel
+        The model taken as true.
+    values : mapping of str to float
+        Its parameters by name: from a model file or a fit.
+    rivals : sequence of WrenchModel
+        Alternative models; their parameters are those of their fit to the truth along the reference.
+    series : TrajectorySeries
+        The family of trajectories.
+    samples : int
+        Equally spaced readings of one run.
+    noise : NoiseModel or ColouredNoise
+        Noise of the readings.
+    reference : Trajectory, optional
+        The trajectory along which they were not discriminated, or a `WhitenedPrediction` of its signals; by default
+        rivals are fitted along some random trajectories together, and lambda before is the median over these.
+    runs : int, optional
+        Number of runs of the trajectory, by default 1.
+    starts : int, optional
+        Random starts.
+    seed : int, optional
+        Of the random starts, by default 0.
+    executor : Executor, optional
+        Runs the starts in parallel (any like `concurrent.futures.Executor`); the result is the same.
+    progress : callable, optional
+        Called after every exchange.
+
+    Returns
+    -------
+    DiscriminationDesign
+        The trajectory, and the noncentrality and detection probability of every pair along it.
+
+    Raises
+    ------
+    InputError
+        For a rig without arm or limits, a recording-specific effect, a signal that does not follow from the joints, and
+        values at which the truth's prediction equals a rival's.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> truth, rival = tw.planar(rig) + tw.effects.viscous_drag(), tw.planar(rig) + tw.effects.quadratic_drag()
+    >>> values = {"m": 0.8, "mlg": 0.08, "I": 0.013, "viscous_drag.c": 1.0, "viscous_drag.d": 0.15}
+    >>> found = tw.discriminate(
+    ...     rig,
+    ...     truth,
+    ...     values,
+    ...     [rival],
+    ...     series=tw.FreeSeries(joints=3, harmonics=(1, 2), period=5.0),
+    ...     samples=40,
+    ...     noise=tw.NoiseModel.white([0.1, 0.1, 0.01]),
+    ...     starts=1,
+    ... )
+    >>> len(found.pairs)
+    1
     """
     setting = DesignSetting.of(rig, series=series, samples=samples, noise=noise)
     truth, *rivals = (model.with_arm(setting.arm) for model in (truth, *rivals))

@@ -78,8 +78,30 @@ class FourierSeries(TrajectorySeries):
 class FreeSeries(FourierSeries):
     """Independent joints: q_j(t) = offset_j + sum_h sine_jh sin(h w t) + cosine_jh cos(h w t).
 
-    Coefficients: joint by joint the offset (unless `offset` is False), the sines and the cosines of the harmonics, in
-    the coordinate's unit. period in s. Raises InputError for a period or harmonics that are not positive.
+    Coefficients: joint by joint the offset, the sines and the cosines of the harmonics, in the coordinate's unit.
+
+    Parameters
+    ----------
+    joints : int
+        Number n of joints.
+    harmonics : tuple of int
+        Multiples h of the fundamental frequency w = 2 pi / period.
+    period : float
+        In s.
+    offset : bool, optional
+        Whether each joint has an offset, by default True.
+
+    Raises
+    ------
+    InputError
+        For a period or harmonics that are not positive.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> series = tw.FreeSeries(joints=3, harmonics=(1, 2, 3), period=5.0)
+    >>> series.size
+    21
     """
 
     joints: int
@@ -115,13 +137,34 @@ class FreeSeries(FourierSeries):
 
 @dataclass(frozen=True, kw_only=True)
 class PaperSeries(FourierSeries):
-    """The trajectory of equation 22.10, for n joints: sines and cosines of harmonics 1..3 shared by all joints, and
-    sines of harmonics 4..6 for each.
+    """The trajectory of equation 22.10, for n joints.
 
-    Coefficients in rad: x1..x3 the shared sines, x4..x6 the shared cosines, then three sines joint by joint, x7..x9,
-    x10..x12 and x13..x15 of the chapter's arm. Of the four natural orders of x1..x6 only this one gives x_opt of
-    22.17 joint peaks of 42, 44 and 35 degrees (sine and cosine interleaved: 45, 44 and 34). period in s. Raises
-    InputError when it is not positive.
+    Sines and cosines of harmonics 1..3 shared by all joints, and sines of harmonics 4..6 for each. Coefficients in rad:
+    x1..x3 the shared sines, x4..x6 the shared cosines, then three sines joint by joint, x7..x9, x10..x12 and x13..x15
+    of the chapter's arm.
+
+    Parameters
+    ----------
+    joints : int, optional
+        Number n of joints, by default 3.
+    period : float
+        In s.
+
+    Raises
+    ------
+    InputError
+        For a period that is not positive.
+
+    Notes
+    -----
+    Of the four natural orders of x1..x6 only this one gives x_opt of 22.17 joint peaks of 42, 44 and 35 degrees (sine
+    and cosine interleaved: 45, 44 and 34).
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> tw.PaperSeries(period=10.0).size
+    15
     """
 
     joints: int = 3

@@ -19,12 +19,31 @@ SMOOTH_STEP = BPoly(np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])[:, None],
 
 @dataclass(frozen=True, kw_only=True)
 class RestToRest(TrajectorySeries):
-    """A posture plus ramp(t) times a trajectory of an inner periodic series: at rest at both ends, over its period.
+    """A posture plus a ramp times a trajectory of an inner periodic series: at rest at both ends of its period.
 
-    The ramp rises from 0 to 1 in the first `ramp` seconds and falls in the last, smooth to its third derivative, so
-    that velocity, acceleration and jerk are exactly zero at both ends; between, the trajectory is the inner one.
-    Repeated, it is periodic and as smooth. Coefficients: the posture of both ends (n,), then the inner ones. Raises
-    InputError when the inner series is not periodic or the ramps do not fit into its period.
+    The ramp rises from 0 to 1 in the first seconds and falls in the last, smooth to its third derivative, so that
+    velocity, acceleration and jerk are exactly zero at both ends; between, the trajectory is the inner one. Repeated,
+    it is periodic and as smooth. Coefficients: the posture of both ends (n,), then the inner ones.
+
+    Parameters
+    ----------
+    inner : TrajectorySeries
+        The periodic series.
+    ramp : float
+        Time of the rise and of the fall, s.
+
+    Raises
+    ------
+    InputError
+        When the inner series is not periodic or the ramps do not fit into its period.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> inner = tw.FreeSeries(joints=3, harmonics=(1, 2), period=5.0)
+    >>> series = tw.RestToRest(inner=inner, ramp=0.5)
+    >>> series.size - inner.size
+    3
     """
 
     inner: TrajectorySeries

@@ -21,11 +21,32 @@ HIGHEST_DEGREE = 9
 
 @dataclass(frozen=True, kw_only=True)
 class SplineSeries(TrajectorySeries):
-    """Joints that each follow a periodic spline of a degree, by its values of `knots` uniform B-splines.
+    """Joints that each follow a periodic spline, by its values of uniform B-splines.
 
     Coefficients joint by joint, in the coordinate's unit; the functions are nonnegative and add up to one, so that a
-    spline stays between its coefficients. period in s. Raises InputError for a period that is not positive, a
-    degree below 2 or above 9, or no more knots than the degree.
+    spline stays between its coefficients.
+
+    Parameters
+    ----------
+    joints : int
+        Number n of joints.
+    knots : int
+        Number of B-splines of each joint.
+    degree : int, optional
+        Of the polynomials, 2 to 9, by default 5.
+    period : float
+        In s.
+
+    Raises
+    ------
+    InputError
+        For a period that is not positive, a degree below 2 or above 9, or no more knots than the degree.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> tw.SplineSeries(joints=3, knots=12, period=5.0).size
+    36
     """
 
     joints: int

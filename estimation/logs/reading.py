@@ -27,9 +27,40 @@ def read(
 
     One CSV or Parquet file with the columns of FORMATS is read as it stands, and anything wrong with it is an error.
     All else is what robots write, and read as `truewrench import` does: any separator, compression, Excel, MATLAB,
-    NumPy, HDF5 and ROS bags; `preset` names a layout, `map` a TOML file of columns and units (also [columns] of the
-    rig), `period` (s) cuts repeats. What was done is in `Recording.reading`; `strict` refuses what has to be mended.
-    Raises InputError, in one line, for whatever cannot be a recording.
+    NumPy, HDF5 and ROS bags. What was done is in `Recording.reading`.
+
+    Parameters
+    ----------
+    *sources : str or Path
+        One file; or several, each with some of the columns, on their own clocks.
+    rig : Rig, optional
+        The kinematics that joint angles need, and [columns], names of the log's columns.
+    preset : str, optional
+        Name of a layout; by default recognised.
+    map : str or Path or ColumnMap, optional
+        TOML file of columns and units.
+    period : float, optional
+        Period of the motion, s, to cut repeats.
+    strict : bool, optional
+        Refuse what has to be mended; by default False.
+
+    Returns
+    -------
+    Recording
+        Wrench (n, p), N and N m, motion and auxiliary columns, SI.
+
+    Raises
+    ------
+    InputError
+        In one line with file and row or column, for whatever cannot be a recording. Rows are counted with a CSV's
+        header as row 1.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> recording = tw.read("train.csv", rig=tw.Rig.read("rig.toml"))
+    >>> recording.channels, recording.wrench.shape, recording.repeats
+    (('fx', 'fy', 'tau'), (4000, 3), 8)
     """
     as_it_stands = preset is None and map is None and period is None and not (rig is not None and rig.columns)
     if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):

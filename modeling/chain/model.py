@@ -96,11 +96,37 @@ QUARTER_TURNS = _quarter_turns()
 class WrenchModel:
     """Model of the readings of a wrist sensor that carries a rigid tool, with the given effects.
 
-    reading = clip(H(s) play(load(signals; parameters)) + bias(signals; parameters)), most terms absent in most models;
-    planar and six-axis models are two instances (`space`). `convention` is the sign of the readings: ON_TOOL is
-    F = m (a - g) (22.8, Bassi et al., in the plane), ON_SENSOR its negative, AUTO is estimated before a fit. `mirror_y`
-    inverts the y channel. `mounting` are the rows of the rotation by multiples of 90° from the axes of the motion to
-    those of the readings; other angles are an effect (`sensor_rotation`). Effects of joints and links act on `arm`.
+    `planar` and `spatial` give one; `model + effect` is a model again.
+
+    Parameters
+    ----------
+    space : Space
+        Plane or six axes.
+    gravity : float, optional
+        m/s², by default 9.80665.
+    convention : Convention, optional
+        Sign of the readings: ON_TOOL is F = m (a - g) (22.8, Bassi et al., in the plane) and the default, ON_SENSOR its
+        negative, AUTO is estimated before a fit.
+    mirror_y : bool, optional
+        Whether the y channel is inverted, by default False.
+    mounting : rows of a rotation, optional
+        By multiples of 90° from the axes of the motion to those of the readings; other angles are an effect
+        (`sensor_rotation`).
+    effects : tuple of Effect, optional
+        In the order of addition.
+    arm : Arm, optional
+        On which effects of joints and links act.
+
+    Notes
+    -----
+    reading = clip(H(s) play(load(signals; parameters)) + bias(signals; parameters)), most terms absent in most models.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> model = tw.planar() + tw.effects.viscous_drag()
+    >>> [p.name for p in model.parameters][-2:]
+    ['viscous_drag.c', 'viscous_drag.d']
     """
 
     space: Space
@@ -280,15 +306,48 @@ class WrenchModel:
 
 
 def planar(rig: Rig | None = None) -> WrenchModel:
-    """The planar model of 22.6: bias_fx, bias_fy, bias_tau, m, mlg, I, with the rig's gravity and signs.
+    """The planar model of 22.6, with the rig's gravity and signs.
 
-    Readings are `on_tool` unless the rig states otherwise.
+    Parameters
+    ----------
+    rig : Rig, optional
+        Gives gravity (m/s²), signs and arm; by default standard gravity and readings `on_tool`.
+
+    Returns
+    -------
+    WrenchModel
+        Parameters bias_fx, bias_fy, bias_tau, m, mlg, I; N, N m, kg, kg m, kg m².
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> model = tw.planar()
+    >>> [p.name for p in model.parameters][3:]
+    ['m', 'mlg', 'I']
     """
     return _of_rig(Space.PLANE, rig, Convention.ON_TOOL)
 
 
 def spatial(rig: Rig | None = None) -> WrenchModel:
-    """The six-axis model: six biases and ten inertial parameters; its sign is estimated unless stated."""
+    """The six-axis model; its sign is estimated unless the rig states it.
+
+    Parameters
+    ----------
+    rig : Rig, optional
+        Gives gravity (m/s²), signs and arm; by default standard gravity.
+
+    Returns
+    -------
+    WrenchModel
+        Six biases (N, N m) and ten inertial parameters (kg, kg m, kg m²) about the sensor origin, in its frame.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> model = tw.spatial()
+    >>> [p.name for p in model.parameters][6:10]
+    ['m', 'mx', 'my', 'mz']
+    """
     return _of_rig(Space.SPACE, rig, Convention.AUTO)
 
 

@@ -34,12 +34,30 @@ SPECTRUM_POINTS = 4096
 class NoiseModel(StationaryNoise):
     """Gaussian autoregressive noise of p channels: noise[t] = sum_i a_i noise[t-i] + innovation.
 
-    covariance    (p, p) of the innovations, in the products of the channels' units
-    coefficients  (order, p) a_i of each channel; (0, p) for white noise
-    block         samples averaged into one first; the autoregression is that of these averages
-    source        what the estimate rests on
-    sample_std    (p,) of one sample, where that does not follow from the other fields
-    Raises InputError for a covariance that is not positive definite.
+    Parameters
+    ----------
+    covariance : array (p, p)
+        Of the innovations, in the products of the channels' units.
+    coefficients : array (order, p), optional
+        The a_i of each channel; by default none, white noise.
+    block : int, optional
+        Samples averaged into one first, by default 1; the autoregression is that of these averages.
+    source : NoiseSource, optional
+        What the estimate rests on; by default the rig.
+    sample_std : array (p,), optional
+        Std of one sample, where that does not follow from the other fields.
+
+    Raises
+    ------
+    InputError
+        For a covariance that is not positive definite.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> noise = tw.NoiseModel.white([0.1, 0.1, 0.01])
+    >>> noise.is_white, noise.covariance.shape
+    (True, (3, 3))
     """
 
     covariance: Array

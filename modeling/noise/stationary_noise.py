@@ -42,15 +42,33 @@ class StationaryNoise(ABC):
 
 @dataclass(frozen=True, eq=False)
 class ColouredNoise(StationaryNoise):
-    """Noise with a spectrum: `covariance` (F, p, p), Hermitian, at the frequencies (F,) in Hz, increasing from zero.
+    """Stationary noise of p channels with a spectrum.
 
-    Normalised so that white noise has the covariance of one sample at every frequency: the two-sided spectral density
-    times the sampling rate. Interpolated linearly, constant beyond the last frequency. One period of N samples has the
-    information sum over its lines of S(f)^H C(f)^-1 S(f), S(f) the orthonormal discrete Fourier transform of
-    the sensitivities: that of generalised least squares for noise that is stationary over the period, since the lines
-    of stationary noise are independent of one another (exactly for periodic noise, else up to leakage of its
-    correlation time over the record). With C(f) = L L^H it is the sum of squares of L^-1 S(f), which is a series in
-    time again.
+    Interpolated linearly, constant beyond the last frequency.
+
+    Parameters
+    ----------
+    frequency : array (F,)
+        In Hz, increasing from zero.
+    covariance : array (F, p, p)
+        Hermitian. Normalised so that white noise has the covariance of one sample at every frequency: the two-sided
+        spectral density times the sampling rate.
+
+    Notes
+    -----
+    One period of N samples has the information sum over its lines of S(f)^H C(f)^-1 S(f), S(f) the orthonormal discrete
+    Fourier transform of the sensitivities: that of generalised least squares for noise that is stationary over the
+    period, since the lines of stationary noise are independent of one another (exactly for periodic noise, else up to
+    leakage of its correlation time over the record). With C(f) = L L^H it is the sum of squares of L^-1 S(f), which is
+    a series in time again.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import truewrench as tw
+    >>> noise = tw.ColouredNoise(np.array([0.0, 10.0]), np.array([[[4.0]], [[1.0]]]))
+    >>> noise.whitened(np.ones((2, 1)), 0.05).round(3).tolist()
+    [[0.5], [0.5]]
     """
 
     frequency: Array

@@ -77,10 +77,39 @@ class SensorDescription:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
-    """A robot with a wrist sensor. Lengths in m, gravity in m/s²; a rig without a robot is valid.
+    """A robot with a wrist sensor, as a rig file describes it; a rig without a robot is valid.
 
-    `urdf` is the path as given, `spatial_arm` the kinematic chain read from it up to `sensor_frame`.
-    `columns` names the columns of this rig's logs, as a map of `truewrench import` does.
+    Parameters
+    ----------
+    name : str, optional
+        For messages.
+    link_lengths : tuple of float, optional
+        Of a planar arm, m.
+    urdf : str, optional
+        Path of the arm's URDF, as given.
+    sensor_frame : str, optional
+        Link of the URDF that carries the sensor.
+    spatial_arm : SpatialArm, optional
+        The kinematic chain read from the URDF up to `sensor_frame`.
+    tip_length : float, optional
+        From the sensor origin to the end of the tool, m.
+    gravity : float, optional
+        m/s², by default 9.80665.
+    limits : Limits, optional
+        Of joint position, velocity and acceleration; rad, rad/s, rad/s².
+    workspace : Workspace, optional
+        Where the tip has to stay, m.
+    sensor : SensorDescription, optional
+        Noise, range, convention and tolerance of the sensor, where stated.
+    columns : mapping, optional
+        Names of the columns of this rig's logs, as in a map of `truewrench import`.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> rig.link_lengths, rig.gravity
+    ((1.0, 0.97, 0.4), 9.806)
     """
 
     name: str = ""

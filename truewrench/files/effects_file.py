@@ -20,11 +20,40 @@ REMEDY = "write each effect as a table [[effect]]"
 
 
 def read_effects(path: str | Path) -> tuple[CustomEffect, ...]:
-    """Custom effects of a TOML file, each an [[effect]] table (see `CustomEffect`), in order.
+    '''Custom effects of a TOML file, each an [[effect]] table (see `CustomEffect`), in order.
 
     The file is data: formulas are parsed to a syntax tree of a white list and never executed.
-    Raises InputError, in one line that names effect, key and column, for an invalid file.
-    """
+
+    Parameters
+    ----------
+    path : str or Path
+        The effects file.
+
+    Returns
+    -------
+    tuple of CustomEffect
+        Effects to add to a model, or candidates of `diagnose`.
+
+    Raises
+    ------
+    InputError
+        In one line that names effect, key and column, for an invalid file.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> from pathlib import Path
+    >>> _ = Path("effects.toml").write_text("""
+    ... [[effect]]
+    ... id = "warming"
+    ... title = "zero of fx follows the temperature"
+    ... parameters = { slope = "N/K" }
+    ... inputs = { temperature = "K" }
+    ... zero = { fx = "slope * temperature" }
+    ... """)
+    >>> [effect.id for effect in tw.read_effects("effects.toml")]
+    ['warming']
+    '''
     where = str(path)
     tables = _tables(file_text(path, kind="a file of effects", most=MAX_BYTES), where)
     effects = tuple(

@@ -30,16 +30,59 @@ def own_effect(
     advice: str | None = None,
     per_recording: bool = False,
 ) -> CustomEffect:
-    """A custom effect with the keys of an effects file (see `CustomEffect`), one of `tip_body`, `gain`, `zero` given.
+    """A custom effect with the keys of an effects file (see `CustomEffect`): one of `tip_body`, `gain`, `zero` given.
 
-    parameters     unit by name, or a table: unit, bounds, nominal, search (grid values of a nuisance parameter)
-    let            intermediate variables: formulas by name that later ones may use
-    inputs         unit of each further column of the recording, by name
-    constants      numbers with a unit, "0.1 m"
+    Signals and parameters are symbols by their names (`signals`). Expressions become text, so that the effect can be
+    stored in a model file.
 
-    Signals and parameters are symbols by their names: `tip_x, k = tw.signals("tip_x", "k")`. Expressions become text,
-    so that the effect can be stored in a model file.
-    Raises InputError, naming key and column, for an invalid definition.
+    Parameters
+    ----------
+    id : str
+        Its name in results.
+    title : str
+        Its name for a person.
+    parameters : mapping
+        Unit by name, or a table: unit, bounds, nominal, search (grid values of a nuisance parameter).
+    tip_body : mapping, optional
+        Wrench on the tool: formula of each component.
+    gain : mapping, optional
+        Changes of the gain by `channel_channel`.
+    zero : mapping, optional
+        Changes of the bias by channel.
+    let : mapping, optional
+        Intermediate variables: formulas by name that later ones may use.
+    inputs : mapping, optional
+        Unit of each further column of the recording, by name.
+    constants : mapping, optional
+        Numbers with a unit, "0.1 m".
+    advice : str, optional
+        What to check on the rig.
+    per_recording : bool, optional
+        Whether its parameters differ between recordings, by default False.
+
+    Returns
+    -------
+    CustomEffect
+        An effect to add to a model, or a candidate of `diagnose`.
+
+    Raises
+    ------
+    InputError
+        Naming key and column, for an invalid definition.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> temperature, slope = tw.signals("temperature", "slope")
+    >>> warming = tw.own_effect(
+    ...     id="warming",
+    ...     title="zero of fx follows the temperature",
+    ...     parameters={"slope": "N/K"},
+    ...     zero={"fx": slope * temperature},
+    ...     inputs={"temperature": "K"},
+    ... )
+    >>> warming.id
+    'warming'
     """
     given: dict[str, Any] = {"parameters": parameters, "inputs": inputs, "constants": constants, "advice": advice}
     given |= {key: _text(key, table, id) for key, table in (("let", let), ("gain", gain), ("zero", zero))}
