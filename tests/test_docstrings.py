@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import inspect
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from truewrench.commands import demo
 
 pytest.importorskip("mujoco")
 
-NAMES = sorted(name for name in tw.__all__ if not inspect.ismodule(getattr(tw, name)))
+NAMES = sorted(name for name in import_module("truewrench").__all__ if not inspect.ismodule(getattr(tw, name)))
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
