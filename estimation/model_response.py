@@ -13,7 +13,7 @@ from estimation.recordings.differentiation import spline_derivatives
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
-from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
+from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
 
 Array = NDArray[np.float64]

@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from modeling.dynamics import deflection_solver as bending
-from modeling.dynamics.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
-from modeling.dynamics.deflection_solver import solve_deflection
-from modeling.dynamics.oscillator import Oscillator, OscillatorCoefficients
+from modeling.dynamics.deflection import deflection_solver as bending
+from modeling.dynamics.deflection.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
+from modeling.dynamics.deflection.deflection_solver import solve_deflection
+from modeling.dynamics.deflection.oscillator import Oscillator, OscillatorCoefficients
+from modeling.dynamics.deflection.transient_response import TransientResponse, _SplineSlopes
 from modeling.dynamics.time_base import TimeBase
-from modeling.dynamics.transient_response import TransientResponse, _SplineSlopes
 from tests.test_dynamics import PERIOD, SPATIAL, TOOL, bent, grid, integrated, solved, three_axes, turn, vector
 
 Array = NDArray[np.float64]

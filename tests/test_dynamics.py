@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from modeling.chain.model import planar, spatial
 from modeling.chain.prediction import DeflectedLoad, compiled_prediction
-from modeling.dynamics.deflection_solver import DeflectionSeries, solve_deflection
-from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
+from modeling.dynamics.deflection.deflection_solver import DeflectionSeries, solve_deflection
+from modeling.dynamics.deflection.discrete_deflection import DiscreteDeflection, deflected
 from modeling.dynamics.play import PlayResponse
 from modeling.dynamics.sample_program import SampleProgramBuilder
 from modeling.dynamics.time_base import TimeBase

@@ -19,7 +19,7 @@ from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
 from modeling.chain.effect import NuisanceValues, SearchDomain
 from modeling.chain.model import planar
-from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
+from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.effects import named
 from modeling.effects.calibration import Saturation, SensorGain
 from modeling.effects.friction import ViscousDrag

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from estimation.logs.column_map import ColumnMap
+from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.reading import imported, read
 from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError

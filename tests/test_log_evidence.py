@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimation.logs.column_map import ColumnMap
+from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.frame_evidence import FrameEvidence, frame_evidence
 from estimation.logs.log_table import Array
 from estimation.logs.reading import imported

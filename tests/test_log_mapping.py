@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimation.logs.column_map import ColumnMap
-from estimation.logs.column_pattern import PRESETS
+from estimation.logs.columns.column_map import ColumnMap
+from estimation.logs.columns.column_pattern import PRESETS
 from estimation.logs.reading import imported, read
 from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError

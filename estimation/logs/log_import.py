@@ -11,20 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import estimation.logs.readers  # registers the readers  # noqa: F401
-from estimation.logs.column_map import ColumnMap
-from estimation.logs.column_pattern import PRESETS, Quantity
-from estimation.logs.column_recognition import ColumnGroup, ColumnMapping, column_mapping
+from estimation.logs.clocks.one_clock import on_one_clock
+from estimation.logs.clocks.sample_hold import held_rows, note_suspicious_channels
+from estimation.logs.clocks.sample_mending import Stream, mended, mended_runs
+from estimation.logs.clocks.table_joining import joined_by_rows, with_preset_names
+from estimation.logs.columns.column_map import ColumnMap
+from estimation.logs.columns.column_pattern import PRESETS, Quantity
+from estimation.logs.columns.column_recognition import ColumnGroup, ColumnMapping, column_mapping
+from estimation.logs.columns.time_column import TimeColumn, time_column
 from estimation.logs.frame_evidence import W_FIRST, frame_evidence
 from estimation.logs.log_reader import tables_of
 from estimation.logs.log_table import Array, LogTable
 from estimation.logs.motion_streams import QUATERNION, SiColumns, in_sensor_axes
-from estimation.logs.one_clock import on_one_clock
-from estimation.logs.sample_hold import held_rows, note_suspicious_channels
-from estimation.logs.sample_mending import Stream, mended, mended_runs
 from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
-from estimation.logs.table_joining import joined_by_rows, with_preset_names
-from estimation.logs.time_column import TimeColumn, time_column
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.reading_report import ClockReading, OffsetReading, ReadingReport

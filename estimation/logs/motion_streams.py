@@ -7,12 +7,12 @@ from math import pi
 
 import numpy as np
 
-from estimation.logs.column_map import ColumnMap
-from estimation.logs.column_recognition import ColumnGroup, ColumnMapping
+from estimation.logs.columns.column_map import ColumnMap
+from estimation.logs.columns.column_recognition import ColumnGroup, ColumnMapping
+from estimation.logs.columns.orientation_form import OrientationForm, matrix_form, matrix_positions
+from estimation.logs.columns.units import KINDS, name_and_unit
 from estimation.logs.log_table import Array
-from estimation.logs.orientation_form import OrientationForm, matrix_form, matrix_positions
 from estimation.logs.step_log import StepLog
-from estimation.logs.units import KINDS, name_and_unit
 from estimation.recordings.reading_report import UsedColumns
 from modeling.errors import InputError
 

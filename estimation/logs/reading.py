@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from estimation.logs.column_map import ColumnMap
+from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.log_import import ImportedRecording, ReadingOptions, import_recording
 from estimation.recordings.column_table import header_names
 from estimation.recordings.reading import read as read_recording

@@ -16,7 +16,7 @@ from modeling.space import SensorMotion, Space, vector
 from modeling.tool.rigid_body import RigidBody, newton_euler, rigid_body
 
 if TYPE_CHECKING:
-    from modeling.dynamics.deflection import Deflection
+    from modeling.dynamics.deflection.deflection import Deflection
     from modeling.kinematics.perturbed_arm import PerturbedArm
 
 

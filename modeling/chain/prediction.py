@@ -17,7 +17,7 @@ from modeling.chain.stages.linear_dynamics import LinearDynamics
 from modeling.chain.stages.play import Play
 from modeling.chain.stages.saturation import Clipping
 from modeling.chain.stages.stage import ChainStage
-from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
+from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
 from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.evaluation.vector_function import Array, CompiledVector, Signals, VectorFunction
@@ -25,7 +25,7 @@ from modeling.expressions.laplace_variable import laplace
 from modeling.expressions.symbolic_vector import SymbolicVector
 
 if TYPE_CHECKING:
-    from modeling.dynamics.equation_of_motion import EquationOfMotion
+    from modeling.dynamics.deflection.equation_of_motion import EquationOfMotion
     from modeling.dynamics.time_base import TimeBase
 
 ValueAndDerivative = tuple[Array, Array]
@@ -51,8 +51,8 @@ class DeflectedLoad:
 
     @cached_property
     def equation(self) -> EquationOfMotion:
-        """The equation of motion, for `modeling.dynamics.deflection_solver.solve_deflection`."""
-        from modeling.dynamics.equation_of_motion import EquationOfMotion
+        """The equation of motion, for `modeling.dynamics.deflection.deflection_solver.solve_deflection`."""
+        from modeling.dynamics.deflection.equation_of_motion import EquationOfMotion
 
         return EquationOfMotion(self.equilibrium, self.size)
 
@@ -71,7 +71,7 @@ class DeflectedLoad:
         With b(theta) the deflection over the record, d load = dload/dtheta + dload/db db/dtheta. `tolerance` is the
         last correction of the deflection relative to its size.
         """
-        from modeling.dynamics.deflection_solver import solve_deflection
+        from modeling.dynamics.deflection.deflection_solver import solve_deflection
 
         rows = self.load.samples(signals, samples)
         deflected = solve_deflection(self.equation, rows, theta, clock, derivative=derivative, tolerance=tolerance)

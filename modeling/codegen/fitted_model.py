@@ -12,7 +12,7 @@ from modeling import symbolic as sp
 from modeling.chain.contact_gain import contact_gain
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
-from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
+from modeling.dynamics.deflection.discrete_deflection import DiscreteDeflection, deflected
 from modeling.dynamics.sample_program import SampleProgram, SampleProgramBuilder
 from modeling.errors import InputError
 from modeling.expressions.intermediate_variables import required_definitions

@@ -10,7 +10,7 @@ from math import inf, sqrt
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
-from modeling.dynamics.deflection import Deflection
+from modeling.dynamics.deflection.deflection import Deflection
 from modeling.parameter import Parameter, Role
 from modeling.space import Space
 

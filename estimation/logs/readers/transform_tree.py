@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.logs.clocks.resampling import interpolated_position, interpolated_quaternion
 from estimation.logs.log_table import Array
-from estimation.logs.resampling import interpolated_position, interpolated_quaternion
 
 
 @dataclass(frozen=True)

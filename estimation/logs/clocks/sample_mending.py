@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.logs.clocks.resampling import interpolated_position
 from estimation.logs.log_table import Array
-from estimation.logs.resampling import interpolated_position
 from estimation.logs.step_log import StepLog
 from estimation.recordings.reading_report import ClockReading
 from estimation.recordings.sample_clock import JITTER_WINDOW, missing_samples

@@ -1,9 +1,9 @@
 """Deflection over a record by Anderson mixing and Newton-GMRES, with parameter derivatives.
 
-The equation of motion F(signals, b, b', b''; theta) = 0 of each sample (`modeling.dynamics.deflection`) is nearly a
+The equation of motion F(signals, b, b', b''; theta) = 0 of each sample (`deflection.py`) is nearly a
 linear oscillator with constant coefficients, as the tool's inertia in tool axes is constant. The unknown is the
 oscillator's input g: with (b, b', b'') = R g its response, F(R g) = 0. As F' R is close to the identity, the iteration
-g <- g - F(R g) is accelerated by Anderson mixing (`modeling.dynamics.anderson_mixing`), without derivatives.
+g <- g - F(R g) is accelerated by Anderson mixing (`modeling.dynamics.deflection.anderson_mixing`), without derivatives.
 Where it converges slowly, near a resonance, Newton's method continues from its last iterate: each step, F' R dg = -F,
 is solved by GMRES (Saad and Schultz 1986). The derivative in a parameter satisfies F' (R dg + dR g) = -dF/dtheta.
 """
@@ -16,9 +16,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.dynamics.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
-from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE, EquationOfMotion, MotionResidual
-from modeling.dynamics.oscillator import Oscillator, OscillatorCoefficients
+from modeling.dynamics.deflection.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
+from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE, EquationOfMotion, MotionResidual
+from modeling.dynamics.deflection.oscillator import Oscillator, OscillatorCoefficients
 from modeling.dynamics.time_base import TimeBase
 from modeling.errors import InputError
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from modeling.dynamics.deflection.transient_response import TransientResponse
 from modeling.dynamics.time_base import TimeBase
-from modeling.dynamics.transient_response import TransientResponse
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]

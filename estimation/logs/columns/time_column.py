@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.logs.column_pattern import NANOSECONDS, SECONDS, TIME_NAMES
+from estimation.logs.columns.column_pattern import NANOSECONDS, SECONDS, TIME_NAMES
+from estimation.logs.columns.units import TIME, name_and_unit
 from estimation.logs.log_table import Array, LogTable
-from estimation.logs.units import TIME, name_and_unit
 from modeling.errors import InputError
 
 EPOCH = (1.0e9, 2.2e9)

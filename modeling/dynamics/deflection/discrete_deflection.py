@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from modeling import symbolic as sp
-from modeling.dynamics.deflection import Deflection
-from modeling.dynamics.equation_of_motion import EquationOfMotion
+from modeling.dynamics.deflection.deflection import Deflection
+from modeling.dynamics.deflection.equation_of_motion import EquationOfMotion
 from modeling.dynamics.sample_program import INITIAL_STATE_SHARE, SampleProgramBuilder, Symbols
 from modeling.errors import InputError
 from modeling.expressions.intermediate_variables import Definitions

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimation.logs.columns.time_column import EPOCH, time_column
 from estimation.logs.log_table import Array, LogTable
 from estimation.logs.step_log import StepLog
-from estimation.logs.time_column import EPOCH, time_column
 from modeling.errors import InputError
 
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.logs.clock_offset import MotionRegressors, clock_offset
+from estimation.logs.clocks.clock_offset import MotionRegressors, clock_offset
+from estimation.logs.clocks.resampling import interpolated_position, interpolated_quaternion
+from estimation.logs.clocks.sample_mending import Series
 from estimation.logs.log_table import Array
-from estimation.logs.resampling import interpolated_position, interpolated_quaternion
-from estimation.logs.sample_mending import Series
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table

@@ -1,0 +1,1 @@
+"""Clocks of logs: samples mended, offsets estimated, everything on one clock."""
