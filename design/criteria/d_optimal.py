@@ -18,7 +18,7 @@ class DOptimal(Criterion):
     Notes
     -----
     A change of parameters theta = A eta adds 2 ln |det A| to every design alike, so that neither units nor the choice
-    of parameters matters. The efficiency of a design is exp((value - best) / k).
+    of parameters matters. The efficiency of a design is exp((value - best) / k). Gradient M^-1.
 
     Examples
     --------

@@ -17,13 +17,18 @@ class Subset(Criterion):
     Parameters
     ----------
     indices : tuple of int
-        Positions of the s parameters of interest; all others are nuisance parameters.
+        Positions, from 0, of the s parameters of interest; all others are nuisance parameters.
+
+    Raises
+    ------
+    InputError
+        When there is no position, or one is negative or given twice.
 
     Notes
     -----
     ln det M - ln det M_nn = ln det of the Schur complement M_ss - M_sn M_nn^-1 M_ns, n the nuisance parameters
     (Atkinson, Donev and Tobias 2007, section 10.3). It is invariant, up to a constant, under regular linear maps of the
-    nuisance parameters and of the parameters of interest among themselves.
+    nuisance parameters and of the parameters of interest among themselves. Gradient M^-1 - diag(0, M_nn^-1).
 
     Examples
     --------

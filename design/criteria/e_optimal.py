@@ -20,12 +20,12 @@ class EOptimal(ScaledCriterion):
     scale : array (k,)
         Positive, in the parameters' units: errors of that size matter equally.
     power : int, optional
-        The p above, by default 16.
+        The p above, a power of two, by default 16.
 
     Raises
     ------
     InputError
-        For a scale that is not positive.
+        For a scale that is not positive, and a power that is not 2, 4, 8, ...
 
     Notes
     -----
@@ -39,8 +39,8 @@ class EOptimal(ScaledCriterion):
     --------
     >>> import numpy as np
     >>> import truewrench as tw
-    >>> round(tw.EOptimal(scale=[1.0, 1.0]).value(np.diag([4.0, 1.0])), 4)
-    -0.0
+    >>> round(tw.EOptimal(scale=[1.0, 1.0]).value(np.diag([4.0, 9.0])), 4)
+    1.3863
     """
 
     power: int = 16

@@ -78,7 +78,8 @@ class FourierSeries(TrajectorySeries):
 class FreeSeries(FourierSeries):
     """Independent joints: q_j(t) = offset_j + sum_h sine_jh sin(h w t) + cosine_jh cos(h w t).
 
-    Coefficients: joint by joint the offset, the sines and the cosines of the harmonics, in the coordinate's unit.
+    Coefficients: joint by joint the offset (unless `offset` is False), the sines and the cosines of the harmonics, in
+    the coordinate's unit.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ class FreeSeries(FourierSeries):
     Raises
     ------
     InputError
-        For a period or harmonics that are not positive.
+        For a period or harmonics that are not positive, and a harmonic that is given twice.
 
     Examples
     --------

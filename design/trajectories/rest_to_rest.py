@@ -30,7 +30,7 @@ class RestToRest(TrajectorySeries):
     inner : TrajectorySeries
         The periodic series.
     ramp : float
-        Time of the rise and of the fall, s.
+        Time of the rise and of the fall, s: at most half the period, which includes both.
 
     Raises
     ------

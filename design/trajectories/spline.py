@@ -31,7 +31,7 @@ class SplineSeries(TrajectorySeries):
     joints : int
         Number n of joints.
     knots : int
-        Number of B-splines of each joint.
+        Number of B-splines of each joint, more than the degree.
     degree : int, optional
         Of the polynomials, 2 to 9, by default 5.
     period : float

@@ -50,7 +50,7 @@ class NoiseModel(StationaryNoise):
     Raises
     ------
     InputError
-        For a covariance that is not positive definite.
+        For a covariance that is not positive definite, and coefficients of another number of channels.
 
     Examples
     --------

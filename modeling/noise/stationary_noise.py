@@ -54,6 +54,11 @@ class ColouredNoise(StationaryNoise):
         Hermitian. Normalised so that white noise has the covariance of one sample at every frequency: the two-sided
         spectral density times the sampling rate.
 
+    Raises
+    ------
+    InputError
+        When the frequencies do not increase, the shapes do not fit or a covariance is not positive definite.
+
     Notes
     -----
     One period of N samples has the information sum over its lines of S(f)^H C(f)^-1 S(f), S(f) the orthonormal discrete

@@ -44,11 +44,12 @@ def own_effect(
     parameters : mapping
         Unit by name, or a table: unit, bounds, nominal, search (grid values of a nuisance parameter).
     tip_body : mapping, optional
-        Wrench on the tool: formula of each component.
+        Force of the environment on the tool, N, along the world's axes: force_x, force_y, force_z at the point `at` (m)
+        along the tip; or its wrench in the tool's axes about the sensor origin: fcx, fcy, tauc, or fcx .. tcz.
     gain : mapping, optional
-        Changes of the gain by `channel_channel`.
+        By `<row>_<column>`: reading row += formula times the true channel column.
     zero : mapping, optional
-        Changes of the bias by channel.
+        By channel, in its unit: added to the readings last, in any sign convention.
     let : mapping, optional
         Intermediate variables: formulas by name that later ones may use.
     inputs : mapping, optional
