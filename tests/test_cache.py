@@ -22,7 +22,7 @@ from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.prediction import Prediction
-from modeling.chain.stages.bias import Bias
+from modeling.chain.stages.bias_stage import Bias
 from modeling.evaluation import cache as store
 from modeling.evaluation.cache import DerivationCache, cached, source_digest
 from modeling.parameter import Parameter

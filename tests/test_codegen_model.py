@@ -23,8 +23,8 @@ from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.prediction import compiled_prediction
-from modeling.chain.stages.bias import Bias
-from modeling.chain.stages.linear_dynamics import LinearDynamics
+from modeling.chain.stages.bias_stage import Bias
+from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
 from modeling.codegen.c_target import CTarget
 from modeling.codegen.casadi_target import casadi_model
 from modeling.codegen.fitted_model import FittedModel

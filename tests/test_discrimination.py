@@ -29,7 +29,12 @@ from design.discrimination import (
     with_effect_replaced,
 )
 from design.discrimination.directed_pair import LinearisedRival, maximin_experiment
-from design.discrimination.rival_fit import RivalAlongTrajectories, parameter_bounds, rival_starts, whitened_predictions
+from design.discrimination.rival_along_trajectories import (
+    RivalAlongTrajectories,
+    parameter_bounds,
+    rival_starts,
+    whitened_predictions,
+)
 from design.information import Experiment, prediction_terms, sensitivity_terms
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.random_periodic import random_periodic_trajectory

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from estimation.logs.columns.column_map import ColumnMap
-from estimation.logs.reading import imported, read
+from estimation.logs.log_reading import imported, read
 from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError
 from modeling.rig.rig import Rig

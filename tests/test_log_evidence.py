@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.frame_evidence import FrameEvidence, frame_evidence
+from estimation.logs.log_reading import imported
 from estimation.logs.log_table import Array
-from estimation.logs.reading import imported
 from estimation.recordings.reading_report import StepKind
 from tests.log_files import CHANNELS, QUATERNION, Frame, original
 from truewrench.simulated_rig import HIDDEN_EFFECTS, SpatialRig, simulate, static_poses

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimation.logs.log_reader import LogReader
-from estimation.logs.reading import imported, read
+from estimation.logs.log_reading import imported, read
 from estimation.recordings.reading_report import StepKind
 from tests.log_files import CHANNELS, FORMATS, POSITION, QUATERNION, Frame, original, plotjuggler, poses_at
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.logs.reading import imported
+from estimation.logs.log_reading import imported
 from modeling.errors import InputError
 from tests.log_files import FORMATS, original
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_pattern import PRESETS
-from estimation.logs.reading import imported, read
+from estimation.logs.log_reading import imported, read
 from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError
 from modeling.rig.rig import Rig

@@ -23,11 +23,11 @@ from modeling import effects
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
-from modeling.chain.stages.bias import Bias
-from modeling.chain.stages.calibration import Gain, Mounting, PolynomialGain
-from modeling.chain.stages.linear_dynamics import LinearDynamics
-from modeling.chain.stages.play import Play
-from modeling.chain.stages.saturation import Clipping
+from modeling.chain.stages.bias_stage import Bias
+from modeling.chain.stages.calibration_stage import Gain, Mounting, PolynomialGain
+from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
+from modeling.chain.stages.play_stage import Play
+from modeling.chain.stages.saturation_stage import Clipping
 from modeling.chain.stages.stage import ChainStage, StageFormula, SymbolicMap
 from modeling.codegen.code_target import CodeTarget, code_target, register_target, target_names
 from modeling.codegen.fitted_model import FittedModel

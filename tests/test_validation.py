@@ -26,7 +26,7 @@ from estimation.recordings.recording import Recording
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
-from modeling.chain.stages.bias import Bias
+from modeling.chain.stages.bias_stage import Bias
 from modeling.effects import BiasDrift as DriftEffect
 from modeling.effects import named, viscous_drag
 from modeling.parameter import Parameter

@@ -21,7 +21,7 @@ from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhiten
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.whitening import inverse_cholesky_factor
+from modeling.noise.channel_whitening import inverse_cholesky_factor
 from modeling.rig.rig import PLANAR_CHANNELS, Rig, SensorDescription
 from truewrench.simulated_rig import NOISE_MODELS
 

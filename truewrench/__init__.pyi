@@ -27,7 +27,7 @@ from estimation.fit import fit as fit
 from estimation.least_squares.constrained import Bounds as Bounds
 from estimation.least_squares.constrained import Constraints as Constraints
 from estimation.least_squares.constrained import Prior as Prior
-from estimation.logs.reading import read as read
+from estimation.logs.log_reading import read as read
 from estimation.recordings.recording import Recording as Recording
 from estimation.repeatability.bootstrap import bootstrap as bootstrap
 from estimation.repeatability.repeat_table import RepeatTable as RepeatTable

@@ -9,7 +9,7 @@ from design.discrimination.discrimination_design import DiscriminationDesign
 from design.discrimination.exchange_algorithm import ExchangeRound
 from design.discrimination.hypothesis import Hypothesis, rival_models, with_effect_replaced
 from design.discrimination.model_pair import ModelPair, Separability, Separation
-from design.discrimination.rival_fit import RivalAlongTrajectories
+from design.discrimination.rival_along_trajectories import RivalAlongTrajectories
 from design.discrimination.whitened_prediction import WhitenedPrediction
 from modeling.rival_fit import RivalFit, fit_rival
 

@@ -11,7 +11,7 @@ from scipy.linalg import qr
 
 from design.criteria import MaximinCriterion, Subset
 from design.discrimination.hypothesis import Hypothesis, distinguishing_effects, effects_only_in
-from design.discrimination.rival_fit import (
+from design.discrimination.rival_along_trajectories import (
     RivalAlongTrajectories,
     parameter_bounds,
     rival_starts,

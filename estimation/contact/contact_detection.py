@@ -14,7 +14,7 @@ from estimation.contact.variance_of_means import VarianceOfMeans
 from estimation.distributions import chi2_isf, normal_cdf, normal_isf
 from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.disturbances.transient_windows import Windows, cumulative_sums, inside, largest_samples
-from modeling.noise.whitening import block_means
+from modeling.noise.channel_whitening import block_means
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhiten
 from estimation.recordings.recording import Recording
 from modeling.chain.prediction import VectorFunction
 from modeling.identifiability import UNIDENTIFIABLE_SHARE, ScaledSVD
-from modeling.noise.whitening import inverse_cholesky_factor
+from modeling.noise.channel_whitening import inverse_cholesky_factor
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_recognition import ColumnGroup, ColumnMapping
+from estimation.logs.columns.column_units import KINDS, name_and_unit
 from estimation.logs.columns.orientation_form import OrientationForm, matrix_form, matrix_positions
-from estimation.logs.columns.units import KINDS, name_and_unit
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.reading_report import UsedColumns

@@ -21,7 +21,7 @@ from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.whitening import block_means
+from modeling.noise.channel_whitening import block_means
 
 Array = NDArray[np.float64]
 

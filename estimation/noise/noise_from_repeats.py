@@ -13,7 +13,7 @@ from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, repeat_noise_floor, sample_step
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
-from modeling.noise.whitening import inverse_cholesky_factor
+from modeling.noise.channel_whitening import inverse_cholesky_factor
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from estimation.noise.power_spectrum import PowerSpectrum
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.recording import Recording
 from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise.channel_whitening import FourierLines
 from modeling.noise.stationary_noise import NoiseSource as NoiseSource
-from modeling.noise.whitening import FourierLines
 
 Array = NDArray[np.float64]
 

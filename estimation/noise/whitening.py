@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from estimation.model_response import ModelResponse
 from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.whitening import FourierLines, block_means, whitened_by_channel
+from modeling.noise.channel_whitening import FourierLines, block_means, whitened_by_channel
 
 Array = NDArray[np.float64]
 

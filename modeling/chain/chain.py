@@ -7,9 +7,9 @@ from functools import reduce
 from typing import TYPE_CHECKING, TypeVar
 
 from modeling import symbolic as sp
-from modeling.chain.stages.bias import Bias
-from modeling.chain.stages.calibration import Gain, Mounting
-from modeling.chain.stages.linear_dynamics import LinearDynamics
+from modeling.chain.stages.bias_stage import Bias
+from modeling.chain.stages.calibration_stage import Gain, Mounting
+from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
 from modeling.chain.stages.stage import ChainStage, Stage, SymbolicMap
 from modeling.expressions.intermediate_variables import Definitions
 from modeling.space import SensorMotion, Space, vector

@@ -12,7 +12,7 @@ from typing import Any, Self, TypeVar
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, rigid_chain
 from modeling.chain.effect import Effect
-from modeling.chain.stages.linear_dynamics import LinearDynamics
+from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
 from modeling.errors import InputError
 from modeling.evaluation.cache import PlainData, cached, canonical_data
 from modeling.expressions.intermediate_variables import Definitions, required_definitions

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
-from modeling.chain.stages.bias import Bias
-from modeling.chain.stages.linear_dynamics import LinearDynamics
-from modeling.chain.stages.play import Play
-from modeling.chain.stages.saturation import Clipping
+from modeling.chain.stages.bias_stage import Bias
+from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
+from modeling.chain.stages.play_stage import Play
+from modeling.chain.stages.saturation_stage import Clipping
 from modeling.chain.stages.stage import ChainStage
 from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart

@@ -10,8 +10,8 @@ from math import inf, pi
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
-from modeling.chain.stages.calibration import Gain, Mounting, PolynomialGain
-from modeling.chain.stages.saturation import Clipping
+from modeling.chain.stages.calibration_stage import Gain, Mounting, PolynomialGain
+from modeling.chain.stages.saturation_stage import Clipping
 from modeling.parameter import Parameter
 from modeling.space import TORQUE_UNIT, Space, rotation_matrix
 

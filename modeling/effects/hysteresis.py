@@ -9,7 +9,7 @@ from math import inf
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
-from modeling.chain.stages.play import Play
+from modeling.chain.stages.play_stage import Play
 from modeling.parameter import Parameter
 from modeling.space import Space
 

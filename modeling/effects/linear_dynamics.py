@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
-from modeling.chain.stages.linear_dynamics import LinearDynamics
+from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
 from modeling.expressions.laplace_variable import laplace
 from modeling.parameter import Parameter
 from modeling.space import Space

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 
 from modeling.errors import InputError
-from modeling.noise.stationary_noise import NoiseSource, StationaryNoise
-from modeling.noise.whitening import (
+from modeling.noise.channel_whitening import (
     block_means,
     inverse_cholesky_factor,
     require_positive_definite,
     whitened_channels,
 )
+from modeling.noise.stationary_noise import NoiseSource, StationaryNoise
 from modeling.rig.rig import Rig
 
 Array = NDArray[np.float64]

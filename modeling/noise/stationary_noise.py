@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling.errors import InputError
-from modeling.noise.whitening import inverse_cholesky_factor, require_positive_definite, whitened_channels
+from modeling.noise.channel_whitening import inverse_cholesky_factor, require_positive_definite, whitened_channels
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

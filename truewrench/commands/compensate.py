@@ -47,7 +47,7 @@ def chance(text: str) -> float:
 def run(arguments: argparse.Namespace) -> None:
     """Compute the contact wrench, write and print it."""
     from estimation.contact.contact_wrench import compensate
-    from estimation.logs.reading import read_with_rig
+    from estimation.logs.log_reading import read_with_rig
     from truewrench.files.model_file import ModelFile
     from truewrench.files.output import atomic_write, progress_line, require_writable_folder
 

@@ -55,7 +55,7 @@ def _positive(text: str) -> float:
 
 def run(arguments: argparse.Namespace) -> None:
     """Import, write the recording, print the reading report."""
-    from estimation.logs.reading import imported
+    from estimation.logs.log_reading import imported
     from modeling.rig.rig import Rig
     from truewrench.files.output import atomic_write, progress_line, require_writable_folder
 

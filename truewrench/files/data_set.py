@@ -9,7 +9,7 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from estimation.logs.reading import read_with_rig
+from estimation.logs.log_reading import read_with_rig
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
 from modeling.chain.model import WrenchModel, planar, spatial

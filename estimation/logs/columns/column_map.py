@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from estimation.logs.columns.column_units import KINDS, plain_unit
 from estimation.logs.columns.orientation_form import OrientationForm
-from estimation.logs.columns.units import KINDS, plain_unit
 from modeling.errors import InputError, quoted
 from modeling.rig.rig import SPATIAL_CHANNELS
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_pattern import PATTERNS, ColumnPattern, Quantity
+from estimation.logs.columns.column_units import name_and_unit
 from estimation.logs.columns.orientation_form import OrientationForm
-from estimation.logs.columns.units import name_and_unit
 from estimation.logs.log_table import Array, LogTable
 from modeling.errors import InputError, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS

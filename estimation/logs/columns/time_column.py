@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.logs.columns.column_pattern import NANOSECONDS, SECONDS, TIME_NAMES
-from estimation.logs.columns.units import TIME, name_and_unit
+from estimation.logs.columns.column_units import TIME, name_and_unit
 from estimation.logs.log_table import Array, LogTable
 from modeling.errors import InputError
 

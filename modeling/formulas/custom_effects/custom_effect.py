@@ -9,8 +9,8 @@ from typing import Any, Self
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage, world_vector
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
-from modeling.chain.stages.bias import Bias
-from modeling.chain.stages.calibration import Gain
+from modeling.chain.stages.bias_stage import Bias
+from modeling.chain.stages.calibration_stage import Gain
 from modeling.effects.tip_force import with_tip_force
 from modeling.formulas.custom_effects.definition import EffectDefinition
 from modeling.formulas.custom_effects.definition_parser import parse_definition
