@@ -12,6 +12,7 @@ import pytest
 import sympy as sp
 from numpy.typing import NDArray
 
+from design.information.sensitivity_term import sensitivity_terms
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_filter import ContactFilter
 from estimation.contact.local_polynomial import LocalPolynomial
@@ -35,6 +36,7 @@ from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
 from modeling.dynamics.sample_program import SampleProgramBuilder, Symbols
 from modeling.effects import named
+from modeling.errors import InputError
 from modeling.parameter import Parameter
 from modeling.space import Space
 from tests.emitted import CasadiFilter, CFilter, DiscreteTimeModel, Library, module
@@ -281,6 +283,13 @@ def test_a_stage_from_outside_is_fitted_filtered_and_written_down() -> None:
     # Five samples smooth a sine by (w dt)⁴ or so, the echo's corner at the start aside.
     assert np.abs(left[5:]).max() < 1e-3
     assert "Echo" in code_target("latex").model(ECHO.fitted, "x")
+
+
+def test_a_design_refuses_a_stage_that_its_sensitivities_lack() -> None:
+    with pytest.raises(InputError, match="Echo"):
+        sensitivity_terms(ECHO.model, ECHO.theta)
+    with pytest.raises(InputError, match="echo"):
+        ECHO.model.require_direct("regressor")
 
 
 # ---------------------------------------------------------------------------------- targets, and one from outside

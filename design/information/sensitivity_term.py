@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 
 from design.information.sampling import FrequencyResponse
 from modeling.chain.model import WrenchModel
-from modeling.chain.prediction import VectorFunction, compiled_prediction
+from modeling.chain.prediction import Prediction, VectorFunction, compiled_prediction
+from modeling.chain.stages.bias_stage import Bias
+from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
+from modeling.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -94,9 +97,11 @@ class SensitivityTerm:
 def sensitivity_terms(model: WrenchModel, theta: Array, first: int = 0) -> tuple[SensitivityTerm, ...]:
     """The terms of d reading / d theta (p, k) at theta (k,), in the columns first, first + 1, ..
 
-    reading = H(s) load + zero, so d reading = H d load + dH load + d zero, the second for each parameter of H.
+    reading = H(s) load + bias, so d reading = H d load + dH load + d bias, the second for each parameter of H.
+    Raises InputError for a model with another stage after its load: its sensitivities have no such terms.
     """
     prediction = compiled_prediction(model)
+    _require_load_and_filter(prediction)
     parts = zip(prediction_terms(model, theta, first), (prediction.load, prediction.bias), strict=True)
     terms = [replace(t, by=part.active, columns=tuple(first + i for i in part.active)) for t, part in parts]
     for number, index in enumerate(prediction.transfer_parameters):
@@ -106,6 +111,13 @@ def sensitivity_terms(model: WrenchModel, theta: Array, first: int = 0) -> tuple
             SensitivityTerm(model=model, theta=theta, part=ReadingPart.LOAD, by=None, columns=column, response=slope)
         )
     return tuple(term for term in terms if term.columns)
+
+
+def _require_load_and_filter(prediction: Prediction) -> None:
+    others = [stage.__name__ for stage in prediction.stages if stage not in (LinearDynamics, Bias)]
+    if others:
+        what = f"a design knows a static load, a linear filter and a bias, not the stage {', '.join(others)}"
+        raise InputError(what=what, where="model", remedy="leave the effect that puts it there out")
 
 
 def prediction_terms(model: WrenchModel, theta: Array, column: int, factor: float = 1.0) -> tuple[SensitivityTerm, ...]:

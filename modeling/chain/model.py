@@ -12,6 +12,7 @@ from typing import Any, Self, TypeVar
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, rigid_chain
 from modeling.chain.effect import Effect
+from modeling.chain.stages.bias_stage import Bias
 from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
 from modeling.errors import InputError
 from modeling.evaluation.cache import PlainData, cached, canonical_data
@@ -246,12 +247,12 @@ class WrenchModel:
     def direct(self) -> bool:
         """Whether the model is load, transfer function and bias: no play, deflection, saturation or perturbed arm."""
         chain = self.chain
-        return chain.deflection is None and chain.arm is None and all(stage.linear for stage in chain.dynamics)
+        return chain.deflection is None and chain.arm is None and {*map(type, chain.dynamics)} <= {LinearDynamics, Bias}
 
     def require_direct(self, where: str) -> None:
         """Raise InputError, naming the effects at fault, when the model is not `direct`."""
         if not self.direct:
-            names = ", ".join(e.id for e in self.effects if e.needs_joints or not e.stage.adds)
+            names = ", ".join(e.id for e in self.effects if e.needs_joints or not (self.base + e).direct)
             raise InputError(what=f"it does not support {names}", where=where, remedy="leave that effect out")
 
     def inputs_of(self, expression: sp.Matrix) -> tuple[str, ...]:

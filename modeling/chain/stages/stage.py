@@ -58,7 +58,8 @@ class ChainStage(ABC):
 
     place     where it stands in the chain; after the nonlinearity unless it is a `SymbolicMap`
     memory    whether its output depends on earlier samples
-    linear    whether it acts on each summand of its input by itself
+    linear    whether `response` acts on each summand of its input by itself, whose derivative may have only the
+              columns of some parameters (`ResponsePart.columns`)
 
     Prediction, screening, design, filters and generated code call only what is declared here.
     """
