@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,6 +22,9 @@ from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, STANDARD_GRAVITY
 QUATERNION = ("qx", "qy", "qz", "qw")
 SMALLEST_SHIFT = 0.05
 """Of a sample: a smaller offset is not worth an interpolation."""
+
+AT_REST = 0.01
+"""Radians, or parts of a quaternion: the std of all angles together below which there is no motion to repeat."""
 
 CLIPPED = 0.05
 """Of a sample: by so much a sample of the wrench may lie outside the motion, which is taken as its end then."""
@@ -207,7 +211,20 @@ def _cut(
     columns = {name: column[:count] for name, column in _without(columns, "repeat").items()}
     repeat = np.repeat(np.arange(repeats, dtype=np.float64), per_repeat)
     log.taken(f"cut into {repeats} repeats of {per_repeat} samples", where)
+    if not _motion_repeats(columns, repeats):
+        log.suspicious(f"the motion does not repeat with a period of {period:g} s: its repeats differ", where)
     return CommonClock(columns={"time": _ticks(count, dt), "repeat": repeat, **columns}, rate=1 / dt, offset=offset)
+
+
+def _motion_repeats(columns: Mapping[str, Array], repeats: int) -> bool:
+    """Whether the angles or quaternions vary less about their mean over repeats than half of all their variation."""
+    names = [name for name in columns if re.fullmatch(r"q([xyzw]|\d+)|phi", name)]
+    runs = (
+        np.stack([columns[name] for name in names]).reshape(len(names), repeats, -1) if names else np.zeros((1, 1, 1))
+    )
+    total = float(runs.var(axis=(1, 2)).sum())
+    between = float(runs.var(axis=1).mean(axis=1).sum())
+    return total < AT_REST**2 or between < 0.5 * total
 
 
 def _whole_repeats(columns: dict[str, Array], where: str, log: StepLog) -> dict[str, Array]:
