@@ -64,16 +64,44 @@ def test_options_and_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str
     for argv, message in (
         (["--preset", "kuka"], "use one of ur_rtde"),
         (["--map", tmp_path / "none.toml"], "No such file"),
-        (["--period", "-1"], "invalid"),
+        (["--period", "-1"], "invalid positive value"),
+        (["--period", "0"], "invalid positive value"),
+        (["--period", "nan"], "invalid positive value"),
         (["--period", "3", "--no-period"], "not allowed with"),
         (["--period", "70"], "give the period of a motion that ran at least twice"),
         (["--rig", tmp_path / "none.toml"], "No such file"),
         (["--out", source / "x.csv"], "is not a folder"),
+        (["--out", tmp_path / "." / source.name], "would replace the log"),
     ):
         code, text, error = run(capsys, "import", source, *argv)
         assert (code, text) == (2, "")
         assert message in error
         assert error.count("\n") == 1
+
+
+def test_a_period_that_the_motion_does_not_have_is_suspicious(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One period of a random motion, cut into three; two periods of it, cut in the middle, are no suspicion."""
+    frame = original()
+    twice = pd.concat([frame, frame], ignore_index=True)
+    twice["time"] = np.arange(len(twice)) * 0.004
+    for name, logged, period, is_suspicious in (("one", frame, "3.33", True), ("two", twice, "10", False)):
+        source = tmp_path / f"{name}.csv"
+        logged.to_csv(source, index=False)
+        code, text, _ = run(capsys, "import", source, "--period", period)
+        assert code == 0
+        assert (f"the motion does not repeat with a period of {period} s" in text) == is_suspicious
+
+
+def test_no_period_makes_one_run_of_what_a_column_counts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = tmp_path / "counted.csv"
+    original().assign(repeat=np.repeat([0, 1], 1250)).to_csv(source, index=False)
+    _, counted, _ = run(capsys, "import", source)
+    _, one_run, _ = run(capsys, "import", source, "--no-period")
+    assert "repeat" in counted.splitlines()[0]
+    assert "repeat" not in one_run.splitlines()[0]
+    assert "column repeat is left out: one run, as stated" in one_run
 
 
 def test_nothing_is_written_without_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

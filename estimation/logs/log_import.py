@@ -53,12 +53,16 @@ Clocks: TypeAlias = tuple[tuple[ClockReading, ...], OffsetReading | None, float 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """How to read: a preset's name, a map, the period of the motion (s), and whether mending is refused."""
+    """How to read: a preset's name, a map, the period of the motion (s), and whether mending is refused.
+
+    With `one_run`, a column that counts repeats is left out.
+    """
 
     preset: str | None = None
     stated: ColumnMap | None = None
     period: float | None = None
     strict: bool = False
+    one_run: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -281,6 +285,9 @@ class _Reading:
                 continue
             key = named.get(name, name.replace(",", "_").replace('"', ""))
             key = "temperature" if key.lower() in ("temp", "temperature") else key
+            if key == "repeat" and self.options.one_run:
+                self.log.taken("column repeat is left out: one run, as stated", table.name)
+                continue
             found[key if plain or key not in RESERVED or name in named else f"log_{key}"] = column
         if len(found) > MOST_AUXILIARY:
             kept = {n: c for n, c in found.items() if n in self.stated.columns or n in ("temperature", "repeat")}

@@ -75,12 +75,16 @@ def imported(
     map: str | Path | ColumnMap | None = None,  # the option's name on the command line
     period: float | None = None,
     strict: bool = False,
+    one_run: bool = False,
 ) -> ImportedRecording:
-    """Logs as a table of FORMATS with its reading report, whatever their columns are called; arguments as of `read`."""
+    """Logs as a table of FORMATS with its reading report, whatever their columns are called; arguments as of `read`.
+
+    With `one_run`, a column that counts repeats is left out.
+    """
     if not sources:
         raise InputError(what="no sources were given", where="read", remedy="give the paths of recordings or logs")
     stated = ColumnMap.read(map) if isinstance(map, str | Path) else map
-    options = ReadingOptions(preset=preset, stated=stated, period=period, strict=strict)
+    options = ReadingOptions(preset=preset, stated=stated, period=period, strict=strict, one_run=one_run)
     return import_recording(sources, options, rig=rig)
 
 

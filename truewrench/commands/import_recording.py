@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands
+from modeling.errors import InputError
+from truewrench.commands.options import Subcommands, positive
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,22 +37,19 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--map", metavar="FILE", help='columns and units in TOML, such as fx = "wrench.force.x"')
     command.add_argument("--rig", metavar="RIG", help="rig file (TOML): the arm of joint angles, and [columns]")
     period = command.add_mutually_exclusive_group()
-    period.add_argument(
-        "--period", type=_positive, metavar="T", help="period of a repeated motion, s: cut into repeats"
-    )
-    period.add_argument("--no-period", action="store_true", help="the motion is one run, even if it seems to repeat")
+    period.add_argument("--period", type=positive, metavar="T", help="period of a repeated motion, s: cut into repeats")
+    period.add_argument("--no-period", action="store_true", help="one run, even if a column counts repeats")
     command.add_argument("--strict", action="store_true", help="refuse whatever would have to be mended")
     command.add_argument("--out", type=Path, metavar="REC", help="recording to write (.csv or .parquet)")
     command.add_argument("--json", action="store_true", help="print the reading report as JSON alone")
     command.set_defaults(run=run)
 
 
-def _positive(text: str) -> float:
-    """A number above zero; argparse reports a ValueError in one line."""
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise ValueError(text)
-    return value
+def _require_other_file(out: Path, sources: list[str]) -> None:
+    """A log is never replaced by what was read from it. Raises InputError."""
+    if any(os.path.realpath(out) == os.path.realpath(source) for source in sources):
+        what, remedy = "the recording would replace the log that it is read from", "give --out another name"
+        raise InputError(what=what, where=str(out), remedy=remedy)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -61,6 +60,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.out is not None:
         require_writable_folder(arguments.out.parent)
+        _require_other_file(arguments.out, arguments.sources)
     rig = None if arguments.rig is None else Rig.read(arguments.rig)
     with progress_line() as progress:
         progress("read")
@@ -71,6 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
             map=arguments.map,
             period=arguments.period,
             strict=arguments.strict,
+            one_run=arguments.no_period,
         )
         if (rig is not None or "q1" not in found.columns) and found.report.samples < LONGEST_CHECKED:
             found.recording(rig)  # whatever could not be diagnosed is said now
