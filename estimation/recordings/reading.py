@@ -24,34 +24,10 @@ NORM_TOLERANCE = 1e-2  # of a unit quaternion: errors of printed digits and inte
 
 
 def read(path: str | Path, *, rig: Rig | None = None) -> Recording:
-    """The recording in a CSV or Parquet file.
+    """The recording in one CSV or Parquet file with the columns of FORMATS, SI units, as `tw.read` describes it.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file; columns as in FORMATS, SI units.
-    rig : Rig, optional
-        The kinematics that joint angles need; by default none, for poses of the sensor.
-
-    Returns
-    -------
-    Recording
-        Wrench (n, p), N and N m, motion and auxiliary columns, as read.
-
-    Raises
-    ------
-    InputError
-        In one line with file and row or column, for whatever cannot be a recording. Rows are counted with a CSV's
-        header as row 1.
-
-    Examples
-    --------
-    >>> import truewrench as tw
-    >>> recording = tw.read("train.csv", rig=tw.Rig.read("rig.toml"))
-    >>> recording.channels, recording.wrench.shape, recording.repeats
-    (('fx', 'fy', 'tau'), (4000, 3), 8)
-    >>> recording.auxiliary
-    ('temperature',)
+    `rig` gives the kinematics that joint angles need. Raises InputError, in one line with file and row or column, for
+    whatever cannot be a recording. Rows are counted with a CSV's header as row 1.
     """
     path = Path(path)
     return recording_from_table(table_from_file(path), name=path.name, rig=rig)
