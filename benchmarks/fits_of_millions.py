@@ -40,7 +40,7 @@ from estimation.fit import fit
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.regressor_map import linear_regressor_map
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.codegen.numpy_target import numpy_regressor
+from modeling.codegen.code_target import code_target
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import STANDARD_GRAVITY, Convention
@@ -213,7 +213,7 @@ def emitted(space: Space, folder: Path) -> ModuleType:
     """The module that `truewrench emit` writes, written and loaded."""
     name = "planar_regressor" if space is Space.PLANE else "spatial_regressor"
     path = folder / f"{name}.py"
-    path.write_text(numpy_regressor(RigidToolRegressor(space), "truewrench"), encoding="utf-8")
+    path.write_text(code_target("numpy").regressor(RigidToolRegressor(space), "truewrench"), encoding="utf-8")
     spec = spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
