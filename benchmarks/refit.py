@@ -30,6 +30,7 @@ from scipy.optimize import least_squares
 from benchmarks.measure import rounds
 from benchmarks.row import Row, table
 from estimation.fit import Fit, WhitenedProblem, fit
+from estimation.least_squares.whitened_problem import LinearisedRows
 from estimation.model_response import model_signals
 from estimation.recordings.reading import read
 from modeling import effects
@@ -68,10 +69,10 @@ class CountedProblem(WhitenedProblem):
 
     calls: list[Array] = field(default_factory=list)
 
-    def evaluate(self, theta: Array) -> tuple[Array, Array]:
-        """Residual and derivative, counted."""
+    def linearised(self, theta: Array) -> LinearisedRows:
+        """The whitened rows about theta, counted."""
         self.calls.append(theta)
-        return super().evaluate(theta)
+        return super().linearised(theta)
 
 
 @dataclass(frozen=True, eq=False)
