@@ -28,7 +28,7 @@ from modeling.expressions.straight_line_program import StraightLineProgram
 from modeling.space import Space
 from tests.emitted import Library, balanced, module, pointer
 from truewrench.command_line import main
-from truewrench.commands import emit
+from truewrench.emitted import BASES
 
 Array = NDArray[np.float64]
 
@@ -310,7 +310,7 @@ def test_the_same_model_gives_the_same_text_in_every_process() -> None:
 def test_the_options_are_the_languages() -> None:
     assert target_names() == ("numpy", "casadi", "c", "latex")
     assert all(code_target(name).name == name for name in target_names())
-    assert set(NAMES.values()) == set(emit.BASES)
+    assert set(NAMES.values()) == set(BASES)
 
 
 @pytest.mark.parametrize("base", ["planar", "spatial"])

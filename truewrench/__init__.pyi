@@ -50,6 +50,7 @@ from modeling.noise.autoregressive_noise import NoiseModel as NoiseModel
 from modeling.noise.stationary_noise import ColouredNoise as ColouredNoise
 from modeling.rig.rig import Rig as Rig
 from modeling.space import signals as signals
+from truewrench.emitted import emit as emit
 from truewrench.files.effects_file import read_effects as read_effects
 from truewrench.surveying.survey import survey as survey
 

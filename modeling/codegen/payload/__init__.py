@@ -1,0 +1,1 @@
+"""The identified tool in the formats of robot descriptions and controllers."""

@@ -1,0 +1,106 @@
+"""Mass, centre of mass and central inertia of an identified tool, in a frame of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from modeling.chain.model import WrenchModel
+from modeling.chain.pseudo_inertia import pseudo_inertia
+from modeling.errors import InputError
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+WHERE = "tool"
+ROUNDING = 1e-9
+"""Relative size of a negative second moment that is rounding: an estimate on the boundary of consistency has zeros."""
+SENSOR_FRAME = "sensor frame"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ToolInertia:
+    """Mass and mass distribution of a rigid tool.
+
+    mass            kg, and its std
+    centre_of_mass  (3,) m, from the frame's origin along its axes
+    inertia         (3, 3) kg m² about the centre of mass, along the frame's axes; None where it was not identifiable
+    frame           what the axes are
+    """
+
+    mass: float
+    mass_std: float
+    centre_of_mass: Array
+    inertia: Array | None
+    frame: str = SENSOR_FRAME
+
+    @classmethod
+    def of(cls, model: WrenchModel, theta: Array, covariance: Array) -> ToolInertia:
+        """The tool of a six-axis model at its parameters theta (k,) with covariance (k, k), in the sensor frame.
+
+        With the pseudo-inertia [[Sigma, c], [c', m]] about the sensor origin (Wensing et al. 2018) the second moments
+        about the centre of mass c/m are its Schur complement Sigma - c c'/m, and the inertia is tr(.) 1 minus them.
+        Raises InputError for a planar model, for a mass or first moment that is not identifiable, and for a tool that
+        no distribution of mass has.
+        """
+        if model.space is Space.PLANE:
+            what = "a planar model has one moment of inertia and no centre of mass across its plane"
+            raise InputError(what=what, where=WHERE, remedy="identify the tool with a six-axis sensor")
+        known = dict(zip((p.name for p in model.parameters), np.isfinite(np.diag(covariance)), strict=True))
+        _require_identifiable([n for n in ("m", "mx", "my", "mz") if not known[n]])
+        place = [p.name for p in model.parameters].index("m")
+        matrix = pseudo_inertia(model.base).over([p.name for p in model.parameters]).at(theta)
+        first, mass = matrix[:3, 3], float(matrix[3, 3])
+        if mass <= 0:
+            raise InputError(
+                what=f"the mass is {mass:.4g} kg", where=WHERE, remedy="see what the model lacks: diagnose"
+            )
+        second = matrix[:3, :3] - np.outer(first, first) / mass
+        central = None if any(not known[n] for n in known if n[0] == "I" and len(n) == 3) else _consistent(second)
+        return cls(
+            mass=mass,
+            mass_std=float(np.sqrt(covariance[place, place])),
+            centre_of_mass=first / mass,
+            inertia=central,
+        )
+
+    def seen_from(self, pose: Sequence[float]) -> ToolInertia:
+        """The same tool in a frame in which the sensor has this pose: x, y, z (m), roll, pitch, yaw (rad).
+
+        The angles turn about the fixed axes x, y, z in that order, as URDF has them.
+        """
+        turn, place = Rotation.from_euler("xyz", pose[3:]).as_matrix(), np.asarray(pose[:3], dtype=np.float64)
+        turned = None if self.inertia is None else turn @ self.inertia @ turn.T
+        where = f"frame in which the sensor is at {' '.join(f'{v:g}' for v in pose)} (m, rad: x y z roll pitch yaw)"
+        return replace(self, centre_of_mass=turn @ self.centre_of_mass + place, inertia=turned, frame=where)
+
+    def required_inertia(self, name: str) -> Array:
+        """The inertia (3, 3); InputError where it was not identifiable and the format `name` needs it."""
+        if self.inertia is None:
+            what = f"the inertia is not identifiable from the recordings of this model, and {name} needs it"
+            remedy = "record a motion that turns quickly about three axes; ur needs mass and centre of mass alone"
+            raise InputError(what=what, where=WHERE, remedy=remedy)
+        return self.inertia
+
+
+def _require_identifiable(unknown: Sequence[str]) -> None:
+    if unknown:
+        what = f"not identifiable from the recordings of this model: {', '.join(unknown)}"
+        raise InputError(what=what, where=WHERE, remedy="record poses or a motion that turn the tool about two axes")
+
+
+def _consistent(second: Array) -> Array:
+    """The inertia of second moments (3, 3) about the centre of mass; InputError if one of them is negative."""
+    moments = np.linalg.eigvalsh(second)
+    if moments[0] < -ROUNDING * np.abs(moments).max():
+        largest = (moments.sum() - moments)[::-1]
+        what = (
+            "no distribution of mass has this inertia: principal moments about the centre of mass"
+            f" {', '.join(f'{v:.3g}' for v in largest)} kg m², of which one exceeds the sum of the others"
+        )
+        raise InputError(what=what, where=WHERE, remedy="fit again with --physical, or record a faster motion")
+    return np.asarray(np.trace(second) * np.eye(3) - second)

@@ -1,0 +1,137 @@
+"""What `emit` writes of a model: code in a target language, or the tool in a format of robots and controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from modeling.codegen.code_target import code_target, target_names
+from modeling.codegen.payload.payload_format import FORMATS, payload_format
+from modeling.errors import InputError, suggestion
+
+if TYPE_CHECKING:
+    from estimation.contact.calibrated_model import CalibratedModel
+    from estimation.fit import Fit
+    from estimation.streaming.streamed_fit import StreamedFit
+    from modeling.codegen.generated_code import GeneratedCode
+    from modeling.table import Table
+
+BASES = ("planar", "spatial")
+
+
+@dataclass(frozen=True)
+class Emitted:
+    """A text, and the operations per sample where it is code."""
+
+    text: str
+    operations: Table | None
+
+
+def emit(
+    model: Fit | StreamedFit | str | Path,
+    to: str,
+    *,
+    rate: float | None = None,
+    sensor_pose: Sequence[float] | None = None,
+) -> str:
+    """Write a model as code, or its tool as robot descriptions and controllers take it.
+
+    Parameters
+    ----------
+    model : Fit, StreamedFit, str or Path
+        A fit, the path of a model file, or a base model: "planar", "spatial".
+    to : str
+        Code: "numpy", "casadi", "c", "latex". The tool: "urdf", "sdf", "mjcf", "ur", "franka", "ros2".
+    rate : float, optional
+        Sampling rate of the code in Hz; needed for a model with memory.
+    sensor_pose : sequence of float, optional
+        Pose of the sensor frame in the frame of the robot's description or controller (a flange): x, y, z in m, roll,
+        pitch, yaw in rad about the fixed axes x, y, z; by default the tool is written in the sensor frame.
+
+    Returns
+    -------
+    str
+        The text of the file: of a tool mass (kg), centre of mass (m) and inertia about it (kg m²), along the axes of
+        that frame.
+
+    Raises
+    ------
+    InputError
+        For an unknown name in `to`, a tool that no distribution of mass has or that is not identifiable, a planar tool
+        in a format of space, and as from the code targets.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> code = tw.emit("planar", "numpy")
+    >>> "def regressor(ax, ay, phi, dphi, ddphi)" in code
+    True
+    """
+    return emitted(model, to, rate=rate, sensor_pose=sensor_pose).text
+
+
+def emitted(
+    model: Fit | StreamedFit | str | Path,
+    to: str,
+    *,
+    rate: float | None = None,
+    sensor_pose: Sequence[float] | None = None,
+) -> Emitted:
+    """`emit`, with the operation counts of code."""
+    if to in FORMATS:
+        return Emitted(_tool_text(model, to, sensor_pose), None)
+    if to not in target_names():
+        remedy = suggestion(to, (*target_names(), *FORMATS))
+        raise InputError(what=f"'{to[:40]}' is no language or format", where="to", remedy=remedy)
+    if sensor_pose is not None:
+        remedy = f"leave it out, or emit the tool: {', '.join(FORMATS)}"
+        raise InputError(what="code has no frame but the sensor's", where="sensor pose", remedy=remedy)
+    code = _code(model, to, rate)
+    return Emitted(code.text, code.table)
+
+
+def _source() -> str:
+    from importlib.metadata import version
+
+    return f"truewrench {version('truewrench')}"
+
+
+def _tool_text(model: Fit | StreamedFit | str | Path, to: str, sensor_pose: Sequence[float] | None) -> str:
+    from modeling.codegen.payload.tool_inertia import ToolInertia
+
+    if str(model) in BASES:
+        remedy = "give a fit or a model file: `truewrench fit --out model.json`"
+        raise InputError(what="a base model has no values", where=str(model), remedy=remedy)
+    known = _calibration(model)
+    tool = ToolInertia.of(known.model, known.theta, known.covariance)
+    return payload_format(to).text(tool if sensor_pose is None else tool.seen_from(sensor_pose), _source())
+
+
+def _code(model: Fit | StreamedFit | str | Path, to: str, rate: float | None) -> GeneratedCode:
+    from modeling.codegen.fitted_model import FittedModel
+    from modeling.codegen.generated_code import GeneratedCode
+    from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+    from modeling.space import Space
+
+    target = code_target(to)
+    if str(model) in BASES:
+        space = Space.PLANE if str(model) == "planar" else Space.SPACE
+        return GeneratedCode.of_base(RigidToolRegressor(space), target, _source())
+    known = _calibration(model)
+    fitted = FittedModel.of(known.model, known.theta, None if rate is None else 1 / rate)
+    return GeneratedCode.of_fitted(fitted, target, _source())
+
+
+def _calibration(model: Fit | StreamedFit | str | Path) -> CalibratedModel:
+    """Parameters and covariance of a fit, or of a model file."""
+    from estimation.contact.calibrated_model import CalibratedModel
+    from truewrench.files.model_file import ModelFile
+
+    if not isinstance(model, (str, Path)):
+        return CalibratedModel.of(model)
+    if not Path(model).is_file():
+        remedy = "give planar, spatial, or the path of a model file"
+        raise InputError(what="neither a base model nor a model file", where=str(model) or "MODEL", remedy=remedy)
+    return ModelFile.read(model).calibration
