@@ -17,6 +17,7 @@ from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.validation import zero_shift
 from diagnosis.parallel.progress import Progress, silent
 from diagnosis.parallel.workers import Workers, WorkItem, run_spmd
+from diagnosis.screening.initial_values import model_initial_values
 from diagnosis.screening.score_test import screen
 from diagnosis.selection.noise_reestimation import noise_without_transients
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, search_subsets
@@ -43,7 +44,6 @@ from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects import catalogue
-from modeling.errors import InputError
 from modeling.number_format import P_VALUE, SHARE, finite
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
@@ -55,7 +55,7 @@ Array = NDArray[np.float64]
 class Diagnosis(Tabular):
     """Result of a diagnosis of the recordings of one rig and tool.
 
-    steps         selection steps, from the rigid tool to the last effect added
+    steps         selection steps, from the model given to the last effect added
     findings      one for every candidate effect, the added ones first
     zero_shift    change of each channel's bias on the first held-out recording, None without one
     disturbances  recording-specific disturbances of the held-out recordings: drift, contact
@@ -75,6 +75,11 @@ class Diagnosis(Tabular):
     def fit(self) -> Fit:
         """The final fit, with every added effect."""
         return self.steps[-1].fit
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Ids of the effects of the model given, which were not judged."""
+        return tuple(e.id for e in self.steps[0].fit.model.effects)
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -101,6 +106,7 @@ class Diagnosis(Tabular):
     def printed(self) -> list[Table | str]:
         """Verdict, comparison with the first recording, candidate effects."""
         head = f"verdict: {self.verdict.value}" + (f" ({', '.join(self.added)})" if self.added else "")
+        head += f", given {', '.join(self.given)}" if self.given else ""
         return [head, *self.steps[-1].training[0].printed(), *super().printed()]
 
     def to_data(self) -> dict[str, Any]:
@@ -112,6 +118,7 @@ class Diagnosis(Tabular):
             "verdict": self.verdict.value,
             "noise_floor": dict(first.noise_floor),
             "noise_source": first.noise.source.value,
+            "given": list(self.given),
             "added": list(self.added),
             "lack_of_fit_p": self.lack_of_fit,
             "converged": self.fit.converged,
@@ -141,7 +148,7 @@ def diagnose(
     Parameters
     ----------
     model : WrenchModel
-        The rigid tool, without effects: `planar(rig)` or `spatial(rig)`.
+        The rigid tool, `planar(rig)` or `spatial(rig)`. Effects that it has are given: they stay, and are not judged.
     recordings : Recording or iterable of Recording
         Recordings of one rig and tool, which the models are fitted to.
     validate : Recording or iterable of Recording, optional
@@ -163,7 +170,7 @@ def diagnose(
     Raises
     ------
     InputError
-        When the model has effects already, its signals are not recorded, the sign convention cannot be decided, or the
+        When a signal of the model is not recorded, the sign convention cannot be decided, or the
         estimated mass is negative.
 
     Examples
@@ -198,17 +205,12 @@ def _diagnosed(
     workers: Workers,
 ) -> Diagnosis:
     """`diagnose` as run by each process."""
-    if model.effects:
-        raise InputError(
-            what=f"the model already has {', '.join(e.id for e in model.effects)}",
-            where="model",
-            remedy="diagnose the rigid-tool model: model.base",
-        )
     progress = progress if workers.rank == 0 else silent
     check_channels(model, training)
     model = with_decided_convention(model, (*training, *others))
-    candidates = catalogue(model.space) if effects is None else effects
-    progress("fit the rigid tool")
+    given = {effect.id for effect in model.effects}
+    candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
+    progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
     base, noise = _initial_fit(model, training, others, workers)
     held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
     selection = _selected(base, candidates, progress, workers)
@@ -244,11 +246,15 @@ def _diagnosed(
 def _initial_fit(
     model: WrenchModel, training: tuple[Recording, ...], others: tuple[Recording, ...], workers: Workers
 ) -> tuple[Fit, tuple[RecordingNoise, ...]]:
-    """The rigid tool fitted to the training recordings, and the initial noise of the held-out ones."""
+    """The model fitted to the training recordings, and the initial noise of the held-out ones."""
+    start = model_initial_values(model, training) if model.effects else {}
     if not others:
-        return refit(model, training), ()
+        return refit(model, training, start=start), ()
     shared = [model, training, others, *(part for r in (*training, *others) for part in (r, r.rig)), model.arm]
-    tasks = [WorkItem("fit", lambda: refit(model, training)), WorkItem("noise", lambda: initial_noise(model, others))]
+    tasks = [
+        WorkItem("fit", lambda: refit(model, training, start=start)),
+        WorkItem("noise", lambda: initial_noise(model, others)),
+    ]
     base, noise = workers.run(tasks, shared=shared)
     return base, noise
 
@@ -269,7 +275,7 @@ def _without_negligible(candidate: CandidateModel, tolerance: Mapping[str, float
     """The candidate without the effects whose upper limit is within the stated tolerance."""
     if not stated:
         return candidate
-    for effect in candidate.fit.model.effects:
+    for effect in candidate.added:
         without = candidate.without(effect.id)
         (screening,) = screen(without.fit, [effect], candidates=candidate.candidates, cache=candidate.cache)
         if screening.excited and within_tolerance(

@@ -26,7 +26,7 @@ class AcceptanceEvidence:
     """Evidence on a set of effects, computed when a rule asks for it.
 
     candidate  the set, fitted to the training recordings
-    base       the rigid tool, fitted to them
+    base       the rigid tool with the effects given, fitted to them
     held_out   recordings with their disturbances given the candidate
     """
 
@@ -38,7 +38,7 @@ class AcceptanceEvidence:
     def at_bound(self) -> tuple[str, str] | None:
         """An effect with an estimate on a physical bound other than the nominal value, and the reason to reject it."""
         fitted = self.candidate.fit
-        for effect in fitted.model.effects:
+        for effect in self.candidate.added:
             for p in effect.qualified(fitted.model.space):
                 estimated = p.nuisance or isfinite(fitted.parameters[p.name].std)
                 if estimated and fitted.values[p.name] in p.bounds and fitted.values[p.name] != p.nominal:
@@ -49,7 +49,7 @@ class AcceptanceEvidence:
     @cached_property
     def lasting(self) -> bool:
         """Whether any effect is not recording-specific: only such effects are tested on held-out data."""
-        return bool(self.candidate.fit.model.lasting.effects)
+        return any(not effect.per_recording for effect in self.candidate.added)
 
     @cached_property
     def collinear_parameter(self) -> str | None:
@@ -112,8 +112,8 @@ class AcceptanceEvidence:
     @cached_property
     def least_significant(self) -> str:
         """The effect whose removal raises the training chi-square least; among lasting effects if there are any."""
-        model = self.candidate.fit.model
-        ids = [e.id for e in (model.lasting.effects or model.effects)]
+        added = self.candidate.added
+        ids = [e.id for e in ([e for e in added if not e.per_recording] or added)]
         if len(ids) == 1:
             return ids[0]
         costs = {i: smaller.cost for i, smaller in self.candidate.without_each().items() if i in ids}

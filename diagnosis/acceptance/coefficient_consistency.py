@@ -29,7 +29,7 @@ def inconsistent_effect(candidate: CandidateModel, held_out: Sequence[HeldOut]) 
     """The lasting effect whose coefficients change most between data sets, if significantly and by more than 10 %, and
     the reason to reject it."""
     found, pairs = [], _fit_pairs(candidate, held_out)
-    for effect in candidate.fit.model.lasting.effects:
+    for effect in (e for e in candidate.added if not e.per_recording):
         for first, second, where in pairs:
             p_value, change = coefficient_change(effect, first, second)
             if p_value < LEVELS.effect and change > MAX_COEFFICIENT_CHANGE:

@@ -39,17 +39,25 @@ class CandidateModel:
 
     candidates  number of candidate effects, for the multiplicity correction
     cache       cache of score tests in the same noise
+    given       effects that every set has, beside those of the set: the model that the search began with
     """
 
     fit: Fit
     candidates: int
     cache: ScreeningCache = field(default_factory=ScreeningCache)
+    given: tuple[Effect, ...] = ()
     _without: dict[str, CandidateModel] = field(default_factory=dict, init=False, repr=False)
 
     @property
+    def added(self) -> tuple[Effect, ...]:
+        """The effects of the set, in order of addition; without those given."""
+        known = {e.id for e in self.given}
+        return tuple(e for e in self.fit.model.effects if e.id not in known)
+
+    @property
     def ids(self) -> frozenset[str]:
-        """The ids of its effects."""
-        return frozenset(e.id for e in self.fit.model.effects)
+        """The ids of the effects of the set."""
+        return frozenset(e.id for e in self.added)
 
     @property
     def null_model(self) -> NullModel:
@@ -64,12 +72,12 @@ class CandidateModel:
     def without(self, effect_id: str) -> CandidateModel:
         """The candidate without one of its effects, refitted once."""
         if effect_id not in self._without:
-            self._without[effect_id] = refit_effects(self, [e for e in self.fit.model.effects if e.id != effect_id])
+            self._without[effect_id] = refit_effects(self, [e for e in self.added if e.id != effect_id])
         return self._without[effect_id]
 
     def without_each(self, tried: Sequence[CandidateModel] = ()) -> dict[str, CandidateModel]:
         """The candidate without each of its effects in turn, by effect id; refitted by all workers unless `tried`."""
-        own, known = self.fit.model.effects, {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
+        own, known = self.added, {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
         found = {e.id: known.get(self.ids - {e.id}, self._without.get(e.id)) for e in own}
         new = [e for e in own if found[e.id] is None]
         smaller = self.cache.workers.map(
@@ -108,7 +116,7 @@ class CandidateModel:
 
 @dataclass(frozen=True, eq=False)
 class SubsetSearch:
-    """Result of the search: the base model, the chosen set, and all sets tried."""
+    """Result of the search: the base model (with the effects given), the chosen set, and all sets tried."""
 
     base: CandidateModel
     chosen: CandidateModel
@@ -122,13 +130,13 @@ class SubsetSearch:
 def search_subsets(
     base: Fit, effects: Sequence[Effect], progress: Progress = silent, workers: Workers | None = None
 ) -> SubsetSearch:
-    """Beam search over sets of effects until no further effect is significant.
+    """Beam search over sets of effects, beside those of the base model, until no further effect is significant.
 
     Each set is extended by the effects that are significant given those in it (score test, Holm, 1 %) and refitted
     exactly. The best set by the criterion goes through backward elimination and is replaced by a smaller one that is
     as good.
     """
-    start = CandidateModel(base, len(effects), ScreeningCache(workers or Workers()))
+    start = CandidateModel(base, len(effects), ScreeningCache(workers or Workers()), base.model.effects)
     level, tried = [start], {start.ids: start}
     for _ in range(MAX_EFFECTS):
         extended = _extended_sets(level, effects, tried, progress)
@@ -191,9 +199,9 @@ def _best_with_common_noise(best: CandidateModel, tried: Sequence[CandidateModel
     others = [c for c in tried if c.ids != best.ids and c.adequate]
     shared = [*shared_objects(best.fit), best.cache]
     refits = best.cache.workers.map(
-        lambda c: refit_effects(best, c.fit.model.effects, c.fit.values),
+        lambda c: refit_effects(best, c.added, c.fit.values),
         others,
-        label=lambda c: _ids(c.fit.model.effects),
+        label=lambda c: _ids(c.added),
         shared=shared,
     )
     return min([best, *refits], key=lambda c: c.criterion)
@@ -275,18 +283,18 @@ def refit_with_effect(candidate: CandidateModel, screening: ScoreTest) -> Candid
     after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
     if noise_from_residual(before):
         after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
-    return CandidateModel(after, candidate.candidates, candidate.cache)
+    return CandidateModel(after, candidate.candidates, candidate.cache, candidate.given)
 
 
 def refit_effects(
     candidate: CandidateModel, effects: Sequence[Effect], start: Mapping[str, float] | None = None
 ) -> CandidateModel:
-    """The candidate with another set of effects, refitted exactly in the same noise."""
+    """The candidate with another set of effects, beside those given, refitted exactly in the same noise."""
     before = candidate.fit
-    model = before.model.base + effects
+    model = before.model.base + candidate.given + effects
     start = {**before.values, **(start or {})}
     after = refit(model, before.recordings, noise=before.noise, start=start)
-    return CandidateModel(after, candidate.candidates, candidate.cache)
+    return CandidateModel(after, candidate.candidates, candidate.cache, candidate.given)
 
 
 def _backward_elimination(
@@ -294,7 +302,7 @@ def _backward_elimination(
 ) -> CandidateModel:
     """Drop effects one by one while that lowers the criterion."""
     if candidate.ids:
-        progress(f"backward elimination: refit without each of {_ids(candidate.fit.model.effects)}")
+        progress(f"backward elimination: refit without each of {_ids(candidate.added)}")
     for smaller in candidate.without_each(list(tried.values())).values():
         if smaller.criterion < candidate.criterion:
             return _backward_elimination(smaller, tried, progress)

@@ -146,7 +146,7 @@ def _score_tests_of_added(final: CandidateModel, steps: Sequence[SelectionStep])
     """The score test of each added effect, given those added before it."""
     found = []
     for before, step in pairwise(steps):
-        effect = next(e for e in final.fit.model.effects if e.id == step.effect)
+        effect = next(e for e in final.added if e.id == step.effect)
         found.append(screen(before.fit, [effect], candidates=final.candidates, cache=final.cache)[0])
     return found
 

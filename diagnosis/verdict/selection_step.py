@@ -31,9 +31,9 @@ class SelectionStep:
 def selection_steps(
     selection: SubsetSearch, final: CandidateModel, held_out: Sequence[HeldOut]
 ) -> tuple[SelectionStep, ...]:
-    """The models from the rigid tool to the last effect added, each refitted."""
+    """The models from the base model to the last effect added, each refitted."""
     steps = [_selection_step(None, selection.base.fit, held_out)]
-    effects = final.fit.model.effects
+    effects = final.added
     for count in range(1, len(effects) + 1):
         partial = final if count == len(effects) else selection.refitted(final, effects[:count])
         steps.append(_selection_step(effects[count - 1].id, partial.fit, held_out))

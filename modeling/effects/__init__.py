@@ -13,7 +13,7 @@ from modeling.effects.joints import JointBacklash, JointElasticity, JointOffset,
 from modeling.effects.linear_dynamics import SensorLag, TimeDelay
 from modeling.effects.tip_flexibility import TipFlexibility
 from modeling.effects.transient_events import ContactEvent, PayloadChange
-from modeling.errors import InputError
+from modeling.errors import InputError, quoted, suggestion
 from modeling.space import Space
 
 __all__ = ["CATALOGUE", "BiasDrift", "Effect", "catalogue", "named"]
@@ -84,5 +84,5 @@ def named(effect_id: str) -> Effect:
     for effect in CATALOGUE:
         if effect.id == effect_id:
             return effect()
-    known = ", ".join(e.id for e in CATALOGUE)
-    raise InputError(what=f"no effect is called '{effect_id}'", where="effect id", remedy=f"use one of {known}")
+    remedy = suggestion(effect_id, [effect.id for effect in CATALOGUE], most=len(CATALOGUE))
+    raise InputError(what=f"no effect is called {quoted(effect_id)}", where="effect id", remedy=remedy)

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from truewrench.commands.effect_choice import (
+    add_candidate_choice,
+    candidate_effects,
+    custom_effects,
+    with_effects_changed,
+)
 from truewrench.commands.options import (
     Subcommands,
     add_custom_effects,
@@ -31,6 +39,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command = commands.add_parser("diagnose", help="physical effects missing from the model", description=text)
     add_recordings(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
+    add_candidate_choice(command)
     add_custom_effects(command)
     command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
     add_workers(command)
@@ -47,7 +56,10 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         require_writable_folder(arguments.out)
     case = DataSet.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
-    found = diagnosed(case, _custom_effects(arguments.effects, case), arguments.workers)
+    custom = custom_effects(arguments.effects, case)
+    case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
+    candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
+    found = diagnosed(case, candidates, arguments.workers)
     out = None if arguments.out is None else make_folder(arguments.out)
     data = found.to_data() | ({} if case.sign is None else {"sign": convention_data(case.sign)})
     if out is not None:
@@ -57,24 +69,14 @@ def run(arguments: argparse.Namespace) -> None:
     print_result(arguments, lambda: diagnosis_text(found) + sign, lambda: data, written)
 
 
-def _custom_effects(path: Path | None, case: DataSet) -> tuple[Effect, ...]:
-    """Custom effects of the effects file; none without a file."""
-    if path is None:
-        return ()
-    from truewrench.files.effects_file import custom_candidates
-
-    return custom_candidates(path, case)
-
-
-def diagnosed(case: DataSet, custom: tuple[Effect, ...] = (), workers: int | None = 1) -> Diagnosis:
-    """Diagnosis of a data set; custom effects are candidates in addition to the catalogue.
+def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers: int | None = 1) -> Diagnosis:
+    """Diagnosis of a data set with these candidate effects, None for the catalogue.
 
     `workers` processes share the work, None for all cores.
     Raises InputError when the mass comes out negative.
     """
     from diagnosis.diagnosis import diagnose
     from diagnosis.parallel.workers import available_cores
-    from modeling.effects import catalogue
     from truewrench.files.output import progress_line
 
     with progress_line() as progress:
@@ -82,7 +84,7 @@ def diagnosed(case: DataSet, custom: tuple[Effect, ...] = (), workers: int | Non
             case.model,
             case.training,
             validate=case.validation,
-            effects=(*catalogue(case.model.space), *custom),
+            effects=candidates,
             progress=progress,
             workers=available_cores() if workers is None else workers,
         )

@@ -29,7 +29,7 @@ def add_to(commands: Subcommands[Any]) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Print the catalogue, or the description of one effect."""
     from modeling.effects import catalogue
-    from truewrench.commands.fit import effect_by_id
+    from truewrench.commands.effect_choice import effect_by_id
 
     custom = () if arguments.effects is None else _custom_effects(arguments.effects)
     if arguments.id is None:

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, add_repeatable, print_result
+from truewrench.commands.effect_choice import add_effect_changes, custom_effects, with_effects_changed
+from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, print_result
 
 if TYPE_CHECKING:
     from estimation.fit import Fit
     from estimation.least_squares.constrained import Constraints
     from estimation.recordings.recording import Recording
     from estimation.streaming.streamed_fit import StreamedFit
-    from modeling.chain.effect import Effect
     from modeling.chain.model import WrenchModel
     from truewrench.text.fit_summary import FitSummary
 
@@ -24,8 +24,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "Estimate the rigid tool, with the effects given by --add, from recordings of one rig and tool."
     command = commands.add_parser("fit", help="estimate the parameters of a given model", description=text)
     add_recordings(command)
-    add_repeatable(command, "--add", metavar="ID", text="effect to add")
-    add_repeatable(command, "--drop", metavar="ID", text="effect to remove again")
+    add_effect_changes(command)
     add_custom_effects(command)
     command.add_argument("--robust", action="store_true", help="robust regression (Huber loss)")
     command.add_argument("--bounds", type=Path, metavar="FILE", help="TOML file of intervals, m = [0.1, 3.0]")
@@ -49,11 +48,10 @@ def run(arguments: argparse.Namespace) -> None:
         run_stream(arguments)
         return
     from truewrench.files.data_set import DataSet
-    from truewrench.files.effects_file import custom_candidates
 
     constraints = constraints_of(arguments)
     case = DataSet.read(arguments.recordings, rig=arguments.rig)
-    model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_candidates(arguments.effects, case))
+    model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_effects(arguments.effects, case))
     with progress_line() as progress:
         progress("fit")
         found = fit_summary_of(model, case.training, constraints, robust=arguments.robust)
@@ -147,40 +145,3 @@ def constraints_of(arguments: argparse.Namespace) -> Constraints | None:
         physical=arguments.physical,
         prior=None if arguments.prior is None else Prior.read(arguments.prior),
     )
-
-
-def effect_by_id(effect_id: str, custom: tuple[Effect, ...] = ()) -> Effect:
-    """Effect of that id, a custom one or of the catalogue.
-
-    Raises InputError for an unknown id.
-    """
-    from modeling.effects import named
-    from modeling.errors import InputError
-
-    for effect in custom:
-        if effect.id == effect_id:
-            return effect
-    try:
-        return named(effect_id)
-    except InputError as error:
-        also = f", or a custom effect: {', '.join(effect.id for effect in custom)}" if custom else ""
-        raise InputError(what=error.what, where=error.where, remedy=error.remedy + also) from None
-
-
-def with_effects_changed(
-    model: WrenchModel, add: list[str], drop: list[str], custom: tuple[Effect, ...] = ()
-) -> WrenchModel:
-    """The model with and without the effects of these ids, of the catalogue or custom ones.
-
-    Raises InputError for ids that are unknown, added twice, or dropped without being in the model.
-    """
-    from modeling.errors import InputError
-
-    for effect_id in add:
-        model = model + effect_by_id(effect_id, custom)
-    for effect_id in drop:
-        if effect_id not in [effect.id for effect in model.effects]:
-            remedy = "drop only what --add has added"
-            raise InputError(what=f"'{effect_id}' is not in the model", where="--drop", remedy=remedy)
-        model = model.without(effect_id)
-    return model

@@ -10,7 +10,7 @@ from estimation.noise.recording_noise import NoiseSource
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.worst_channel_plot import MIN_SIGNAL_TO_NOISE
 from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
-from truewrench.text.error_table import RIGID_TOOL, systematic_error
+from truewrench.text.error_table import base_name, systematic_error
 
 
 def compared_models(diagnosis: Diagnosis, number: int, *, held_out: bool = False) -> list[LabelledComparison]:
@@ -20,7 +20,7 @@ def compared_models(diagnosis: Diagnosis, number: int, *, held_out: bool = False
     adequate = diagnosis.verdict is not RecordVerdict.UNEXPLAINED
     nothing_missing = diagnosis.verdict is RecordVerdict.NOTHING_MISSING
     colours = [ADEQUATE_COLOUR if nothing_missing else MISFIT_COLOUR, ADEQUATE_COLOUR if adequate else MISFIT_COLOUR]
-    labels = [RIGID_TOOL, "with " + " + ".join(i.replace("_", " ") for i in diagnosis.added)]
+    labels = [base_name(diagnosis), "with " + " + ".join(i.replace("_", " ") for i in diagnosis.added)]
     return [LabelledComparison(*parts) for parts in zip(labels, colours, comparisons, strict=False)]
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
+from estimation.least_squares.estimates import Estimate
 from modeling.number_format import estimate_text
 from truewrench.text.error_table import error_table
 from truewrench.text.verdict_words import (
@@ -21,6 +24,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     """Verdict, effects added, error after each selection step, evidence, candidates, unexplained residual."""
     parts = [
         verdict_sentence(diagnosis),
+        *(_given_text(diagnosis, effect_id) for effect_id in diagnosis.given),
         *(effect_text(f) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
         error_reduction_text(diagnosis),
         "\n".join(_evidence(diagnosis)),
@@ -36,12 +40,23 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return f"{label}{headline[0].lower() if label else headline[0]}{headline[1:]}. [{verdict.value}]"
 
 
+def _given_text(diagnosis: Diagnosis, effect_id: str) -> str:
+    """An effect that the model was given with, and its estimates in the final fit."""
+    effect = next(e for e in diagnosis.model.effects if e.id == effect_id)
+    names = (p.name for p in effect.qualified(diagnosis.model.space))
+    estimates = {name.split(".", 1)[1]: diagnosis.fit.parameters[name] for name in names}
+    return "\n".join([f"Given {effect.id}: {effect.title}, {effect.equation}", *_estimate_lines(estimates)])
+
+
+def _estimate_lines(estimates: Mapping[str, Estimate]) -> list[str]:
+    width = max((len(name) for name in estimates), default=0)
+    return [f"  {name.ljust(width)} = {estimate_text(e.value, e.std, e.unit)}" for name, e in estimates.items()]
+
+
 def effect_text(finding: Finding) -> str:
     """An effect added: estimates, effects indistinguishable from it, and what to check on the rig."""
     effect = finding.effect
-    names = max((len(name) for name in finding.parameters), default=0)
-    found = ((name.ljust(names), estimate_text(e.value, e.std, e.unit)) for name, e in finding.parameters.items())
-    lines = [f"Added {effect.id}: {effect.title}, {effect.equation}", *(f"  {name} = {text}" for name, text in found)]
+    lines = [f"Added {effect.id}: {effect.title}, {effect.equation}", *_estimate_lines(finding.parameters)]
     if finding.confusable_with:
         lines.append(f"  Indistinguishable in these recordings from: {', '.join(finding.confusable_with)}.")
     return "\n".join([*lines, f"  On the rig: {effect.advice}."])

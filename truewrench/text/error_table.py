@@ -50,9 +50,14 @@ def systematic_error_text(comparison: Comparison, channel: str, digits: int = 3)
     return cell.mark + format_number(float(cell.value or 0.0), 2 if cell.mark else digits)
 
 
+def base_name(diagnosis: Diagnosis) -> str:
+    """Label of the model that the search began with: the rigid tool, with the effects given."""
+    return " + ".join([RIGID_TOOL, *(effect_id.replace("_", " ") for effect_id in diagnosis.given)])
+
+
 def step_names(diagnosis: Diagnosis) -> list[str]:
     """Label of each selection step."""
-    return [RIGID_TOOL if s.effect is None else f"+ {s.effect.replace('_', ' ')}" for s in diagnosis.steps]
+    return [base_name(diagnosis) if s.effect is None else f"+ {s.effect.replace('_', ' ')}" for s in diagnosis.steps]
 
 
 def error_table(diagnosis: Diagnosis) -> Table:

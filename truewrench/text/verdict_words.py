@@ -5,6 +5,7 @@ from __future__ import annotations
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
+from truewrench.text.error_table import base_name
 
 RECORD_VERDICT_LABELS = {
     RecordVerdict.NOTHING_MISSING: "Nothing missing",
@@ -28,7 +29,8 @@ def verdict_headline(diagnosis: Diagnosis) -> str:
     """The verdict as one sentence, with the titles of the effects added."""
     missing = "; ".join(f.effect.title for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
     if diagnosis.verdict is RecordVerdict.NOTHING_MISSING:
-        return "Nothing is missing: the residual of the rigid tool is consistent with the noise"
+        what = f"Nothing {'more ' if diagnosis.given else ''}is missing"
+        return f"{what}: the residual of the {base_name(diagnosis)} is consistent with the noise"
     if diagnosis.verdict is RecordVerdict.EXPLAINED:
         return f"Missing in the model: {missing}"
     if diagnosis.verdict is RecordVerdict.PARTLY_EXPLAINED:
