@@ -15,7 +15,7 @@ from estimation.streaming.regressor_map import linear_regressor_map
 from modeling.chain.model import planar
 from truewrench.command_line import main
 from truewrench.files.model_file import ModelFile
-from truewrench.simulated_rig import PlanarRig, simulate, static_poses, write_recording
+from truewrench.simulated_rig import PlanarRig, SensorLag, simulate, static_poses, write_recording
 
 pytest.importorskip("mujoco")
 
@@ -196,3 +196,23 @@ def test_what_a_log_that_passes_by_cannot_have(bench: Bench, options: list[str],
     assert text.count("\n") == 1
     assert main(["fit", str(log), str(log), "--stream"]) == 2
     assert "several logs were given" in bench.capsys.readouterr().err
+
+
+def test_fit_says_first_whether_the_model_fits(bench: Bench) -> None:
+    """On the data of another rig whose sensor lags; a held-out recording without the lag fits neither way."""
+    lagging = simulate(
+        ARM, ARM.random_motion(seed=2), hidden=(SensorLag(time_constant=0.02),), repeats=4, samples_per_period=200
+    )
+    other = str(write_recording(lagging, bench.folder / "lagging.csv"))
+    _, good = bench.fit()
+    assert good.startswith("The model fits: the residual is consistent with the noise.")
+    _, bad = bench.fit(recording=other)
+    assert bad.startswith("The model does not fit lagging.csv")
+    _, held_out = bench.fit("--validate", other)
+    assert held_out.startswith("The model does not fit lagging.csv")
+    assert "lagging.csv (held out, its biases estimated there):" in held_out
+    data = json.loads(bench.fit("--validate", other, "--json")[1])
+    assert not data["fits"]
+    assert [r["name"] for r in data["validation"]] == ["lagging.csv"]
+    fixed = json.loads(bench.fit("--add", "sensor_lag", "--json", recording=other)[1])
+    assert fixed["fits"]

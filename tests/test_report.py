@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from diagnosis.comparison.comparison import compare
+from diagnosis.comparison.model_comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import truewrench
-from diagnosis.comparison.comparison import compare
+from diagnosis.comparison.model_comparison import compare
 from estimation.fit import fit
 from estimation.repeatability.bootstrap import bootstrap
 from estimation.repeatability.repeat_table import RepeatTable

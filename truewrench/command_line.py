@@ -18,7 +18,18 @@ from pathlib import Path
 from typing import NoReturn
 
 from modeling.errors import InputError, TruewrenchError
-from truewrench.commands import compensate, demo, design, diagnose, effects, emit, fit, import_recording, survey
+from truewrench.commands import (
+    compare,
+    compensate,
+    demo,
+    design,
+    diagnose,
+    effects,
+    emit,
+    fit,
+    import_recording,
+    survey,
+)
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
@@ -55,7 +66,7 @@ def parser() -> Parser:
     )
     top.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for command in (demo, import_recording, diagnose, fit, survey, design, compensate, emit, effects):
+    for command in (demo, import_recording, diagnose, fit, compare, survey, design, compensate, emit, effects):
         command.add_to(commands)
     return top
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.comparison.generic_terms import cross_validated_gain, event_mean_p_value
-from diagnosis.comparison.validation import validation_fit
 from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space
@@ -75,45 +74,6 @@ class Comparison(Tabular):
         """Reduced chi-square and lack of fit."""
         misfit = "-" if self.misfit is None else f"{self.misfit:.4g}"
         return [f"reduced chi-square {misfit}, lack of fit p = {plain_number(self.lack_of_fit, P_VALUE)}"]
-
-
-def compare(fit: Fit, recording: Recording | None = None) -> Comparison:
-    """Compare a fit with a recording: residual, noise floor, systematic error and a test of lack of fit.
-
-    Parameters
-    ----------
-    fit : Fit
-        A fit of a model to recordings.
-    recording : Recording, optional
-        One of the fit's recordings, by default the first; or a held-out one of the same rig and tool, on which the
-        biases alone are re-estimated (validation fit).
-
-    Returns
-    -------
-    Comparison
-        Residual (n, p), measured minus predicted, and RMS, noise floor and systematic error of each channel, N and N m;
-        reduced chi-square, and the p-value of "the residual is consistent with the noise" (`lack_of_fit`).
-
-    Raises
-    ------
-    InputError
-        When the recording lacks a signal that the model needs.
-
-    Examples
-    --------
-    >>> import truewrench as tw
-    >>> rig = tw.Rig.read("rig.toml")
-    >>> fit = tw.fit(tw.planar(rig), tw.read("train.csv", rig=rig))
-    >>> found = tw.compare(fit, tw.read("validate.csv", rig=rig))
-    >>> {channel: round(rms, 2) for channel, rms in found.rms.items()}
-    {'fx': 0.5, 'fy': 0.27, 'tau': 0.06}
-    >>> found.lack_of_fit < 0.01
-    True
-    """
-    if recording is None or recording in fit.recordings:
-        number = 0 if recording is None else fit.recordings.index(recording)
-        return comparison_of(fit, number)
-    return comparison_of(validation_fit(fit, recording), 0)
 
 
 def comparison_of(fit: Fit, number: int) -> Comparison:

@@ -4,21 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.comparison.data_split import non_excited_noise
 from estimation.fit import Fit, initial_noise, initial_values
+from estimation.least_squares.estimates import Estimate
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
 from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel
 from modeling.parameter import Parameter
 
 Array = NDArray[np.float64]
+
+
+class EstimatedModel(Protocol):
+    """A model with estimated parameters: a fit, or one from a model file."""
+
+    @property
+    def model(self) -> WrenchModel:
+        """The model."""
+
+    @property
+    def parameters(self) -> Mapping[str, Estimate]:
+        """Every parameter of the model by name, with std and unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +54,7 @@ class PartiallyFixedProblem(WhitenedProblem):
 
 
 def validation_fit(
-    fit: Fit,
+    fit: EstimatedModel,
     recording: Recording,
     noise: RecordingNoise | None = None,
     own: Sequence[Effect] = (),
@@ -55,7 +70,7 @@ def validation_fit(
     model = lasting + own
     known = noise if noise is not None else initial_noise(lasting, (recording,))[0]
     unknowns = parameter_layout(model, (recording,))
-    values = {n: v for n, v in fit.values.items() if n in {p.name for p in lasting.parameters}}
+    values = {p.name: fit.parameters[p.name].value for p in lasting.parameters}
     theta = initial_values(unknowns, {**values, **(start or {})})
     biases = _mask_of(unknowns, model.biases)
     added = _mask_of(unknowns, [p for e in own for p in e.qualified(model.space)])

@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truewrench.commands.effect_choice import add_effect_changes, custom_effects, with_effects_changed
-from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, print_result
+from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, add_repeatable, print_result
 
 if TYPE_CHECKING:
+    from diagnosis.comparison.comparison import Comparison
     from estimation.fit import Fit
     from estimation.least_squares.constrained import Constraints
-    from estimation.recordings.recording import Recording
     from estimation.streaming.streamed_fit import StreamedFit
     from modeling.chain.model import WrenchModel
+    from truewrench.files.data_set import DataSet
     from truewrench.text.fit_summary import FitSummary
 
 
@@ -25,6 +26,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command = commands.add_parser("fit", help="estimate the parameters of a given model", description=text)
     add_recordings(command)
     add_effect_changes(command)
+    add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, compared but not fitted")
     add_custom_effects(command)
     command.add_argument("--robust", action="store_true", help="robust regression (Huber loss)")
     command.add_argument("--bounds", type=Path, metavar="FILE", help="TOML file of intervals, m = [0.1, 3.0]")
@@ -50,11 +52,11 @@ def run(arguments: argparse.Namespace) -> None:
     from truewrench.files.data_set import DataSet
 
     constraints = constraints_of(arguments)
-    case = DataSet.read(arguments.recordings, rig=arguments.rig)
+    case = DataSet.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
     model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_effects(arguments.effects, case))
     with progress_line() as progress:
         progress("fit")
-        found = fit_summary_of(model, case.training, constraints, robust=arguments.robust)
+        found = fit_summary_of(model, case, constraints, robust=arguments.robust)
     print_fit(
         arguments, found.fit, lambda: found.to_data(case.sign), lambda: found.text(case.sign, runs=arguments.runs)
     )
@@ -69,7 +71,7 @@ def run_stream(arguments: argparse.Namespace) -> None:
     from modeling.errors import InputError
     from modeling.rig.rig import Rig
 
-    for option in ("robust", "bounds", "physical", "prior", "runs", "effects"):
+    for option in ("robust", "bounds", "physical", "prior", "runs", "effects", "validate"):
         if getattr(arguments, option):
             what = "not available for a streamed log"
             raise InputError(what=what, where=f"--{option}", remedy="leave it out, or fit without --stream")
@@ -111,10 +113,8 @@ def print_fit(
     print_result(arguments, text, lambda: (saved.to_data() if saved else {}) | data(), written)
 
 
-def fit_summary_of(
-    model: WrenchModel, recordings: tuple[Recording, ...], constraints: Constraints | None, *, robust: bool
-) -> FitSummary:
-    """Summary of the fit by least squares, or with the Huber loss.
+def fit_summary_of(model: WrenchModel, case: DataSet, constraints: Constraints | None, *, robust: bool) -> FitSummary:
+    """Summary of the fit by least squares, or with the Huber loss, compared with the validation recordings too.
 
     Raises InputError for a robust loss together with constraints.
     """
@@ -124,14 +124,21 @@ def fit_summary_of(
     from modeling.errors import InputError
     from truewrench.text.fit_summary import FitSummary
 
+    recordings = case.training
     if not robust:
         fitted = fit(model, recordings, start=model_initial_values(model, recordings), constraints=constraints)
-        return FitSummary(fitted, fitted.intervals())
+        return FitSummary(fitted, fitted.intervals(), validation=_compared(fitted, case))
     if constraints is not None:
         what = "a robust loss and constraints cannot be combined"
         raise InputError(what=what, where="--robust", remedy="leave out --robust, or --bounds, --physical and --prior")
     found = robust_fit(model, recordings)
-    return FitSummary(found.fit, found.intervals(), found)
+    return FitSummary(found.fit, found.intervals(), found, _compared(found.fit, case))
+
+
+def _compared(fitted: Fit, case: DataSet) -> tuple[Comparison, ...]:
+    from diagnosis.comparison.model_comparison import compare
+
+    return tuple(compare(fitted, recording) for recording in case.validation)
 
 
 def constraints_of(arguments: argparse.Namespace) -> Constraints | None:

@@ -39,13 +39,7 @@ class DataSet:
         sensors, a convention that the data cannot decide.
         """
         description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
-        paths = [Path(p) for p in (*training, *validation)]
-        _require_different(paths)
-        recordings = [
-            replace(read_with_rig(p, rig=description), name=n)
-            for p, n in zip(paths, recording_labels(paths), strict=True)
-        ]
-        _require_one_sensor(recordings)
+        recordings = read_recordings((*training, *validation), rig=description)
         model = (planar if recordings[0].dimension == 2 else spatial)(description)
         sign = None
         if model.convention is Convention.AUTO:
@@ -54,7 +48,21 @@ class DataSet:
         return cls(model, tuple(recordings[:count]), tuple(recordings[count:]), sign)
 
 
-def recording_labels(paths: Sequence[Path]) -> list[str]:
+def read_recordings(files: Sequence[str], *, rig: Rig | None) -> list[Recording]:
+    """Recordings of one sensor, each under its file's label.
+
+    Raises InputError for a file that cannot be used, one given twice, and recordings of different sensors.
+    """
+    paths = [Path(file) for file in files]
+    require_different(paths, "the recording is given twice")
+    recordings = [
+        replace(read_with_rig(path, rig=rig), name=name) for path, name in zip(paths, file_labels(paths), strict=True)
+    ]
+    _require_one_sensor(recordings)
+    return recordings
+
+
+def file_labels(paths: Sequence[Path]) -> list[str]:
     """Unique label of each file: its name, preceded by as many parent folders as needed."""
     full = [_real(p).parts for p in paths]
     names = []
@@ -70,11 +78,11 @@ def _real(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
-def _require_different(paths: Sequence[Path]) -> None:
+def require_different(paths: Sequence[Path], what: str) -> None:
+    """Raise InputError, with `what` is wrong, for a file given twice."""
     seen = set()
     for path in paths:
         if _real(path) in seen:
-            what = "the recording is given twice"
             raise InputError(what=what, where=str(path), remedy="give each once; validate with another motion")
         seen.add(_real(path))
 

@@ -12,23 +12,26 @@ from diagnosis.comparison.comparison import Comparison, comparison_of
 from estimation.confidence_intervals import Intervals
 from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
+from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.sign_convention import SignDecision
 from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import RobustFit
 from estimation.static.centre_of_mass import CentreOfMass
 from estimation.static.pose_advice import PoseAdvice
 from modeling.number_format import estimate_text
+from modeling.significance import LEVELS
 from modeling.table import Table
 from truewrench.files.data_set import convention_data, convention_sentence
 
 
 @dataclass(frozen=True, eq=False)
 class FitSummary:
-    """A fit with confidence intervals, and the robust fit where one was made."""
+    """A fit with confidence intervals, the robust fit where one was made, and held-out recordings compared with it."""
 
     fit: Fit
     intervals: Intervals
     robust: RobustFit | None = None
+    validation: tuple[Comparison, ...] = ()
 
     @cached_property
     def comparisons(self) -> tuple[Comparison, ...]:
@@ -44,11 +47,34 @@ class FitSummary:
 
     def text(self, sign: SignDecision | None, *, runs: bool) -> str:
         """Full summary; the rows of every run in Table 22.1 only with `runs`."""
-        parts = [] if sign is None else [convention_sentence(sign)]
+        parts = [self.headline(), *([] if sign is None else [convention_sentence(sign)])]
         parts += [self.parameters(), *self._constraints(), *self._outliers(), *self._poses()]
         parts += [f"{c.recording.name}:\n{c}" for c in self.comparisons]
+        parts += [f"{c.recording.name} (held out, its biases estimated there):\n{c}" for c in self.validation]
         parts += [repeatability_text(t, runs=runs) for t in self.repeat_tables]
         return "\n\n".join(parts)
+
+    @property
+    def misfitting(self) -> list[Comparison]:
+        """Recordings with a significant lack of fit, fitted or held out."""
+        fitted = [c for c in self.comparisons if c.lack_of_fit < LEVELS.effect]
+        return fitted + [c for c in self.validation if c.lack_of_fit < LEVELS.held_out]
+
+    def headline(self) -> str:
+        """Whether the model fits, before any number of it: the std of a model that does not fit means nothing."""
+        from_residual = any(c.noise.source is NoiseSource.RESIDUAL for c in self.comparisons)
+        if self.misfitting:
+            names = " and ".join(c.recording.name for c in self.misfitting)
+            return (
+                f"The model does not fit {names}: something is missing in it. Stds and intervals hold for noise alone,"
+                " and are too small here; `truewrench diagnose` searches for what is missing."
+            )
+        if from_residual:
+            return (
+                "No lack of fit was found, but the noise is taken from the residual itself, so that systematic error"
+                " may count as noise: record repeats, or state the noise in the rig file."
+            )
+        return "The model fits: the residual is consistent with the noise."
 
     def parameters(self) -> str:
         """Every estimate with std and 95 % interval, and remarks on identifiability."""
@@ -82,7 +108,9 @@ class FitSummary:
             "intervals": {name: [float(a), float(b)] if isfinite(a) else None for name, a, b in ends},
             "condition": self.fit.condition if isfinite(self.fit.condition) else None,
             "unseen": [str(direction) for direction in self.fit.unidentifiable],
+            "fits": not self.misfitting,
             "recordings": [comparison_data(c) for c in self.comparisons],
+            "validation": [comparison_data(c) for c in self.validation],
             "repeats": [t.to_data() for t in self.repeat_tables],
         }
         data |= {} if self.fit.constrained is None else {"constraints": constraints_data(self.fit.constrained)}

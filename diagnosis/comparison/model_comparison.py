@@ -1,0 +1,411 @@
+"""Several models on the same recordings: where each fails, and which difference is significant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison.band_error import BandError
+from diagnosis.comparison.comparison import Comparison, comparison_of
+from diagnosis.comparison.validation import EstimatedModel, validation_fit
+from estimation.distributions import chi2_sf, normal_cdf
+from estimation.fit import Fit, reestimated_noise
+from estimation.least_squares.estimates import Estimate
+from estimation.multiplicity import holm_adjusted
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel
+from modeling.errors import InputError
+from modeling.number_format import P_VALUE, SMALLEST_P_VALUE, finite
+from modeling.significance import LEVELS
+from modeling.table import Column, Table, Tabular
+
+Array = NDArray[np.float64]
+
+NEGLIGIBLE_SHARE = 0.1
+"""Of the noise floor: a band with less in every channel is not listed, as the default tolerance has it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelOnRecording:
+    """A model's prediction of one recording: number `number` of a fit, in the noise common to all models.
+
+    fitted  whether the fit used the recording; if not it is a validation fit, in which the biases alone are estimated
+    """
+
+    fit: Fit
+    number: int
+    fitted: bool
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """Residual statistics."""
+        return comparison_of(self.fit, self.number)
+
+    @cached_property
+    def rows(self) -> Array:
+        """The whitened residual."""
+        ends = np.cumsum([noise.whitener.rows for noise in self.fit.noise])
+        own = self.fit.noise[self.number].whitener.rows
+        return np.asarray(self.fit.linearised().residual[ends[self.number] - own : ends[self.number]])
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedModel:
+    """A model under a name, with its parameters, and its predictions of the compared recordings."""
+
+    name: str
+    estimated: EstimatedModel
+    predictions: tuple[ModelOnRecording, ...]
+
+    @property
+    def freedom(self) -> int:
+        """Parameters estimated from the compared recordings, biases aside; none of a model fitted to others."""
+        fit = next((p.fit for p in self.predictions if p.fitted), None)
+        return 0 if fit is None else int(fit.identifiable[len(fit.model.biases) : len(fit.model.parameters)].sum())
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Whitened chi-square over all recordings."""
+        return float(sum(p.rows @ p.rows for p in self.predictions))
+
+    @property
+    def information_criterion(self) -> float:
+        """Akaike's: whitened chi-square plus twice the freedom. In whitened rows it holds for coloured noise."""
+        return self.chi_square + 2 * self.freedom
+
+
+@dataclass(frozen=True)
+class ModelDifference:
+    """Test of two models for equal error on the compared recordings.
+
+    better   the name of the one with the smaller criterion, and `worse` the other's
+    gain     difference of their information criteria
+    p_value  of "both predict equally well", two-sided, Holm-adjusted over the pairs compared
+    """
+
+    better: str
+    worse: str
+    gain: float
+    p_value: float
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        p_value = f"p = {self.p_value:.2g}" if self.p_value > SMALLEST_P_VALUE else f"p < {SMALLEST_P_VALUE:g}"
+        if self.p_value < LEVELS.effect:
+            return f"{self.better} predicts better than {self.worse} ({p_value})"
+        return f"no significant difference between {self.better} and {self.worse} ({p_value})"
+
+
+@dataclass(frozen=True, eq=False)
+class ModelComparison(Tabular):
+    """Models on the same recordings, in the order given, and tests of their differences."""
+
+    models: tuple[ComparedModel, ...]
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings compared."""
+        return tuple(p.comparison.recording for p in self.models[0].predictions)
+
+    @cached_property
+    def differences(self) -> tuple[ModelDifference, ...]:
+        """Tests of all pairs of models."""
+        pairs = list(combinations(self.models, 2))
+        adjusted = holm_adjusted([equal_error_p_value(a, b) for a, b in pairs])
+        found = []
+        for (a, b), p_value in zip(pairs, adjusted, strict=True):
+            gain = a.information_criterion - b.information_criterion
+            better, worse = (b, a) if gain > 0 else (a, b)
+            found.append(ModelDifference(better.name, worse.name, abs(gain), p_value))
+        return tuple(found)
+
+    @property
+    def table(self) -> Table:
+        """Error of each channel, reduced chi-square and lack of fit of each model on each recording.
+
+        The error is the systematic RMS with repeats, the RMS of the whole residual without.
+        """
+        units = self.models[0].predictions[0].comparison.space.channel_units.items()
+        numbers = (Column(c, unit, format=".3g") for c, unit in units)
+        measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
+        rows = [
+            (
+                _recording_label(p),
+                model.name,
+                *(_error(p.comparison).values()),
+                p.comparison.misfit,
+                p.comparison.lack_of_fit,
+            )
+            for model in self.models
+            for p in model.predictions
+        ]
+        return Table.of(("recording", "model", *numbers, *measures), rows)
+
+    @property
+    def parameter_table(self) -> Table:
+        """Value and std of each parameter in each model, biases aside, and its change from the first model in std."""
+        columns: list[Column] = [Column("parameter"), Column("unit")]
+        for number, model in enumerate(self.models):
+            columns += [Column(model.name, format=".5g"), Column("std", format=".2g")]
+            columns += [Column("change in std", format=".1f")] * (number > 0)
+        names = list(dict.fromkeys(name for model in self.models for name in _estimates(model)))
+        return Table.of(columns, [self._parameter_row(name) for name in names])
+
+    def _parameter_row(self, name: str) -> tuple[Any, ...]:
+        found = [_estimates(model).get(name) for model in self.models]
+        first, unit = found[0], next(e.unit for e in found if e is not None)
+        row: list[Any] = [name, unit]
+        for number, estimate in enumerate(found):
+            row += [None, None] if estimate is None else [estimate.known, estimate.std]
+            if number:
+                row.append(None if first is None or estimate is None else _change(first, estimate))
+        return tuple(row)
+
+    @property
+    def band_table(self) -> Table:
+        """Error of each channel in octaves of frequency, of each model on each recording.
+
+        Bands in which no channel of any model reaches a tenth of its noise floor are left out.
+        """
+        rows: list[tuple[Any, ...]] = []
+        moving = [i for i, r in enumerate(self.recordings) if not r.at_rest]
+        for number in moving:
+            predictions = [model.predictions[number] for model in self.models]
+            bands = [BandError.of(p.comparison) for p in predictions]
+            shown = np.any([b.above(NEGLIGIBLE_SHARE) for b in bands], axis=0)
+            for model, prediction, band in zip(self.models, predictions, bands, strict=True):
+                kept = [row for row, keep in zip(band.table.rows, shown, strict=True) if keep]
+                rows += [(_recording_label(prediction), model.name, *row) for row in kept]
+        columns = BandError.of(self.models[0].predictions[moving[0]].comparison).table.columns if moving else ()
+        return Table.of(("recording", "model", *columns), rows)
+
+    def remarks(self) -> list[str]:
+        """Which models differ significantly."""
+        return [f"{difference.sentence}." for difference in self.differences]
+
+    def printed(self) -> list[Table | str]:
+        """Errors, differences, parameters, bands."""
+        parts = [*super().printed(), "", self.parameter_table]
+        return [*parts, "", self.band_table] if self.band_table.rows else parts
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain data: numbers are finite or None."""
+        data: dict[str, Any] = finite(
+            {
+                "recordings": [r.name for r in self.recordings],
+                "models": [_model_data(model) for model in self.models],
+                "differences": [{**vars(d), "significant": d.p_value < LEVELS.effect} for d in self.differences],
+            }
+        )
+        return data
+
+
+@overload
+def compare(fit: Fit, recording: Recording | None = None) -> Comparison: ...
+
+
+@overload
+def compare(
+    fit: Sequence[Fit] | Mapping[str, EstimatedModel], recording: Recording | Sequence[Recording] | None = None
+) -> ModelComparison: ...
+
+
+def compare(
+    fit: Fit | Sequence[Fit] | Mapping[str, EstimatedModel],
+    recording: Recording | Sequence[Recording] | None = None,
+) -> Comparison | ModelComparison:
+    """Compare a fit with a recording, or several fits with each other on the same recordings.
+
+    Parameters
+    ----------
+    fit : Fit, sequence of Fit, or mapping of str to Fit
+        A fit of a model to recordings; several, or several by name.
+    recording : Recording, or of several fits a sequence of them, optional
+        One of the fit's recordings, by default the first; or a held-out one of the same rig and tool, on which the
+        biases alone are re-estimated (validation fit). Of several fits by default the recordings of the first.
+
+    Returns
+    -------
+    Comparison or ModelComparison
+        Residual (n, p), measured minus predicted, and RMS, noise floor and systematic error of each channel, N and N m;
+        reduced chi-square, and the p-value of "the residual is consistent with the noise" (`lack_of_fit`). Of several
+        fits these of each, by frequency band too, with tests of their differences and the change of each parameter.
+
+    Raises
+    ------
+    InputError
+        When a recording lacks a signal that a model needs, or nothing is given to compare.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> train, other = tw.read("train.csv", rig=rig), tw.read("validate.csv", rig=rig)
+    >>> fit = tw.fit(tw.planar(rig), train)
+    >>> found = tw.compare(fit, other)
+    >>> {channel: round(rms, 2) for channel, rms in found.rms.items()}
+    {'fx': 0.5, 'fy': 0.27, 'tau': 0.06}
+    >>> found.lack_of_fit < 0.01
+    True
+    >>> better = tw.fit(tw.planar(rig) + tw.effects.viscous_drag(), train)
+    >>> tw.compare([fit, better], other).differences[0].better
+    'rigid tool + viscous_drag'
+    """
+    if not isinstance(fit, Fit):
+        named = fit if isinstance(fit, Mapping) else _named(fit)
+        several = (recording,) if isinstance(recording, Recording) else tuple(recording or _own_recordings(named))
+        return compare_models(named, several)
+    if not isinstance(recording, Recording | None):
+        return compare_models(_named([fit]), recording)
+    if recording is None or recording in fit.recordings:
+        return comparison_of(fit, 0 if recording is None else fit.recordings.index(recording))
+    return comparison_of(validation_fit(fit, recording), 0)
+
+
+def _named(fits: Sequence[Fit]) -> dict[str, EstimatedModel]:
+    """Fits by what their models are: the rigid tool and effects; numbered where two are alike."""
+    named: dict[str, EstimatedModel] = {}
+    for fit in fits:
+        label = model_label(fit.model)
+        alike = sum(name.split(" #")[0] == label for name in named)
+        named[f"{label} #{alike + 1}" if alike else label] = fit
+    return named
+
+
+def model_label(model: WrenchModel) -> str:
+    """What a model is, in short: `rigid tool + viscous_drag`."""
+    return " + ".join(["rigid tool", *(effect.id for effect in model.effects)])
+
+
+def _own_recordings(named: Mapping[str, EstimatedModel]) -> tuple[Recording, ...]:
+    return next((fit.recordings for fit in named.values() if isinstance(fit, Fit)), ())
+
+
+def compare_models(models: Mapping[str, EstimatedModel], recordings: Sequence[Recording]) -> ModelComparison:
+    """Compare models, by name, on recordings: each in one noise that is common to all models.
+
+    Raises InputError when a recording lacks a signal that a model needs, or has other channels.
+    """
+    if not models or not recordings:
+        raise InputError(what="nothing to compare", where="compare", remedy="give models and recordings")
+    columns = [_on_recording(list(models.values()), recording) for recording in recordings]
+    return ModelComparison(
+        tuple(
+            ComparedModel(name, estimated, tuple(column[i] for column in columns))
+            for i, (name, estimated) in enumerate(models.items())
+        )
+    )
+
+
+def _on_recording(models: Sequence[EstimatedModel], recording: Recording) -> list[ModelOnRecording]:
+    """Each model's prediction of a recording, in one noise."""
+    own = [_own_prediction(model, recording) for model in models]
+    predicted = [
+        known or ModelOnRecording(validation_fit(model, recording), 0, False)
+        for known, model in zip(own, models, strict=True)
+    ]
+    noise = _common_noise(predicted)
+    return [
+        _in_noise(p, noise) if p.fitted else ModelOnRecording(validation_fit(m, recording, noise), 0, False)
+        for p, m in zip(predicted, models, strict=True)
+    ]
+
+
+def _own_prediction(model: EstimatedModel, recording: Recording) -> ModelOnRecording | None:
+    """The fit's own prediction of a recording that it used; None of another."""
+    numbers = [i for i, r in enumerate(model.recordings) if r is recording] if isinstance(model, Fit) else []
+    return ModelOnRecording(model, numbers[0], True) if isinstance(model, Fit) and numbers else None
+
+
+def _common_noise(predicted: Sequence[ModelOnRecording]) -> RecordingNoise:
+    """The noise with the smallest floor: one that comes from a residual has that model's error in it."""
+    known = [p.fit.noise[p.number] if p.fitted else _noise_of(p.fit) for p in predicted]
+    return min(known, key=lambda noise: float(np.log(np.maximum(noise.floor, 1e-300)).sum()))
+
+
+def _noise_of(fit: Fit) -> RecordingNoise:
+    (noise,) = reestimated_noise(fit) if fit.noise[0].source is NoiseSource.RESIDUAL else fit.noise
+    return noise
+
+
+def _in_noise(prediction: ModelOnRecording, noise: RecordingNoise) -> ModelOnRecording:
+    known = list(prediction.fit.noise)
+    known[prediction.number] = noise
+    return replace(prediction, fit=replace(prediction.fit, noise=tuple(known)))
+
+
+def equal_error_p_value(first: ComparedModel, second: ComparedModel) -> float:
+    """P-value of "both models predict equally well", two-sided.
+
+    Let r1, r2 be the whitened residuals of all recordings and d = r1 - r2 the difference of the predictions. Where both
+    err equally, r1 = n + d/2 and r2 = n - d/2 with noise n of unit variance, up to errors that they share, and
+    |r1|² - |r2|² = 2 d.n is normal with std 2 |d|. Parameters estimated from the same data lower a chi-square by one
+    each on average, and again its expectation elsewhere (Akaike): the criteria take the place of the squares. Of nested
+    models that were fitted to the same recordings the difference is tested by chi-square (likelihood ratio).
+    """
+    difference = [a.rows - b.rows for a, b in zip(first.predictions, second.predictions, strict=True)]
+    distance = float(np.sqrt(sum(d @ d for d in difference)))
+    smaller, larger = sorted((first, second), key=lambda m: m.freedom)
+    if _nested(smaller, larger):
+        gain = max(0.0, smaller.chi_square - larger.chi_square)
+        return float(chi2_sf(gain, larger.freedom - smaller.freedom))
+    if distance < 1e-6:
+        return 1.0
+    deviation = abs(first.information_criterion - second.information_criterion) / (2 * distance)
+    return float(2 * normal_cdf(-deviation))
+
+
+def _nested(smaller: ComparedModel, larger: ComparedModel) -> bool:
+    """Whether both were fitted to the compared recordings, and the larger has every effect of the smaller, and more."""
+    known = [{e.id for e in m.estimated.model.effects} for m in (smaller, larger)]
+    fitted = all(p.fitted for m in (smaller, larger) for p in m.predictions)
+    return fitted and known[0] < known[1] and larger.freedom > smaller.freedom
+
+
+def _estimates(model: ComparedModel) -> dict[str, Estimate]:
+    """The model's own parameters, biases aside."""
+    biases = {p.name for p in model.estimated.model.biases}
+    names = [p.name for p in model.estimated.model.parameters if p.name not in biases]
+    return {name: model.estimated.parameters[name] for name in names}
+
+
+def _change(first: Estimate, other: Estimate) -> float:
+    """Change of a parameter, in the std of the first model."""
+    return (other.value - first.value) / first.std if first.std > 0 else np.nan
+
+
+def _error(comparison: Comparison) -> Mapping[str, float]:
+    return comparison.explainable_rms if comparison.explainable_rms is not None else comparison.rms
+
+
+def _recording_label(prediction: ModelOnRecording) -> str:
+    return f"{prediction.comparison.recording.name} ({'fitted' if prediction.fitted else 'held out'})"
+
+
+def _model_data(model: ComparedModel) -> dict[str, Any]:
+    recordings = [
+        {
+            "recording": p.comparison.recording.name,
+            "fitted": p.fitted,
+            "rms": dict(p.comparison.rms),
+            "explainable_rms": None if p.comparison.explainable_rms is None else dict(p.comparison.explainable_rms),
+            "misfit": p.comparison.misfit,
+            "lack_of_fit_p": p.comparison.lack_of_fit,
+        }
+        for p in model.predictions
+    ]
+    return {
+        "model": model.name,
+        "effects": [e.id for e in model.estimated.model.effects],
+        "information_criterion": model.information_criterion,
+        "recordings": recordings,
+        "parameters": {n: {"value": e.value, "std": e.std, "unit": e.unit} for n, e in _estimates(model).items()},
+    }
