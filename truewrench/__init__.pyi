@@ -13,6 +13,8 @@ from design.trajectories.spline import SplineSeries as SplineSeries
 from design.trajectory_design import design as design
 from diagnosis.comparison.model_comparison import compare as compare
 from diagnosis.diagnosis import diagnose as diagnose
+from diagnosis.study import Study as Study
+from diagnosis.study import study as study
 from estimation.confidence_intervals import intervals as intervals
 from estimation.contact.contact_filter import ContactFilter as ContactFilter
 from estimation.contact.contact_point import contact_point as contact_point

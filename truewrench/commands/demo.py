@@ -215,7 +215,7 @@ def contact_summary(found: Diagnosis, out: Path) -> str:
     from truewrench.files.output import atomic_write
     from truewrench.plots.contact_plot import LabelledContact, contact_figure
     from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
-    from truewrench.text.error_table import RIGID_TOOL
+    from truewrench.text.step_names import RIGID_TOOL
 
     fits = {RIGID_TOOL: found.steps[0].fit}
     if found.added:

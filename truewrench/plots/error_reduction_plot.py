@@ -1,15 +1,21 @@
-"""Error / noise floor of each channel against the number of effects added."""
+"""Error / noise floor of each channel over a series of models, such as the steps of a diagnosis."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from diagnosis.diagnosis import Diagnosis
+from diagnosis.comparison.error_table import (
+    ComparedStep,
+    RecordingErrors,
+    recording_errors,
+    systematic_error,
+    systematic_error_text,
+)
 from modeling.number_format import format_number, format_unit
 from truewrench.plots.style import (
     ADEQUATE_COLOUR,
@@ -25,36 +31,33 @@ from truewrench.plots.style import (
     panel_title,
 )
 from truewrench.plots.svg_image import SvgImage, svg_image
-from truewrench.text.error_table import (
-    RecordingErrors,
-    recording_errors,
-    step_names,
-    systematic_error,
-    systematic_error_text,
-)
 
 COLUMNS = 3
 MARKERS = "osD^vPX"
 
 
-def error_reduction_figure(diagnosis: Diagnosis) -> Figure:
-    """A panel for each channel: error over noise floor, logarithmic, for every recording; tolerance shaded."""
-    channels = diagnosis.steps[0].training[0].recording.channels
-    units = diagnosis.steps[0].training[0].space.units
+def error_reduction_figure(
+    steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]
+) -> Figure:
+    """A panel for each channel: error over noise floor, logarithmic, for every recording; tolerance shaded.
+
+    `names` label the steps; the tolerance is by channel, in its unit.
+    """
+    first = steps[0].training[0]
+    channels, units = first.recording.channels, first.space.units
     rows = -(-len(channels) // COLUMNS)
     sheet = PanelGrid(rows=rows, columns=COLUMNS, panel_height=165, top=46, bottom=34, between_rows=34)
     figure, panels = sheet.panels(sharex=True, sharey=True)
-    shown = recording_errors(diagnosis)
-    bottom, top = _limits(diagnosis, shown)
+    shown = recording_errors(steps)
+    bottom, top = _limits(tolerance, shown)
     for axes, channel, unit in zip(panels.flat, channels, units, strict=True):
         panel_title(axes, f"{channel} ({format_unit(unit)})")
-        _reference_lines(axes, diagnosis, channel, bottom)
+        _reference_lines(axes, tolerance[channel] / max(first.noise_floor[channel], 1e-300), bottom)
         for number, errors in enumerate(shown):
             _draw_steps(axes, errors, channel, number, len(shown), bottom)
         _write_errors(axes, shown[0], channel, len(shown), bottom)
     panels[0, 0].set_yscale("log")
     panels[0, 0].set_ylim(bottom, top)
-    names = step_names(diagnosis)
     panels[0, 0].set_xlim(-0.5, len(names) - 0.5)
     panels[0, 0].set_xticks(range(len(names)), [n.replace(" ", "\n") if len(names) > 3 else n for n in names])
     for axes in panels[:, 0]:
@@ -63,17 +66,15 @@ def error_reduction_figure(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def _limits(diagnosis: Diagnosis, shown: Sequence[RecordingErrors]) -> tuple[float, float]:
+def _limits(tolerance: Mapping[str, float], shown: Sequence[RecordingErrors]) -> tuple[float, float]:
     floor = shown[0].comparisons[0].noise_floor
-    tolerances = [diagnosis.tolerance[c] / max(floor[c], 1e-300) for c in floor]
+    tolerances = [tolerance[c] / max(floor[c], 1e-300) for c in floor]
     sizes = [v / f.floor(k) for f in shown for c in f.comparisons for k, v in systematic_error(c).items()]
     lowest = min([*tolerances, *(s for s in sizes if s > 0), 1.0])
     return max(lowest, min(tolerances) / 10) / 2.5, 3 * max([*sizes, 1.0])
 
 
-def _reference_lines(axes: Axes, diagnosis: Diagnosis, channel: str, bottom: float) -> None:
-    floor = diagnosis.steps[0].training[0].noise_floor[channel]
-    tolerance = diagnosis.tolerance[channel] / max(floor, 1e-300)
+def _reference_lines(axes: Axes, tolerance: float, bottom: float) -> None:
     axes.axhspan(bottom / 10, tolerance, color=NOISE, lw=0, zorder=0)
     axes.axhline(1.0, color=INK, lw=0.9, ls="--", zorder=0.5)
     edge: dict[str, Any] = {"ha": "right", "fontsize": SMALL - 0.5, "color": MUTED, "zorder": 0.6}
@@ -133,13 +134,15 @@ def _write_errors(axes: Axes, errors: RecordingErrors, channel: str, count: int,
         )
 
 
-def error_reduction_image(diagnosis: Diagnosis) -> SvgImage:
-    """Figure of the errors of all recordings after each selection step, per channel."""
-    sizes = [f"{n} {format_number(_largest_error_ratio(diagnosis, i), 2)}" for i, n in enumerate(step_names(diagnosis))]
-    alt = f"Error / noise floor after each selection step, worst channel: {', '.join(sizes)}."
-    return svg_image(error_reduction_figure(diagnosis), alt)
+def error_reduction_image(
+    steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]
+) -> SvgImage:
+    """Figure of the errors of all recordings after each step, per channel."""
+    sizes = [f"{n} {format_number(_largest_error_ratio(s), 2)}" for n, s in zip(names, steps, strict=True)]
+    alt = f"Error / noise floor after each step, worst channel: {', '.join(sizes)}."
+    return svg_image(error_reduction_figure(steps, names, tolerance), alt)
 
 
-def _largest_error_ratio(diagnosis: Diagnosis, step: int) -> float:
-    comparison = diagnosis.steps[step].training[0]
+def _largest_error_ratio(step: ComparedStep) -> float:
+    comparison = step.training[0]
     return max(v / max(comparison.noise_floor[c], 1e-300) for c, v in systematic_error(comparison).items())

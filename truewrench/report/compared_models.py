@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from diagnosis.comparison.error_table import systematic_error
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.worst_channel_plot import MIN_SIGNAL_TO_NOISE
 from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
-from truewrench.text.error_table import base_name, systematic_error
+from truewrench.text.step_names import base_name
 
 
 def compared_models(diagnosis: Diagnosis, number: int, *, held_out: bool = False) -> list[LabelledComparison]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from diagnosis.comparison.error_table import error_table
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from modeling.number_format import (
@@ -16,7 +17,7 @@ from truewrench.report.effect_row import effect_row
 from truewrench.report.page_templates import page_templates
 from truewrench.report.recording_section import fitted_sections, held_out_sections
 from truewrench.report.verdict_section import verdict_section
-from truewrench.text.error_table import error_table
+from truewrench.text.step_names import base_name, step_names
 from truewrench.text.verdict_words import RECORD_VERDICT_LABELS
 
 
@@ -35,6 +36,7 @@ def report_page(diagnosis: Diagnosis) -> str:
     """The report as HTML text; names given by users are escaped."""
     rows = [effect_row(f, diagnosis.model.space) for f in diagnosis.findings]
     has_repeats = all(c.explainable_rms is not None for c in diagnosis.steps[0].training)
+    series = diagnosis.steps, step_names(diagnosis), diagnosis.tolerance
     leading = [r for r in rows if r.finding.verdict in (EffectVerdict.SUPPORTED, EffectVerdict.CONFUSABLE)]
     return (
         page_templates()
@@ -43,10 +45,12 @@ def report_page(diagnosis: Diagnosis) -> str:
             title=_title(diagnosis),
             rig=_rig_name(diagnosis),
             head=verdict_section(diagnosis, rows),
-            error_image=error_reduction_image(diagnosis) if diagnosis.added or has_repeats else None,
-            error_table=error_table(diagnosis),
+            error_image=error_reduction_image(*series) if diagnosis.added or has_repeats else None,
+            error_table=error_table(*series),
             has_repeats=has_repeats,
-            steps_heading="Error after each selection step" if diagnosis.added else "Error of the rigid tool",
+            steps_heading="Error after each selection step"
+            if diagnosis.added
+            else f"Error of the {base_name(diagnosis)}",
             recordings=[*fitted_sections(diagnosis), *held_out_sections(diagnosis)],
             leading=leading,
             others=[r for r in rows if r not in leading],

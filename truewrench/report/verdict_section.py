@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.error_table import systematic_error, systematic_error_text
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
@@ -16,7 +17,6 @@ from truewrench.plots.residuals.worst_channel_plot import MIN_SIGNAL_TO_NOISE, w
 from truewrench.plots.svg_image import svg_image
 from truewrench.report.compared_models import compared_models, worst_recording
 from truewrench.report.effect_row import EffectRow
-from truewrench.text.error_table import systematic_error, systematic_error_text
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,

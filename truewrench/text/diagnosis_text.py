@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from diagnosis.comparison.error_table import error_table
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.least_squares.estimates import Estimate
 from modeling.number_format import estimate_text
-from truewrench.text.error_table import error_table
+from truewrench.text.step_names import step_names
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,
@@ -67,7 +68,7 @@ def error_reduction_text(diagnosis: Diagnosis) -> str:
     steps = diagnosis.steps
     repeating = all(c.explainable_rms is not None for s in steps for c in (*s.training, *s.validation))
     kind = "systematic RMS, repeats with the motion" if repeating else "RMS; `~`: total, no repeats"
-    return f"Error of each channel ({kind}):\n{error_table(diagnosis)}"
+    return f"Error of each channel ({kind}):\n{error_table(steps, step_names(diagnosis), diagnosis.tolerance)}"
 
 
 def _evidence(diagnosis: Diagnosis) -> list[str]:

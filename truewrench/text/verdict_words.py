@@ -5,7 +5,7 @@ from __future__ import annotations
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
-from truewrench.text.error_table import base_name
+from truewrench.text.step_names import base_name
 
 RECORD_VERDICT_LABELS = {
     RecordVerdict.NOTHING_MISSING: "Nothing missing",

@@ -1,16 +1,26 @@
-"""Table of the systematic error of each channel after each selection step, on each recording."""
+"""Table of the systematic error of each channel after each step of a series of models, on each recording."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from diagnosis.comparison.comparison import Comparison
-from diagnosis.diagnosis import Diagnosis
 from modeling.number_format import P_VALUE, format_number
 from modeling.table import Cell, Column, Table, Value
 
-RIGID_TOOL = "rigid tool"
+
+class ComparedStep(Protocol):
+    """One of a series of models, compared with the same recordings as the others."""
+
+    @property
+    def training(self) -> tuple[Comparison, ...]:
+        """Its comparisons with the fitted recordings."""
+
+    @property
+    def validation(self) -> tuple[Comparison, ...]:
+        """Its comparisons with the held-out ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +41,10 @@ class RecordingErrors:
         return f"{self.name} ({'fitted' if self.fitted else 'validation'})"
 
 
-def recording_errors(diagnosis: Diagnosis) -> tuple[RecordingErrors, ...]:
+def recording_errors(steps: Sequence[ComparedStep]) -> tuple[RecordingErrors, ...]:
     """Training recordings, then validation recordings."""
-    trained = zip(*(s.training for s in diagnosis.steps), strict=True)
-    held_out = zip(*(s.validation for s in diagnosis.steps), strict=True)
+    trained = zip(*(s.training for s in steps), strict=True)
+    held_out = zip(*(s.validation for s in steps), strict=True)
     found = [(c, True) for c in trained] + [(c, False) for c in held_out]
     return tuple(RecordingErrors(c[0].recording.name, c, fitted) for c, fitted in found)
 
@@ -50,34 +60,24 @@ def systematic_error_text(comparison: Comparison, channel: str, digits: int = 3)
     return cell.mark + format_number(float(cell.value or 0.0), 2 if cell.mark else digits)
 
 
-def base_name(diagnosis: Diagnosis) -> str:
-    """Label of the model that the search began with: the rigid tool, with the effects given."""
-    return " + ".join([RIGID_TOOL, *(effect_id.replace("_", " ") for effect_id in diagnosis.given)])
-
-
-def step_names(diagnosis: Diagnosis) -> list[str]:
-    """Label of each selection step."""
-    return [base_name(diagnosis) if s.effect is None else f"+ {s.effect.replace('_', ' ')}" for s in diagnosis.steps]
-
-
-def error_table(diagnosis: Diagnosis) -> Table:
-    """Systematic RMS of each channel of each recording after each selection step, with noise floor and tolerance.
+def error_table(steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]) -> Table:
+    """Systematic RMS of each channel of each recording after each step, by its name, with noise floor and tolerance.
 
     The total RMS is the note of a cell; without repeats it stands in the cell itself, marked `~`.
     """
-    first = diagnosis.steps[0].training[0]
+    first = steps[0].training[0]
     sizes = (Column(c, u, format=".3g") for c, u in first.space.channel_units.items())
     measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
-    tolerance = [Cell(diagnosis.tolerance[c], kind="floor") for c in first.recording.channels]
-    rows = [row for errors in recording_errors(diagnosis) for row in _rows(diagnosis, errors)]
-    return Table.of(("recording", "model", *sizes, *measures), [("", "tolerance", *tolerance, "", ""), *rows])
+    head = [Cell(tolerance[c], kind="floor") for c in first.recording.channels]
+    rows = [row for errors in recording_errors(steps) for row in _rows(errors, names, tolerance)]
+    return Table.of(("recording", "model", *sizes, *measures), [("", "tolerance", *head, "", ""), *rows])
 
 
-def _rows(diagnosis: Diagnosis, errors: RecordingErrors) -> Iterator[tuple[Value, ...]]:
+def _rows(errors: RecordingErrors, names: Sequence[str], tolerance: Mapping[str, float]) -> Iterator[tuple[Value, ...]]:
     floors = errors.comparisons[0].noise_floor
     yield (errors.label, "noise floor", *(Cell(floor, kind="floor") for floor in floors.values()), "", "")
-    for name, c in zip(step_names(diagnosis), errors.comparisons, strict=True):
-        cells = (_error_cell(c, channel, diagnosis.tolerance[channel]) for channel in floors)
+    for name, c in zip(names, errors.comparisons, strict=True):
+        cells = (_error_cell(c, channel, tolerance[channel]) for channel in floors)
         yield (errors.label, name, *cells, c.misfit, c.lack_of_fit)
 
 

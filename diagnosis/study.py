@@ -1,0 +1,353 @@
+"""Study: the loop by hand, from where a model fails to the effects that explain it, every step kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from diagnosis.acceptance.held_out import HeldOut
+from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
+from diagnosis.comparison.error_table import error_table, systematic_error
+from diagnosis.comparison.model_comparison import ModelComparison, compare_models
+from diagnosis.comparison.residual_map import ResidualMap, residual_maps
+from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.parallel.progress import Progress, silent
+from diagnosis.screening.initial_values import model_initial_values
+from diagnosis.screening.score_test import screen
+from diagnosis.screening.screening_cache import ScreeningCache
+from diagnosis.screening.suspects import Suspects
+from diagnosis.selection.subset_search import CandidateModel, refit_with_effect
+from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
+from diagnosis.verdict.upper_limit import channel_tolerance
+from estimation.fit import Fit, check_channels, fit, initial_noise, reestimated_noise, refit
+from estimation.logs.log_reading import read
+from estimation.recordings.recording import Recording
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.effects import catalogue, named
+from modeling.errors import InputError, quoted, suggestion
+from modeling.number_format import P_VALUE
+from modeling.rig.rig import Rig
+from modeling.significance import LEVELS
+from modeling.table import Column, Table, Tabular
+
+START = "rigid tool"
+MOST_MAPS = 6
+"""Residual maps listed, those that explain most first."""
+
+
+@dataclass(frozen=True, eq=False)
+class StudyStep:
+    """One model of a study.
+
+    change      what led to it: `+ viscous_drag`, `- viscous_drag`
+    training    its comparisons with the fitted recordings, `validation` with the held-out ones
+    """
+
+    change: str
+    fit: Fit
+    training: tuple[Comparison, ...]
+    validation: tuple[Comparison, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Location(Tabular):
+    """Where a model fails on a recording: its residual against the variables that explain most of it."""
+
+    comparison: Comparison
+    residual: UnexplainedResidual
+    maps: tuple[ResidualMap, ...]
+
+    @property
+    def table(self) -> Table:
+        """Channel, variable, share of the channel's residual power explained, significant cells."""
+        rows = [
+            (m.channel, m.variable, m.explained, int(m.practically_significant.sum())) for m in self.maps[:MOST_MAPS]
+        ]
+        columns = (
+            "channel",
+            "against",
+            Column("share explained", format=".2f"),
+            Column("significant cells", format="d"),
+        )
+        return Table.of(columns, rows)
+
+    def remarks(self) -> list[str]:
+        """The largest of them in words, and whether there is anything to explain."""
+        looks = f"resembles {', '.join(self.residual.looks_like)} ({self.residual.share:.0%} of that channel's power)"
+        known = [] if self.comparison.lack_of_fit >= LEVELS.effect else [f"{self.residual.where}; {looks}"]
+        return [*self.comparison.remarks(), *known]
+
+    def printed(self) -> list[Table | str]:
+        """The errors by channel, then the maps."""
+        return [f"{self.comparison.recording.name}:", self.comparison.table, *super().printed()]
+
+
+class Study(Tabular):
+    """Recordings, a model, and what was learnt: an effect is added or dropped, and every step is kept.
+
+    Parameters
+    ----------
+    fitted : Fit
+        The first model, fitted.
+    held_out : sequence of HeldOut
+        Recordings of other motions with their noise.
+    candidates : sequence of Effect
+        The suspects.
+    progress : callable, optional
+        Called with one line of text at each stage; by default silent.
+
+    Notes
+    -----
+    `study` makes one. The steps are immutable; the study itself goes forward and back among them.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> study = tw.study("rig.toml", "train.csv")
+    >>> _ = study.add("viscous_drag")
+    >>> study.effects
+    ('viscous_drag',)
+    >>> _ = study.undo()
+    >>> study.effects
+    ()
+    """
+
+    def __init__(
+        self, fitted: Fit, held_out: Sequence[HeldOut], candidates: Sequence[Effect], progress: Progress = silent
+    ) -> None:
+        self._held_out, self._progress = tuple(held_out), progress
+        self._candidates = {effect.id: effect for effect in candidates}
+        self._cache = ScreeningCache()
+        label = " + ".join([START, *(effect.id for effect in fitted.model.effects)])
+        self.steps: tuple[StudyStep, ...] = (self._step(label, fitted),)
+
+    # ------------------------------------------------------------------------------------- where one is
+
+    @property
+    def fit(self) -> Fit:
+        """The current fit."""
+        return self.steps[-1].fit
+
+    @property
+    def model(self) -> WrenchModel:
+        """The current model."""
+        return self.fit.model
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids of the current model's effects."""
+        return tuple(effect.id for effect in self.model.effects)
+
+    @cached_property
+    def tolerance(self) -> Mapping[str, float]:
+        """Error that the user does not care about, by channel: from the rig, else a tenth of the noise floor."""
+        return channel_tolerance(self.steps[0].fit)[0]
+
+    # -------------------------------------------------------------------------------------- what to see
+
+    def where(self, recording: int = 0) -> Location:
+        """Where the current model fails, on a recording by its number: the fitted ones, then the held-out ones."""
+        step = self.steps[-1]
+        comparisons = (*step.training, *step.validation)
+        if not 0 <= recording < len(comparisons):
+            remedy = f"use 0 to {len(comparisons) - 1}"
+            raise InputError(what=f"there is no recording {recording}", where="recording", remedy=remedy)
+        found = comparisons[recording]
+        maps = sorted(residual_maps(found, self.tolerance), key=lambda m: -m.explained)
+        fitted = recording < len(step.training)
+        return Location(found, describe_residual(found, self.tolerance, fitted=fitted), tuple(maps))
+
+    def suspects(self) -> Suspects:
+        """Score tests of all effects that the current model lacks, what would remove most error first."""
+        self._progress("score tests")
+        tests = screen(self.fit, list(self._candidates.values()), cache=self._cache)
+        excess = None if noise_from_residual(self.fit) else self._candidate.excess
+        return Suspects.of(tests, self.model.space, excess)
+
+    def stairs(self) -> Table:
+        """Error of each channel of each recording after every step."""
+        return error_table(self.steps, [step.change for step in self.steps], self.tolerance)
+
+    def compare(self, *steps: int) -> ModelComparison:
+        """Compare steps by number (by default the first and the last): on the held-out recordings, else the fitted."""
+        chosen = steps or (0, len(self.steps) - 1)
+        several = {f"{i}: {self.steps[i].change}": self.steps[i].fit for i in dict.fromkeys(chosen)}
+        return compare_models(several, [h.recording for h in self._held_out] or list(self.fit.recordings))
+
+    # --------------------------------------------------------------------------------------- what to do
+
+    def add(self, effect: str | Effect) -> StudyStep:
+        """Add an effect, by its id or itself, and refit exactly from its score test's first guess.
+
+        Raises InputError for an unknown id, an effect that the model has already, and one that the recordings do not
+        excite, with the reason.
+        """
+        new = self._effect(effect)
+        _ = self.model + new
+        self._progress(f"add {new.id}")
+        (test,) = screen(self.fit, [new], candidates=len(self._candidates), cache=self._cache)
+        if not test.excited:
+            remedy = "see study.suspects() for what these recordings excite"
+            raise InputError(
+                what=f"it is not identifiable from these recordings: {test.reason}", where=new.id, remedy=remedy
+            )
+        return self._append(f"+ {new.id}", refit_with_effect(self._candidate, test).fit)
+
+    def drop(self, effect: str | Effect) -> StudyStep:
+        """Drop an effect and refit; InputError when the model lacks it."""
+        effect_id = effect if isinstance(effect, str) else effect.id
+        if effect_id not in self.effects:
+            remedy = suggestion(effect_id, self.effects) if self.effects else "the model is the rigid tool alone"
+            raise InputError(what=f"{quoted(effect_id)} is not in the model", where="drop", remedy=remedy)
+        before = self.fit
+        after = refit(before.model.without(effect_id), before.recordings, noise=before.noise, start=before.values)
+        if noise_from_residual(before):
+            after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
+        return self._append(f"- {effect_id}", after)
+
+    def undo(self) -> StudyStep:
+        """Go back one step; InputError at the first."""
+        if len(self.steps) == 1:
+            raise InputError(what="nothing to undo", where="study", remedy="this is the first step")
+        self.steps = self.steps[:-1]
+        return self.steps[-1]
+
+    def diagnose(self, *, workers: int = 1) -> Diagnosis:
+        """Let the diagnosis go on from the current model; the effects that it adds become steps.
+
+        What the model has is given and stays. The result does not depend on the number of `workers`.
+        """
+        found = diagnose(
+            self.model,
+            self.fit.recordings,
+            validate=[h.recording for h in self._held_out],
+            effects=list(self._candidates.values()),
+            progress=self._progress,
+            workers=workers,
+        )
+        for step in found.steps[1:]:
+            self.steps = (*self.steps, StudyStep(f"+ {step.effect}", step.fit, step.training, step.validation))
+        return found
+
+    # ------------------------------------------------------------------------------------- how it prints
+
+    @property
+    def table(self) -> Table:
+        """The steps: change, worst error over noise floor in training and validation, reduced chi-square."""
+        names = ("error / noise floor", "held out") if self._held_out else ("error / noise floor",)
+        rows = []
+        for number, step in enumerate(self.steps):
+            ratios = [_worst_ratio(step.training)] + ([_worst_ratio(step.validation)] if self._held_out else [])
+            rows.append((str(number), step.change, *ratios, step.training[0].misfit, step.training[0].lack_of_fit))
+        measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
+        return Table.of(("step", "model", *(Column(n, format=".3g") for n in names), *measures), rows)
+
+    def remarks(self) -> list[str]:
+        """What the current model is."""
+        return [f"model: {' + '.join([START, *self.effects])}; worst channel, systematic error with repeats, else rms"]
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    # ------------------------------------------------------------------------------------------- inside
+
+    @property
+    def _candidate(self) -> CandidateModel:
+        return CandidateModel(self.fit, len(self._candidates), self._cache)
+
+    def _effect(self, effect: str | Effect) -> Effect:
+        if not isinstance(effect, str):
+            return effect
+        return self._candidates[effect] if effect in self._candidates else named(effect)
+
+    def _append(self, change: str, fitted: Fit) -> StudyStep:
+        self.steps = (*self.steps, self._step(change, fitted))
+        return self.steps[-1]
+
+    def _step(self, change: str, fitted: Fit) -> StudyStep:
+        training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
+        validation = tuple(comparison_of(h.validation_fit(fitted), 0) for h in self._held_out)
+        return StudyStep(change, fitted, training, validation)
+
+
+def _worst_ratio(comparisons: Sequence[Comparison]) -> float:
+    """The largest error over noise floor of any channel: the systematic error, the RMS without repeats."""
+    return max(v / max(c.noise_floor[k], 1e-300) for c in comparisons for k, v in systematic_error(c).items())
+
+
+Recorded = Recording | str | Path
+"""A recording, or the path of one that `read` takes."""
+
+
+def study(
+    model: WrenchModel | Rig | str | Path | None,
+    recordings: Recorded | Iterable[Recorded],
+    *,
+    validate: Recorded | Iterable[Recorded] | None = None,
+    effects: Sequence[Effect] | None = None,
+    progress: Progress = silent,
+) -> Study:
+    """Begin a study: a model fitted to recordings, to which effects are added and dropped by hand or by diagnosis.
+
+    Parameters
+    ----------
+    model : WrenchModel, Rig, str, Path or None
+        A model, with or without effects; or a rig (or the path of its file, or None without one), whose rigid tool is
+        the model.
+    recordings : Recording, str, Path or iterable of these
+        Recordings of one rig and tool, or their paths, which the models are fitted to.
+    validate : Recording, str, Path or iterable of these, optional
+        Held-out recordings of other motions, on which the biases alone are estimated.
+    effects : sequence of Effect, optional
+        The suspects; by default the whole catalogue.
+    progress : callable, optional
+        Called with one line of text at each stage; by default silent.
+
+    Returns
+    -------
+    Study
+        With `where()`, `suspects()`, `add(id)`, `drop(id)`, `undo()`, `diagnose()`, `stairs()` and `compare()`.
+
+    Raises
+    ------
+    InputError
+        When a recording or rig cannot be read, a signal of the model is not recorded, or the sign convention cannot be
+        decided.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> study = tw.study("rig.toml", "train.csv", validate="validate.csv")
+    >>> "viscous_drag" in study.suspects().ids
+    True
+    >>> _ = study.add("viscous_drag")
+    >>> [step.change for step in study.steps]
+    ['rigid tool', '+ viscous_drag']
+    >>> study.diagnose().verdict.value
+    'nothing_missing'
+    """
+    rig = Rig.read(model) if isinstance(model, str | Path) else model
+    known = rig if isinstance(rig, Rig) else None
+    several, others = _recordings(recordings, known), _recordings(validate, known)
+    check_channels(given := _model(rig, several), several)
+    fitted = fit(given, several, start=model_initial_values(given, several) if given.effects else None)
+    noise = initial_noise(fitted.model, others) if others else ()
+    held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
+    return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects, progress)
+
+
+def _recordings(given: Recorded | Iterable[Recorded] | None, rig: Rig | None) -> tuple[Recording, ...]:
+    several = (given,) if isinstance(given, Recorded) else tuple(given or ())
+    return tuple(r if isinstance(r, Recording) else read(r, rig=rig) for r in several)
+
+
+def _model(rig: WrenchModel | Rig | None, recordings: Sequence[Recording]) -> WrenchModel:
+    if isinstance(rig, WrenchModel):
+        return rig
+    if not recordings:
+        raise InputError(what="no recording was given", where="recordings", remedy="give at least one")
+    described = rig if rig is not None else recordings[0].rig
+    return (planar if recordings[0].dimension == 2 else spatial)(described)

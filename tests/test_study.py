@@ -1,0 +1,141 @@
+"""The loop by hand: what is hidden in a simulated rig is suspected, added, seen to explain, taken away and undone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import truewrench as tw
+from diagnosis.diagnosis import diagnose
+from diagnosis.study import Study, study
+from diagnosis.verdict.verdict import RecordVerdict
+from estimation.fit import fit
+from modeling.chain.model import planar
+from modeling.effects import named
+from modeling.errors import InputError
+from modeling.formulas.custom_effects.python_definition import own_effect
+from modeling.significance import LEVELS
+from tests.test_given_effects import CANDIDATES, simulated
+from tests.test_hidden_effects import RIG
+from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
+
+pytest.importorskip("mujoco")
+
+MOISTURE = own_effect(
+    id="moisture",
+    title="zero follows a column",
+    parameters={"slope": "N"},
+    inputs={"moisture": "1"},
+    zero={"fx": "slope * moisture"},
+)
+EFFECTS = [named(i) for i in (*CANDIDATES, "link_length_error")]
+
+
+@pytest.fixture
+def begun() -> Study:
+    """Data with a drag and a leak between channels."""
+    return study(planar(RIG), simulated(1), validate=simulated(501), effects=EFFECTS)
+
+
+def worst(begun: Study) -> list[float]:
+    return [float(v) for v in begun.table.to_frame()["error / noise floor"]]
+
+
+def test_the_error_falls_with_what_is_missing_and_rises_without_it(begun: Study) -> None:
+    assert set(begun.suspects().ids) >= {"viscous_drag", "sensor_crosstalk"}
+    begun.add("viscous_drag")
+    begun.add("sensor_crosstalk")
+    first, second, third = worst(begun)
+    assert first > second > third
+    assert begun.steps[-1].training[0].lack_of_fit >= LEVELS.effect
+    assert begun.suspects().ids == ()
+    begun.drop("viscous_drag")
+    assert worst(begun)[-1] > second
+    begun.undo()
+    assert [s.change for s in begun.steps] == ["rigid tool", "+ viscous_drag", "+ sensor_crosstalk"]
+    assert begun.effects == ("viscous_drag", "sensor_crosstalk")
+
+
+def test_by_hand_is_as_by_itself(begun: Study) -> None:
+    """The same estimates as of a fit of the model, and as of a diagnosis that found both."""
+    begun.add("viscous_drag")
+    begun.add("sensor_crosstalk")
+    model = planar(RIG) + named("viscous_drag") + named("sensor_crosstalk")
+    whole = fit(model, simulated(1))
+    found = diagnose(planar(RIG), simulated(1), validate=simulated(501), effects=EFFECTS)
+    for name, estimate in begun.fit.parameters.items():
+        assert abs(whole.values[name] - estimate.value) < 0.01 * estimate.std
+        assert abs(found.fit.values[name] - estimate.value) < 0.1 * estimate.std
+
+
+def test_a_dropped_effect_leaves_the_fit_that_was(begun: Study) -> None:
+    before = begun.fit.values
+    begun.add("com_offset")
+    begun.drop("com_offset")
+    for name, value in before.items():
+        assert begun.fit.values[name] == pytest.approx(value, rel=1e-6, abs=1e-9)
+
+
+def test_diagnosis_goes_on_from_where_one_is(begun: Study) -> None:
+    begun.add("viscous_drag")
+    found = begun.diagnose()
+    assert found.verdict is RecordVerdict.EXPLAINED
+    assert (found.given, found.added) == (("viscous_drag",), ("sensor_crosstalk",))
+    assert [s.change for s in begun.steps] == ["rigid tool", "+ viscous_drag", "+ sensor_crosstalk"]
+    assert len(begun.stairs().rows) == 1 + 2 * (1 + 3)
+
+
+def test_where_it_fails_is_told_until_it_does_not(begun: Study) -> None:
+    assert begun.where().comparison.lack_of_fit < 1e-6
+    assert "resembles" in str(begun.where())
+    assert "motion 501" in str(begun.where(1))
+    begun.add("viscous_drag")
+    begun.add("sensor_crosstalk")
+    assert "resembles" not in str(begun.where())
+    with pytest.raises(InputError, match="no recording 2"):
+        begun.where(2)
+
+
+def test_steps_are_compared(begun: Study) -> None:
+    begun.add("viscous_drag")
+    begun.add("com_offset")
+    names = [(d.better, d.worse) for d in begun.compare().differences]
+    assert names == [("2: + com_offset", "0: rigid tool")]
+    assert len(begun.compare(0, 1, 2).differences) == 3
+
+
+REFUSED = {
+    "no effect is called 'viscous_dragg'; did you mean": lambda s: s.add("viscous_dragg"),
+    "moisture: it is not identifiable from these recordings": lambda s: s.add(MOISTURE),
+    "'sensor_lag' is not in the model; the model is the rigid tool alone": lambda s: s.drop("sensor_lag"),
+    "nothing to undo": lambda s: s.undo(),
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_cannot_be_done_is_a_sentence_and_no_step(message: str, begun: Study) -> None:
+    with pytest.raises(InputError) as error:
+        REFUSED[message](begun)
+    assert message in str(error.value)
+    assert len(begun.steps) == 1
+
+
+def test_paths_serve_as_recordings_and_rig(tmp_path: Path) -> None:
+    rig = PlanarRig()
+    drag = (ViscousDrag(c=0.15, d=0.12),)
+    frame = simulate(rig, rig.random_motion(seed=1), hidden=drag, repeats=4, samples_per_period=200)
+    log = write_recording(frame, tmp_path / "run.csv")
+    (tmp_path / "rig.toml").write_text("[robot]\nlink_lengths = [1.0, 0.97, 0.4]\ntip_length = 0.2\n")
+    begun = tw.study(tmp_path / "rig.toml", log, effects=EFFECTS)
+    begun.add("viscous_drag")
+    assert abs(begun.fit.values["viscous_drag.c"] - 0.15) < 4 * begun.fit.parameters["viscous_drag.c"].std
+    assert np.isfinite(worst(begun)).all()
+
+
+def test_it_prints_in_a_few_lines(begun: Study) -> None:
+    for shown in (begun, begun.suspects(), begun.where(), begun.stairs(), begun.compare()):
+        assert len(str(shown).splitlines()) < 40
+        assert shown._repr_html_()
+    assert repr(begun) == str(begun)
