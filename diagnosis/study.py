@@ -51,6 +51,9 @@ class StudyStep:
     training: tuple[Comparison, ...]
     validation: tuple[Comparison, ...]
 
+    def __repr__(self) -> str:
+        return f"StudyStep: {self.change}, {self.training[0].remarks()[0]}"
+
 
 @dataclass(frozen=True, eq=False)
 class Location(Tabular):
@@ -248,9 +251,6 @@ class Study(Tabular):
     def remarks(self) -> list[str]:
         """What the current model is."""
         return [f"model: {' + '.join([START, *self.effects])}; worst channel, systematic error with repeats, else rms"]
-
-    def __repr__(self) -> str:
-        return str(self)
 
     # ------------------------------------------------------------------------------------------- inside
 

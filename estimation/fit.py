@@ -16,7 +16,7 @@ from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
-from estimation.model_response import ModelResponse, model_response
+from estimation.model_response import ModelResponse, model_response, predicted_readings
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
@@ -31,6 +31,8 @@ from modeling.parameter import Parameter
 from modeling.significance import LEVELS
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from estimation.confidence_intervals import Intervals
     from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
 
@@ -105,11 +107,49 @@ class Fit(Estimates):
         own = self.layout.models[number]
         return model_response(own, self.recordings[number], self.theta[self.layout.index[number]])
 
+    @property
+    def params(self) -> pd.DataFrame:
+        """Value, std, 95 % interval and unit of every parameter, by name, as a data frame."""
+        found, ends = super().params, self.intervals()
+        found.insert(2, "low", ends.low)
+        found.insert(3, "high", ends.high)
+        return found
+
+    def predict(self, recording: Recording | None = None) -> pd.DataFrame:
+        """Predicted readings of a recording, by time and channel, as a data frame.
+
+        Parameters
+        ----------
+        recording : Recording, optional
+            One of the fit's recordings, by default the first, with its own biases and events; or another, with the
+            biases of the first recording and without recording-specific effects.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Readings in N and N m, one row a sample: the index is the time in s, of static poses their number.
+        """
+        number = next((i for i, r in enumerate(self.recordings) if r is (recording or self.recordings[0])), None)
+        if recording is None or number is not None:
+            return reading_frame(self.recordings[number or 0], self.response(number or 0).value)
+        lasting = self.model.lasting
+        theta = np.array([self.values[p.name] for p in lasting.parameters])
+        check_channels(lasting, (recording,))
+        return reading_frame(recording, predicted_readings(lasting, recording, theta))
+
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
         """Measured minus predicted of each recording, (n, p) in the channels' units."""
         parts = zip(self.layout.models, self.recordings, self.layout.index, strict=True)
         return tuple(r.wrench - model_response(own, r, self.theta[i], derivative=False).value for own, r, i in parts)
+
+
+def reading_frame(recording: Recording, readings: Array) -> pd.DataFrame:
+    """Readings (n, p) of a recording as a data frame by time (s), or by number of the pose, and channel."""
+    import pandas as pd
+
+    name, time = ("pose", np.arange(recording.samples)) if recording.time is None else ("time", recording.time)
+    return pd.DataFrame(readings, index=pd.Index(time, name=name), columns=list(recording.channels))
 
 
 def shared_objects(fit: Fit) -> list[object]:

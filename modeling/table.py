@@ -12,10 +12,13 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, TypeAlias
 
 from modeling.number_format import NO_VALUE, format_unit, plain_number, typeset_number
+from modeling.presentation import presenter
 
 if TYPE_CHECKING:
     import pandas as pd
 
+MOST_LINES = 38
+"""Of the `repr` of a result; `print` shows all."""
 NOT_IDENTIFIABLE = "not identifiable"
 """Printed for the standard deviation of an unidentifiable parameter, which is infinite."""
 
@@ -111,6 +114,9 @@ class Table:
         rule = ["  ".join("-" * width for width in widths)] if any(c.width for c in self.columns) else []
         return "\n".join(line for row in cells for line in [*_aligned(row, widths), *rule])
 
+    def __repr__(self) -> str:
+        return shortened(str(self))
+
     def to_html(self) -> str:
         """The table as HTML; numbers have the class `number`, names and text are escaped."""
         head = "".join(c.html_heading for c in self.columns) if any(c.heading for c in self.columns) else ""
@@ -135,13 +141,30 @@ class Table:
         return pd.DataFrame(values, columns=[c.heading for c in self.columns])
 
 
+def shortened(text: str) -> str:
+    """The text, of a long one the first and last lines."""
+    lines = text.splitlines()
+    if len(lines) <= MOST_LINES:
+        return text
+    kept, last = lines[: MOST_LINES - 6], lines[-5:]
+    return "\n".join([*kept, f".. {len(lines) - len(kept) - len(last)} lines left out; print() shows all ..", *last])
+
+
 def _aligned(row: Sequence[Sequence[str]], widths: Sequence[int]) -> Iterator[str]:
     for parts in zip_longest(*row, fillvalue=""):
         yield "  ".join(part.ljust(width) for part, width in zip(parts, widths, strict=True)).rstrip()
 
 
 class Tabular(ABC):
-    """A result that shows itself as a table with remarks below it, on a terminal and in a notebook."""
+    """A result that shows itself as a table with remarks below it, on a terminal and in a notebook.
+
+    Its `repr` is that table: dataclasses among the subclasses do not list their fields.
+    """
+
+    def __init_subclass__(cls, **options: object) -> None:
+        super().__init_subclass__(**options)
+        if "__repr__" not in cls.__dict__:  # so that the decorator `dataclass` finds one, and writes none
+            cls.__repr__ = Tabular.__repr__  # type: ignore[method-assign]
 
     @property
     @abstractmethod
@@ -160,8 +183,15 @@ class Tabular(ABC):
         """The table as a pandas data frame."""
         return self.table.to_frame()
 
+    def summary(self) -> str:
+        """The result as text, with everything worth knowing about it."""
+        return presenter().summary(self)
+
     def __str__(self) -> str:
         return "\n".join(map(str, self.printed()))
+
+    def __repr__(self) -> str:
+        return shortened(str(self))
 
     def _repr_html_(self) -> str:
         return "\n".join(p.to_html() if isinstance(p, Table) else f"<p>{escape(p)}</p>" for p in self.printed())

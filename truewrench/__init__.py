@@ -22,6 +22,12 @@ def _modules() -> dict[str, str]:
     return {alias.name: node.module or "" for node in imports for alias in node.names}
 
 
+@cache
+def _register() -> None:
+    """Say who presents results: `fit.summary()` asks the module named here."""
+    import_module("modeling.presentation").register_presenter("truewrench.presentation")
+
+
 def __getattr__(name: str) -> Any:
     """The public name, from its module."""
     if name == "__version__":
@@ -29,6 +35,7 @@ def __getattr__(name: str) -> Any:
     if name == "__all__":
         return sorted(_modules())
     if name in _modules():
+        _register()
         return getattr(__import__(_modules()[name], fromlist=[name]), name)
     raise AttributeError(f"module 'truewrench' has no attribute '{name}'")
 

@@ -30,6 +30,8 @@ from estimation.least_squares.constrained import Bounds as Bounds
 from estimation.least_squares.constrained import Constraints as Constraints
 from estimation.least_squares.constrained import Prior as Prior
 from estimation.logs.log_reading import read as read
+from estimation.recordings.reading import from_arrays as from_arrays
+from estimation.recordings.reading import from_dataframe as from_dataframe
 from estimation.recordings.recording import Recording as Recording
 from estimation.repeatability.bootstrap import bootstrap as bootstrap
 from estimation.repeatability.repeat_table import RepeatTable as RepeatTable
@@ -54,6 +56,8 @@ from modeling.rig.rig import Rig as Rig
 from modeling.space import signals as signals
 from truewrench.emitted import emit as emit
 from truewrench.files.effects_file import read_effects as read_effects
+from truewrench.files.model_file import load as load
+from truewrench.files.model_file import save as save
 from truewrench.surveying.survey import survey as survey
 
 __version__: str

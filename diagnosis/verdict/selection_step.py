@@ -27,6 +27,9 @@ class SelectionStep:
     training: tuple[Comparison, ...]
     validation: tuple[Comparison, ...]
 
+    def __repr__(self) -> str:
+        return f"SelectionStep: {self.effect or 'base model'}, {self.training[0].remarks()[0]}"
+
 
 def selection_steps(
     selection: SubsetSearch, final: CandidateModel, held_out: Sequence[HeldOut]

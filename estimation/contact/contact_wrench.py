@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,8 +155,22 @@ class ContactWrench(Tabular):
         return [self.table if self.intervals else "no contact found"]
 
 
+class SavedModel(Protocol):
+    """What a model file gives."""
+
+    @property
+    def calibration(self) -> CalibratedModel:
+        """The calibrated model in it."""
+
+
+def _calibration(fitted: Fit | StreamedFit | CalibratedModel | SavedModel) -> CalibratedModel:
+    if isinstance(fitted, CalibratedModel):
+        return fitted
+    return CalibratedModel.of(fitted) if isinstance(fitted, Fit | StreamedFit) else fitted.calibration
+
+
 def compensate(
-    fitted: Fit | StreamedFit | CalibratedModel,
+    fitted: Fit | StreamedFit | CalibratedModel | SavedModel,
     recording: Recording,
     *,
     keep_zero: bool = False,
@@ -166,8 +181,8 @@ def compensate(
 
     Parameters
     ----------
-    fitted : Fit, StreamedFit or CalibratedModel
-        The fitted model of the tool; recording-specific effects are dropped.
+    fitted : Fit, StreamedFit, CalibratedModel or ModelFile
+        The fitted model of the tool, or what `load` gives; recording-specific effects are dropped.
     recording : Recording
         Recording with contact, with the model's channels.
     keep_zero : bool, optional
@@ -207,7 +222,7 @@ def compensate(
     >>> [(round(contact.time_of(i.first), 1), round(contact.time_of(i.last), 1)) for i in contact.intervals]
     [(1.5, 2.5), (6.5, 7.5), (11.5, 12.5), (16.5, 17.5)]
     """
-    known = (fitted if isinstance(fitted, CalibratedModel) else CalibratedModel.of(fitted)).lasting
+    known = _calibration(fitted).lasting
     check_channels(known.model, (recording,))
     response = model_response(known.model, recording, known.theta)
     gain, slopes = contact_gain_at(known.model, known.theta)

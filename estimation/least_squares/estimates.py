@@ -6,12 +6,14 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.levenberg_marquardt import MAX_STEPS, NEGLIGIBLE_COLUMN_LENGTH
 from estimation.least_squares.square_root_information import SquareRootInformation
+from modeling.errors import InputError, quoted, suggestion
 from modeling.identifiability import (
     LeastCertainDirection,
     ScaledSVD,
@@ -21,6 +23,9 @@ from modeling.identifiability import (
 )
 from modeling.parameter import Parameter
 from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -81,6 +86,31 @@ class Estimates(Tabular):
             p.name: Estimate(p.name, float(value), float(s), p.unit)
             for p, value, s in zip(self.unknowns, self.theta, std, strict=True)
         }
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of that name; InputError, with what was meant, for none."""
+        if name not in self.parameters:
+            remedy = suggestion(str(name), self.parameters)
+            raise InputError(what=f"no parameter is called {quoted(name)}", where="fit", remedy=remedy)
+        return self.parameters[name]
+
+    @property
+    def params(self) -> pd.DataFrame:
+        """Value, std and unit of every parameter, by name, as a data frame."""
+        import pandas as pd
+
+        rows = [(e.value, e.std, e.unit) for e in self.parameters.values()]
+        return pd.DataFrame(rows, columns=["value", "std", "unit"], index=pd.Index(self.parameters, name="parameter"))
+
+    @property
+    def correlation(self) -> pd.DataFrame:
+        """Correlation coefficients (k, k) of the estimates; missing for an unidentifiable parameter."""
+        import pandas as pd
+
+        std = np.sqrt(np.where(self.identifiable, np.maximum(np.diag(self.covariance), 0.0), np.nan))
+        matrix = self.covariance / np.where(std > 0, std, np.nan) / np.where(std > 0, std, np.nan)[:, None]
+        names = pd.Index(self.parameters, name="parameter")
+        return pd.DataFrame(matrix, index=names, columns=names)
 
     @property
     def values(self) -> dict[str, float]:

@@ -81,6 +81,12 @@ class Recording:
     rig: Rig | None = None
     reading: ReadingReport | None = None
 
+    def __repr__(self) -> str:
+        length = "poses at rest" if self.dt is None else f"samples at {1 / self.dt:.6g} Hz"
+        runs = f"{self.repeats} x " if self.repeats > 1 else ""
+        known = f"motion {self.form.value}" + "".join(f", {name}" for name in self.auxiliary)
+        return f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {known}"
+
     @property
     def samples(self) -> int:
         """The number of rows n."""

@@ -48,6 +48,10 @@ class Chunk:
     wrench: Array
     history: int = 0
 
+    def __repr__(self) -> str:
+        rows = f"{len(self.wrench)} samples, {self.history} of them history"
+        return f"Chunk of {self.run!r}: {rows}; {', '.join(self.signals)}"
+
     def __post_init__(self) -> None:
         samples = len(self.wrench)
         for name, column in self.signals.items():

@@ -138,6 +138,12 @@ class WrenchModel:
     effects: tuple[Effect, ...] = ()
     arm: Arm | None = None
 
+    def __repr__(self) -> str:
+        kind = "planar" if self.space is Space.PLANE else "six axes"
+        tool = " + ".join(["rigid tool", *(effect.id for effect in self.effects)])
+        parameters = ", ".join(parameter.name for parameter in self.parameters)
+        return f"WrenchModel: {tool}, {kind}, {self.convention.value}, g = {self.gravity} m/s²; {parameters}"
+
     def __add__(self, effect: Effect | Iterable[Effect]) -> WrenchModel:
         """The model with one more effect (or several) in its chain."""
         added = (effect,) if isinstance(effect, Effect) else tuple(effect)

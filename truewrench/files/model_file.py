@@ -17,19 +17,22 @@ from pydantic import Field
 
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.fit import Estimate, Fit
+from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.noise.recording_noise import NoiseSource
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.effects import named
-from modeling.errors import InputError
+from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.kinematics.arm import Arm
 from modeling.number_format import finite
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
 from modeling.strict_table import StrictTable, validated
+from modeling.table import Table
 from modeling.text_file import file_text
+from truewrench.files.output import atomic_write
 
 Array = NDArray[np.float64]
 
@@ -75,6 +78,17 @@ class ModelFile:
             noise_source=noise.source,
             remainder=_by_channel(fitted.model, calibration.remainder),
         )
+
+    def __repr__(self) -> str:
+        rows = [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()]
+        return f"{self.model!r}\n{Table.of(PARAMETER_COLUMNS, rows)}"
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of that name; InputError, with what was meant, for none."""
+        if name not in self.parameters:
+            remedy = suggestion(str(name), self.parameters)
+            raise InputError(what=f"no parameter is called {quoted(name)}", where="model", remedy=remedy)
+        return self.parameters[name]
 
     @property
     def calibration(self) -> CalibratedModel:
@@ -150,6 +164,72 @@ class ModelFile:
     def to_text(self) -> str:
         """The JSON text of the file."""
         return json.dumps(self.to_data(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def save(fit: Fit | StreamedFit | ModelFile, path: str | Path) -> Path:
+    """Write a fitted model as a model file, atomically.
+
+    Parameters
+    ----------
+    fit : Fit, StreamedFit or ModelFile
+        The model with its parameters, covariance and noise.
+    path : str or Path
+        The JSON file, which is replaced.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> path = tw.save(tw.fit(tw.planar(rig), tw.read("train.csv", rig=rig)), "model.json")
+    >>> tw.load(path)["m"].unit
+    'kg'
+    """
+    saved = fit if isinstance(fit, ModelFile) else ModelFile.of(fit)
+    target = Path(path)
+    with atomic_write(target) as temporary:
+        temporary.write_text(saved.to_text(), encoding="utf-8")
+    return target
+
+
+def load(path: str | Path) -> ModelFile:
+    """The fitted model in a model file, for prediction, comparison, compensation, design and code.
+
+    Parameters
+    ----------
+    path : str or Path
+        JSON file of `save`, `truewrench fit --out` or `truewrench diagnose --out`.
+
+    Returns
+    -------
+    ModelFile
+        Model, parameters by name with std and unit, covariance, noise and rig.
+
+    Raises
+    ------
+    InputError
+        In one line, for an invalid file.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> recording = tw.read("train.csv", rig=rig)
+    >>> path = tw.save(tw.fit(tw.planar(rig) + tw.effects.viscous_drag(), recording), "model.json")
+    >>> known = tw.load(path)
+    >>> f"{known['viscous_drag.c'].value:.2f} {known['viscous_drag.c'].unit}"
+    '0.15 N s/m'
+    """
+    return ModelFile.read(path)
 
 
 def _by_channel(model: WrenchModel, values: Array) -> dict[str, float]:

@@ -1,0 +1,21 @@
+"""How results of all packages are presented: `fit.summary()` and the like ask here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diagnosis.diagnosis import Diagnosis
+from estimation.fit import Fit
+
+
+def summary(result: Any) -> str:
+    """The result as text: of a fit whether the model fits, of a diagnosis the verdict with its evidence."""
+    if isinstance(result, Diagnosis):
+        from truewrench.text.diagnosis_text import diagnosis_text
+
+        return diagnosis_text(result)
+    if isinstance(result, Fit):
+        from truewrench.text.fit_summary import FitSummary
+
+        return FitSummary(result, result.intervals()).text(None, runs=False)
+    return str(result)
