@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from diagnosis.acceptance.acceptance import accept
 from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.acceptance.recording_disturbance import RecordingDisturbance, disturbances_of, with_disturbances
 from diagnosis.comparison.comparison import noise_from_residual
+from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.comparison.validation import zero_shift
 from diagnosis.parallel.progress import Progress, silent
 from diagnosis.parallel.workers import Workers, WorkItem, run_spmd
@@ -91,6 +92,11 @@ class Diagnosis(Tabular):
         """Bonferroni-corrected p-value of the final model's lack of fit over the training recordings."""
         return bonferroni_p_value([c.lack_of_fit for c in self.steps[-1].training])
 
+    @cached_property
+    def slow_residuals(self) -> tuple[SlowResidual, ...]:
+        """The significant slow parts of the residuals of single runs, with the final model."""
+        return slow_residuals(self.steps[-1].training)
+
     @property
     def table(self) -> Table:
         """Effect, verdict, p-value, share of the systematic error removed and reason."""
@@ -122,6 +128,7 @@ class Diagnosis(Tabular):
             "added": list(self.added),
             "lack_of_fit_p": self.lack_of_fit,
             "converged": self.fit.converged,
+            "slow_residual": [s.to_data() for s in self.slow_residuals],
             "steps": [step_data(s) for s in self.steps],
             "effects": [finding_data(f) for f in self.findings],
             "parameters": estimates_data(self.fit.parameters),
@@ -298,6 +305,7 @@ def _record_evidence(
         held_out_lack_of_fit=min((c.lack_of_fit for c in steps[-1].validation), default=1.0),
         effects=len(final.ids),
         unaccepted=noise_from_residual(final.fit) and len(selection.tried) > 1,
+        slow=any(s.above_noise for s in slow_residuals(steps[-1].training)),
         within_tolerance=all(
             c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
         ),
@@ -311,4 +319,6 @@ def _unexplained(step: SelectionStep, tolerance: Mapping[str, float]) -> Unexpla
     held_out = min(step.validation, key=lambda c: c.lack_of_fit, default=fitted)
     if fitted.lack_of_fit >= LEVELS.effect and held_out.lack_of_fit < LEVELS.held_out:
         return describe_residual(held_out, tolerance, fitted=False)
-    return describe_residual(fitted, tolerance)
+    slow = next((s for s in slow_residuals(step.training) if s.above_noise), None)
+    found = describe_residual(fitted, tolerance)
+    return found if slow is None or fitted.lack_of_fit < LEVELS.effect else replace(found, where=slow.sentence)

@@ -18,6 +18,7 @@ class RecordEvidence:
     effects               number of effects added
     unaccepted            whether, in noise that is estimated from the residual, some effect was significant in the
                           search: the lack-of-fit test has little power there
+    slow                  whether a slow part of a single run's residual exceeds the noise: drift or slow physics
     within_tolerance      whether the systematic error is within tolerance in every channel of every recording
     power_share           systematic power of the final model's residual over that of the rigid tool's
     """
@@ -26,13 +27,14 @@ class RecordEvidence:
     held_out_lack_of_fit: float = 1.0
     effects: int = 0
     unaccepted: bool = False
+    slow: bool = False
     within_tolerance: bool = False
     power_share: float = 1.0
 
     @property
     def adequate(self) -> bool:
-        """Whether no lack of fit is significant, neither in training nor on held-out data."""
-        return self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
+        """Whether no lack of fit is significant, neither in training nor on held-out data, and nothing slow remains."""
+        return not self.slow and self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
 
     @property
     def rigid_tool_suffices(self) -> bool:

@@ -75,6 +75,7 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
     """Evidence of the verdict: source of the noise, validation, recording-specific disturbances."""
     last, warning = diagnosis.steps[-1], weaker_verdict_warning(diagnosis)
     lines = [*noise_notes(diagnosis), *([warning] if warning else [])]
+    lines += [f"{slow.sentence[0].upper()}{slow.sentence[1:]}." for slow in diagnosis.slow_residuals]
     if not last.validation:
         lines.append("No validation: only the fitted recordings were tested; give another motion with --validate.")
     if diagnosis.zero_shift:

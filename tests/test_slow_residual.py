@@ -1,0 +1,131 @@
+"""The slow residual of a single run: no finding in noise of four kinds, a finding where the zero wanders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.stats import binom
+
+from diagnosis.comparison.model_comparison import compare
+from diagnosis.comparison.slow_residual import SlowResidual
+from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.verdict.verdict import RecordVerdict
+from estimation.fit import fit
+from estimation.recordings.recording import Recording
+from modeling.chain.model import planar
+from modeling.significance import LEVELS
+from tests.test_model_comparison import RIG, repeating
+from tests.test_single_runs import FEW, run
+from truewrench.simulated_rig import ViscousDrag
+
+Array = NDArray[np.float64]
+Noise = Callable[[np.random.Generator, int], Array]
+
+SEEDS = 400
+TAIL = 1e-3
+"""Probability of a calibration test to fail although the stated level holds."""
+
+
+def pink(rng: np.random.Generator, n: int) -> Array:
+    """1/f noise of unit variance: a quarter of a longer periodic series."""
+    frequency = np.fft.rfftfreq(4 * n)[1:]
+    lines = (rng.normal(size=len(frequency)) + 1j * rng.normal(size=len(frequency))) / np.sqrt(frequency)
+    series = np.fft.irfft(np.concatenate([[0], lines]))
+    return np.asarray(series[:n] / series.std())
+
+
+def autoregressive(rng: np.random.Generator, n: int) -> Array:
+    return np.asarray(lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], rng.normal(size=n + 1000))[1000:])
+
+
+def with_tones(rng: np.random.Generator, n: int) -> Array:
+    t = np.arange(n)
+    return pink(rng, n) + sum(0.5 * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.11, 0.31))
+
+
+NOISES: dict[str, Noise] = {
+    "white": lambda rng, n: np.asarray(rng.normal(size=n)),
+    "autoregressive": autoregressive,
+    "pink": pink,
+    "pink, with tones": with_tones,
+}
+
+
+UNITS = {"fx": "N", "fy": "N", "tau": "N m"}
+
+
+def of(seed: int, noise: Noise, slow: float = 0.0, samples: int = 1000) -> SlowResidual:
+    """Residual of a rigid tool; in fx the zero wanders by `slow` times the noise."""
+    rng = np.random.default_rng(seed)
+    residual = np.stack([noise(rng, samples) for _ in range(3)], axis=1) * [0.2, 0.3, 0.02]
+    residual[:, 0] += slow * 0.2 * walk(rng, samples)
+    return SlowResidual.of_residual("run", residual, UNITS)
+
+
+def walk(rng: np.random.Generator, samples: int) -> Array:
+    steps = np.cumsum(rng.normal(size=samples))
+    return np.asarray((steps - steps.mean()) / steps.std())
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("samples", [630, 3000])
+def test_noise_is_no_finding(noise: str, samples: int) -> None:
+    found = [of(seed, NOISES[noise], samples=samples) for seed in range(SEEDS)]
+    assert sum(bool(s.above_noise) for s in found) <= binom.isf(TAIL, SEEDS, LEVELS.effect)
+    assert sum(bool(s.significant) for s in found) <= binom.isf(TAIL, SEEDS, LEVELS.effect)
+
+
+def test_wandering_zero_is_a_finding() -> None:
+    """Two and a half times the noise, as public logs have it; a walk in seven is none that is slow."""
+    found = [of(seed, NOISES["white"], slow=2.5, samples=3000) for seed in range(SEEDS)]
+    named = [s for s in found if s.above_noise == ("fx",)]
+    assert len(named) > 0.8 * SEEDS
+    assert all("drift of the zero or slow physics" in s.sentence for s in named)
+    assert all(s.rms["fx"] == pytest.approx(0.5, rel=0.3) for s in named)
+
+
+def test_slow_and_fast_parts_are_the_whole() -> None:
+    """Parseval, and a slow cosine is slow."""
+    t = (np.arange(2000) + 0.5) / 2000
+    residual = np.stack([0.3 * np.cos(3 * np.pi * t), 0.1 * np.cos(500 * np.pi * t), 0 * t], axis=1)
+    found = SlowResidual.of_residual("run", residual, UNITS)
+    assert found.rms["fx"] == pytest.approx(0.3 / np.sqrt(2))
+    assert found.floor["fx"] == pytest.approx(0.0, abs=1e-7)
+    assert found.rms["fy"] == pytest.approx(0.0, abs=1e-9)
+    assert found.floor["fy"] == pytest.approx(0.1 / np.sqrt(2))
+
+
+@cache
+def diagnosed(drag: float) -> Diagnosis:
+    """A single run with a drag, or none, whose zero warms up."""
+    clean = run(3000, *([ViscousDrag(c=drag, d=0.12)] if drag else []))
+    warming = 1 - np.exp(-5 * np.arange(clean.samples) / clean.samples)
+    wrench = clean.wrench + np.outer(2.0 * warming, [1, 0, 0])
+    moved = Recording(
+        name="run", channels=clean.channels, wrench=wrench, columns=clean.columns, form=clean.form, time=clean.time,
+        rig=clean.rig,
+    )  # fmt: skip
+    return diagnose(planar(clean.rig), moved, effects=FEW)
+
+
+def test_it_is_never_nothing_missing() -> None:
+    found = diagnosed(0.0)
+    assert found.verdict is RecordVerdict.UNEXPLAINED
+    assert found.unexplained is not None
+    assert "a slow change remains on run: fx" in found.unexplained.where
+    assert found.to_data()["slow_residual"][0]["misfit"]
+
+
+def test_what_is_sure_beside_it_is_partly_explained() -> None:
+    found = diagnosed(0.3)
+    assert found.verdict is RecordVerdict.PARTLY_EXPLAINED
+    assert found.added == ("viscous_drag",)
+
+
+def test_repeats_show_it_by_themselves() -> None:
+    assert SlowResidual.of(compare(fit(planar(RIG), repeating(5.0)))) is None
