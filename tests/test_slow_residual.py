@@ -45,7 +45,8 @@ def autoregressive(rng: np.random.Generator, n: int) -> Array:
 
 def with_tones(rng: np.random.Generator, n: int) -> Array:
     t = np.arange(n)
-    return pink(rng, n) + sum(0.5 * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.11, 0.31))
+    tones = [0.5 * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.11, 0.31)]
+    return np.asarray(pink(rng, n) + np.sum(tones, axis=0))
 
 
 NOISES: dict[str, Noise] = {
