@@ -16,6 +16,7 @@ from modeling.presentation import presenter
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 MOST_LINES = 38
 """Of the `repr` of a result; `print` shows all."""
@@ -186,6 +187,29 @@ class Tabular(ABC):
     def summary(self) -> str:
         """The result as text, with everything worth knowing about it."""
         return presenter().summary(self)
+
+    def plot(self, *, kind: str | None = None, channel: str | None = None) -> Figure:
+        """The result as a figure of matplotlib.
+
+        Parameters
+        ----------
+        kind : str, optional
+            What to draw, where there are several kinds of figures; a wrong one is answered by those there are.
+        channel : str, optional
+            Channel of a figure of one channel, by default the worst.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Shown by a notebook; `figure.savefig("file.png")` writes it.
+
+        Raises
+        ------
+        InputError
+            For a result without a figure, and an unknown kind or channel.
+        """
+        figure: Figure = presenter().plot(self, kind=kind, channel=channel)
+        return figure
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.printed()))

@@ -143,3 +143,35 @@ def test_recordings_of_frames_and_arrays_are_those_of_files() -> None:
 def test_arrays_of_other_shapes_are_a_sentence(wrench: Any, arrays: dict[str, Any], message: str) -> None:
     with pytest.raises(tw.InputError, match=message):
         tw.from_arrays(wrench, time=np.arange(50) / 100, **arrays)
+
+
+FIGURES: dict[str, list[str | None]] = {
+    "fit": [None, "map", "spectrum"],
+    "comparison": ["residual"],
+    "model comparison": ["residual", "map"],
+    "diagnosis": [None, "residual", "map"],
+    "study": ["stairs", "spectrum"],
+    "contact": [None],
+    "suspects": [None],
+}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_results_are_drawn(name: str) -> None:
+    """With units on every axis that has a quantity, for a notebook without pyplot."""
+    result = RESULTS[name]()
+    for kind in FIGURES[name]:
+        figure = result.plot(kind=kind)
+        assert figure.axes
+        texts = [t for axes in figure.axes for t in (axes.get_ylabel(), axes.get_title(loc="left"), axes.get_xlabel())]
+        assert any("N" in text or "%" in text for text in texts)
+    assert "<svg" in figure._repr_svg_()
+
+
+def test_a_wrong_figure_is_a_sentence() -> None:
+    with pytest.raises(tw.InputError, match="did you mean spectrum"):
+        fitted().plot(kind="spectrumm")
+    with pytest.raises(tw.InputError, match="no channel is 'fz'"):
+        fitted().plot(channel="fz")
+    with pytest.raises(tw.InputError, match="Intervals has no figure"):
+        fitted().intervals().plot()

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diagnosis.diagnosis import Diagnosis
 from estimation.fit import Fit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot(result: Any, *, kind: str | None = None, channel: str | None = None) -> Figure:
+    """The result as a figure."""
+    from truewrench.plots.result_figure import result_figure  # loads matplotlib
+
+    return result_figure(result, kind=kind, channel=channel)
 
 
 def summary(result: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from diagnosis.screening.score_test import ScoreTest, adjusted_p_values
 from modeling.number_format import P_VALUE, SHARE, format_number, format_with_std
@@ -43,18 +44,21 @@ class Suspects(Tabular):
     @property
     def ids(self) -> tuple[str, ...]:
         """The ids of the significant effects, family-wise at 1 %, that which removes most error first."""
-        adjusted = adjusted_p_values(self.tests)
-        return tuple(t.effect.id for t in self.tests if adjusted.get(t.effect.id, 1.0) < LEVELS.effect)
+        return tuple(t.effect.id for t in self.tests if self.p_values.get(t.effect.id, 1.0) < LEVELS.effect)
+
+    @cached_property
+    def p_values(self) -> dict[str, float]:
+        """Holm-adjusted p-value of each effect that was tested, by id."""
+        return adjusted_p_values(self.tests)
 
     @property
     def table(self) -> Table:
         """Effect, Holm-adjusted p-value, share of the excess chi-square it removes, size, detectable amount, reason."""
-        adjusted = adjusted_p_values(self.tests)
         rows = [
             (
                 test.effect.id,
-                adjusted.get(test.effect.id),
-                self._share(test),
+                self.p_values.get(test.effect.id),
+                self.share(test),
                 self._amounts(test),
                 self._detectable(test),
                 test.reason,
@@ -70,7 +74,8 @@ class Suspects(Tabular):
             return ["no effect is significant at 1 % (family-wise)"]
         return [f"significant at 1 % (family-wise): {', '.join(self.ids)}; one true effect makes several look so"]
 
-    def _share(self, test: ScoreTest) -> float | None:
+    def share(self, test: ScoreTest) -> float | None:
+        """Share of the excess chi-square that the effect would remove; None where the noise is the residual's own."""
         return min(1.0, test.statistic / self.excess) if self.excess and test.excited else None
 
     def _amounts(self, test: ScoreTest) -> str:

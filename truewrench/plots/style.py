@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import StringIO
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -39,6 +40,16 @@ LEGEND: dict[str, Any] = {
 }
 
 
+class NotebookFigure(Figure):
+    """A figure that a notebook shows without pyplot."""
+
+    def _repr_svg_(self) -> str:
+        """The figure as SVG, which a notebook asks for."""
+        stream = StringIO()
+        self.savefig(stream, format="svg")
+        return stream.getvalue()
+
+
 @dataclass(frozen=True, kw_only=True)
 class PanelGrid:
     """Sizes of a grid of panels in CSS pixels: fixed, so that panels align between figures."""
@@ -62,7 +73,7 @@ class PanelGrid:
 
     def panels(self, *, heights: Sequence[float] | None = None, **shared: Any) -> tuple[Figure, NDArray[Any]]:
         """The empty figure and its styled axes (rows, columns); `heights` are relative."""
-        figure = Figure(figsize=(self.width / PIXELS_PER_INCH, self.height / PIXELS_PER_INCH))
+        figure = NotebookFigure(figsize=(self.width / PIXELS_PER_INCH, self.height / PIXELS_PER_INCH))
         figure.patch.set_alpha(0.0)
         inside = self.width - self.left - self.right - (self.columns - 1) * self.between_columns
         spacing = {
