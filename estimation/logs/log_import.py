@@ -27,7 +27,7 @@ from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.reading_report import ClockReading, OffsetReading, ReadingReport
+from estimation.recordings.reading_report import ClockReading, OffsetReading, PeriodReading, ReadingReport
 from estimation.recordings.recording import MotionForm, Recording, motion_columns
 from modeling.errors import InputError, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
@@ -48,14 +48,14 @@ RESERVED = {
 Mask: TypeAlias = NDArray[np.bool_]
 Groups: TypeAlias = Sequence[tuple[ColumnGroup, dict[str, Array]]]
 """Groups of columns, the wrench's first, each with what it becomes, in SI units."""
-Clocks: TypeAlias = tuple[tuple[ClockReading, ...], OffsetReading | None, float | None]
+Clocks: TypeAlias = tuple[tuple[ClockReading, ...], OffsetReading | None, PeriodReading | None, float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
     """How to read: a preset's name, a map, the period of the motion (s), and whether mending is refused.
 
-    With `one_run`, a column that counts repeats is left out.
+    With `one_run`, no period is looked for, and a column that counts repeats is left out.
     """
 
     preset: str | None = None
@@ -116,12 +116,12 @@ class _Reading:
         groups = [(mapping.wrench, si.wrench())]
         groups += [(group, si.motion(group)) for group in mapping.groups[1:]]
         columns, report_parts = self._on_one_clock(mapping, groups, si.base_axes)
-        clocks, offset, rate = report_parts
+        clocks, offset, period, rate = report_parts
         if {"fz", "qw"} <= set(columns):
             columns = self._frames_checked(columns, mapping, offset)
         note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, mapping.wrench.table.name, self.log)
         report = ReadingReport(
-            sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, steps=tuple(self.log.steps),
+            sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, period=period, steps=tuple(self.log.steps),
             samples=len(columns[mapping.wrench.targets[0]]), rate=rate, columns=tuple(columns),
         )  # fmt: skip
         return ImportedRecording(name=self.paths[0].name, columns=columns, report=report)
@@ -189,7 +189,7 @@ class _Reading:
         tables = list({id(group.table): group.table for group, _ in groups}.values())
         timed = [self._time(table) for table in tables]
         if all(time is None for time in timed):
-            return self._poses(mapping, groups, base_axes), ((), None, None)
+            return self._poses(mapping, groups, base_axes), ((), None, None, None)
         for table, time in zip(tables, timed, strict=True):
             if time is None:
                 what = "no time is recognised in this source, and another source has one"
@@ -197,9 +197,12 @@ class _Reading:
         streams = self._streams(groups)
         mend = mended_runs if len(streams) == 1 else mended
         series = [mend(stream, self.log) for stream in streams]
-        clock = on_one_clock(series, self.stated.offset, self.options.period, self.rig, self.log, self.one_clock)
+        stated, options = self.stated, self.options
+        clock = on_one_clock(
+            series, stated.offset, options.period, self.rig, self.log, self.one_clock, options.one_run
+        )
         columns = self._turned(clock.columns, base_axes)
-        return columns, (tuple(s.reading for s in series), clock.offset, clock.rate)
+        return columns, (tuple(s.reading for s in series), clock.offset, clock.period, clock.rate)
 
     def _streams(self, groups: Groups) -> list[Stream]:
         """Groups that were sampled together as one stream each, with the auxiliary columns of their table."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+import numpy as np
+
 from modeling.table import Column, Table, Tabular
 
 
@@ -75,6 +77,40 @@ class OffsetReading:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PeriodReading:
+    """Period of the motion, s, and its std; whole repeats of it, and samples in each.
+
+    deviation, chance  root-mean-square of what does not repeat over that of the motion, beyond its noise, and what
+                       chance adds to that
+    correlation        of the motion with itself a period later
+    before, after      s that were left out before the first and after the last whole repeat
+    """
+
+    period: float
+    std: float
+    repeats: int
+    samples: int
+    deviation: float
+    chance: float
+    correlation: float
+    before: float
+    after: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval, s."""
+        return self.period - 1.96 * self.std, self.period + 1.96 * self.std
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        digits = int(np.clip(1 - np.floor(np.log10(max(self.std, 1e-9))), 2, 6))
+        text = f"The motion repeats: period {self.period:.{digits}f} s (95 % interval {low:.{digits}f} to"
+        text += f" {high:.{digits}f} s), {self.repeats} whole repeats of {self.samples} samples. What does not repeat is"
+        text += f" {100 * self.deviation:.2g} % of the motion"
+        return text + (f" (chance: up to {100 * self.chance:.2g} %)." if self.chance > 1e-4 else ".")
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReadingReport(Tabular):
     """How sources became a recording of `samples` rows at `rate` Hz (None for static poses)."""
 
@@ -86,6 +122,7 @@ class ReadingReport(Tabular):
     samples: int
     rate: float | None
     columns: tuple[str, ...]
+    period: PeriodReading | None = None
 
     def of(self, kind: StepKind) -> tuple[ReadingStep, ...]:
         """The steps of one kind, in their order."""
@@ -98,6 +135,7 @@ class ReadingReport(Tabular):
             "columns": [{**vars(u), "columns": list(u.columns), "targets": list(u.targets)} for u in self.used],
             "clocks": [dict(vars(clock)) for clock in self.clocks],
             "offset": None if self.offset is None else _offset_data(self.offset),
+            "period": None if self.period is None else {**vars(self.period), "interval": list(self.period.interval)},
             "steps": [{**vars(step), "kind": step.kind.value} for step in self.steps],
             "recording": {"samples": self.samples, "rate": self.rate, "columns": list(self.columns)},
         }
@@ -124,6 +162,8 @@ class ReadingReport(Tabular):
             )
         if self.offset is not None:
             parts.append(_offset_sentence(self.offset))
+        if self.period is not None:
+            parts.append(str(self.period))
         found = {title: self.of(kind) for kind, title in _TITLES.items()}
         return parts + [
             "\n".join([f"{title}:", *(f"  {step}" for step in steps)]) for title, steps in found.items() if steps

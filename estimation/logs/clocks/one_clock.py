@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.logs.clocks.clock_offset import MotionRegressors, clock_offset
+from estimation.logs.clocks.repeat_cutting import cut_into_repeats, one_run, separate_runs
 from estimation.logs.clocks.resampling import interpolated_position, interpolated_quaternion
 from estimation.logs.clocks.sample_mending import Series
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.reading_report import OffsetReading
+from estimation.recordings.reading_report import OffsetReading, PeriodReading
 from modeling.errors import InputError
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, STANDARD_GRAVITY, Rig
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 SMALLEST_SHIFT = 0.05
 """Of a sample: a smaller offset is not worth an interpolation."""
-
-AT_REST = 0.01
-"""Radians, or parts of a quaternion: the std of all angles together below which there is no motion to repeat."""
 
 CLIPPED = 0.05
 """Of a sample: by so much a sample of the wrench may lie outside the motion, which is taken as its end then."""
@@ -37,6 +34,7 @@ class CommonClock:
     columns: Mapping[str, Array]
     rate: float
     offset: OffsetReading | None
+    period: PeriodReading | None = None
 
 
 def on_one_clock(
@@ -46,8 +44,11 @@ def on_one_clock(
     rig: Rig | None,
     log: StepLog,
     shared: bool,
+    whole: bool = False,
 ) -> CommonClock:
     """All series at the instants of the first, which holds the wrench: that is the one with noise to keep white.
+
+    Cut into repeats where the motion has a period; `whole` keeps one run.
 
     Motion of other series is interpolated there by cubic splines, orientation on the sphere; other columns linearly.
     """
@@ -82,7 +83,13 @@ def on_one_clock(
                 f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum())
             )
     clean = _finite(columns, wrench.where, log)
-    return _cut(clean, wrench.dt, period, offset, wrench.where, log, wrench.runs)
+    if wrench.runs > 1:
+        cut = separate_runs(clean, wrench.dt, wrench.runs)
+    elif whole:
+        cut = one_run(clean, wrench.dt)
+    else:
+        cut = cut_into_repeats(clean, wrench.dt, period, wrench.where, log)
+    return CommonClock(columns=cut.columns, rate=1 / cut.dt, offset=offset, period=cut.period)
 
 
 def _at(series: Series, instants: Array) -> dict[str, Array]:
@@ -169,83 +176,3 @@ def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str,
             continue
         found[name] = np.round(column) if name == "repeat" else column
     return found
-
-
-def _cut(
-    columns: dict[str, Array],
-    dt: float,
-    period: float | None,
-    offset: OffsetReading | None,
-    where: str,
-    log: StepLog,
-    runs: int = 1,
-) -> CommonClock:
-    """The columns with `time` from 0 on, in every run; with a period, cut into repeats of equally many samples."""
-    if runs == 1 and period is None and "repeat" in columns:
-        columns = _whole_repeats(columns, where, log)
-    samples = len(next(iter(columns.values())))
-    if runs > 1:
-        time = np.tile(_ticks(samples // runs, dt), runs)
-        repeat = np.repeat(np.arange(runs, dtype=np.float64), samples // runs)
-        return CommonClock(
-            columns={"time": time, "repeat": repeat, **_without(columns, "repeat")}, rate=1 / dt, offset=offset
-        )
-    if period is None:
-        return CommonClock(columns={"time": _ticks(samples, dt), **columns}, rate=1 / dt, offset=offset)
-    per_repeat = round(period / dt)
-    repeats = int((samples + 0.5) * dt / period) if per_repeat else 0
-    if per_repeat < 20 or repeats < 2:
-        what = f"a period of {period:g} s fits {samples * dt / period:.3g} times into {samples * dt:.4g} s"
-        raise InputError(
-            what=what, where="--period", remedy="give the period of a motion that ran at least twice, or --no-period"
-        )
-    step = period / per_repeat
-    count = repeats * per_repeat
-    if abs(step - dt) * count > 0.2 * dt:
-        log.mended(f"interpolated at {per_repeat} samples a period, {1 / step:.8g} Hz", where, count)
-        own = Series(where=where, start=0.0, dt=dt, columns=columns, reading=None)  # type: ignore[arg-type]
-        columns = _at(own, _ticks(count, step))
-        dt = step
-    if count < samples:
-        log.mended("samples after the last whole repeat left out", where, samples - count, samples)
-    columns = {name: column[:count] for name, column in _without(columns, "repeat").items()}
-    repeat = np.repeat(np.arange(repeats, dtype=np.float64), per_repeat)
-    log.taken(f"cut into {repeats} repeats of {per_repeat} samples", where)
-    if not _motion_repeats(columns, repeats):
-        log.suspicious(f"the motion does not repeat with a period of {period:g} s: its repeats differ", where)
-    return CommonClock(columns={"time": _ticks(count, dt), "repeat": repeat, **columns}, rate=1 / dt, offset=offset)
-
-
-def _motion_repeats(columns: Mapping[str, Array], repeats: int) -> bool:
-    """Whether the angles or quaternions vary less about their mean over repeats than half of all their variation."""
-    names = [name for name in columns if re.fullmatch(r"q([xyzw]|\d+)|phi", name)]
-    runs = (
-        np.stack([columns[name] for name in names]).reshape(len(names), repeats, -1) if names else np.zeros((1, 1, 1))
-    )
-    total = float(runs.var(axis=(1, 2)).sum())
-    between = float(runs.var(axis=1).mean(axis=1).sum())
-    return total < AT_REST**2 or between < 0.5 * total
-
-
-def _whole_repeats(columns: dict[str, Array], where: str, log: StepLog) -> dict[str, Array]:
-    """The columns without a first and a last repeat that are incomplete, as they are on two clocks or after a cut."""
-    repeat = columns["repeat"]
-    bounds = np.concatenate([[0], np.flatnonzero(np.diff(repeat)) + 1, [len(repeat)]])
-    counts = np.diff(bounds)
-    if len(counts) < 3:
-        return columns
-    usual = int(np.median(counts[1:-1]))
-    begin = int(bounds[1]) if counts[0] < usual else 0
-    end = int(bounds[-2]) if counts[-1] < usual else len(repeat)
-    if end - begin < len(repeat):
-        log.mended("samples of incomplete repeats left out", where, len(repeat) - (end - begin), len(repeat))
-    return {name: column[begin:end] for name, column in columns.items()}
-
-
-def _without(columns: Mapping[str, Array], left_out: str) -> dict[str, Array]:
-    return {name: column for name, column in columns.items() if name != left_out}
-
-
-def _ticks(count: int, step: float) -> Array:
-    """`count` instants from 0 on, s."""
-    return np.asarray(step * np.arange(count), dtype=np.float64)
