@@ -198,9 +198,7 @@ class _Reading:
         mend = mended_runs if len(streams) == 1 else mended
         series = [mend(stream, self.log) for stream in streams]
         stated, options = self.stated, self.options
-        clock = on_one_clock(
-            series, stated.offset, options.period, self.rig, self.log, self.one_clock, options.one_run
-        )
+        clock = on_one_clock(series, stated.offset, options.period, self.rig, self.log, self.one_clock, options.one_run)
         columns = self._turned(clock.columns, base_axes)
         return columns, (tuple(s.reading for s in series), clock.offset, clock.period, clock.rate)
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+from estimation.logs.clocks.repeat_cutting import cut_into_repeats, differ_slightly, repeat_lengths
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.log_import import ImportedRecording, ReadingOptions, import_recording
-from estimation.recordings.column_table import header_names
+from estimation.logs.step_log import StepLog
+from estimation.recordings.column_table import ColumnTable, header_names, table_from_file
 from estimation.recordings.reading import read as read_recording
+from estimation.recordings.reading import recording_from_table
+from estimation.recordings.reading_report import ReadingReport
 from estimation.recordings.recording import QUATERNION, Recording
 from modeling.errors import InputError
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
@@ -22,10 +27,13 @@ def read(
     map: str | Path | ColumnMap | None = None,  # the option's name on the command line
     period: float | None = None,
     strict: bool = False,
+    one_run: bool = False,
 ) -> Recording:
     """The recording in one or several files.
 
-    One CSV or Parquet file with the columns of FORMATS is read as it stands, and anything wrong with it is an error.
+    One CSV or Parquet file with the columns of FORMATS is read as it stands, and anything wrong with it is an error;
+    but a motion that repeats to within its noise is cut into repeats where no column counts them, and repeats of
+    slightly different length are brought onto one clock, as `Recording.reading` says then.
     All else is what robots write, and read as `truewrench import` does: any separator, compression, Excel, MATLAB,
     NumPy, HDF5 and ROS bags. What was done is in `Recording.reading`.
 
@@ -40,9 +48,11 @@ def read(
     map : str or Path or ColumnMap, optional
         TOML file of columns and units.
     period : float, optional
-        Period of the motion, s, to cut repeats.
+        Period of the motion, s, to cut repeats; by default found, where the motion has one.
     strict : bool, optional
         Refuse what has to be mended; by default False.
+    one_run : bool, optional
+        Take everything as one run, whatever repeats; by default False.
 
     Returns
     -------
@@ -64,8 +74,9 @@ def read(
     """
     as_it_stands = preset is None and map is None and period is None and not (rig is not None and rig.columns)
     if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):
-        return read_recording(sources[0], rig=rig)
-    return imported(*sources, rig=rig, preset=preset, map=map, period=period, strict=strict).recording(rig)
+        return _as_it_stands(Path(sources[0]), rig, strict=strict, one_run=one_run)
+    options = {"preset": preset, "map": map, "period": period, "strict": strict, "one_run": one_run}
+    return imported(*sources, rig=rig, **options).recording(rig)
 
 
 def imported(
@@ -79,7 +90,7 @@ def imported(
 ) -> ImportedRecording:
     """Logs as a table of FORMATS with its reading report, whatever their columns are called; arguments as of `read`.
 
-    With `one_run`, a column that counts repeats is left out.
+    With `one_run`, no period is looked for, and a column that counts repeats is left out.
     """
     if not sources:
         raise InputError(what="no sources were given", where="read", remedy="give the paths of recordings or logs")
@@ -115,6 +126,43 @@ def _names(path: Path) -> set[str]:
         return set()
 
 
-def read_with_rig(path: str | Path, *, rig: Rig | None) -> Recording:
-    """A recording as it stands; where the rig names the columns of its logs, a log of them."""
-    return read_recording(path, rig=rig) if rig is None or not rig.columns else read(path, rig=rig)
+def read_with_rig(path: str | Path, *, rig: Rig | None, one_run: bool = False, every_row: bool = False) -> Recording:
+    """A recording as it stands; where the rig names the columns of its logs, a log of them.
+
+    With `every_row` nothing is cut or moved for the sake of repeats; with `one_run` they are not counted either.
+    """
+    if rig is not None and rig.columns:
+        return read(path, rig=rig, one_run=one_run or every_row)
+    if every_row:
+        return read_recording(path, rig=rig)
+    return _as_it_stands(Path(path), rig, one_run=one_run)
+
+
+def _as_it_stands(path: Path, rig: Rig | None, *, strict: bool = False, one_run: bool = False) -> Recording:
+    """The recording in a file of FORMATS' columns; repeats that no column counts, or unequal ones, are cut."""
+    table = table_from_file(path)
+    if "repeat" in table.columns and one_run:
+        table = replace(table, columns={name: column for name, column in table.columns.items() if name != "repeat"})
+    elif "repeat" in table.columns and "time" in table.columns:
+        if not strict and differ_slightly(repeat_lengths(table.columns["repeat"])):
+            return imported(path, rig=rig).recording(rig)
+    recording = recording_from_table(table, name=path.name, rig=rig)
+    if one_run or recording.repeats > 1 or recording.dt is None:
+        return recording
+    return _with_its_repeats(recording, table, StepLog(strict=strict))
+
+
+def _with_its_repeats(recording: Recording, table: ColumnTable, log: StepLog) -> Recording:
+    """The recording cut by the period of its motion; as it is where it has none."""
+    columns = {name: column for name, column in table.columns.items() if name != "time"}
+    assert recording.dt is not None  # checked before
+    cut = cut_into_repeats(columns, recording.dt, None, recording.name, log)
+    if cut.period is None:
+        return recording
+    report = ReadingReport(
+        sources=((recording.name, "recording", len(table), len(table.columns)),), used=(), clocks=(), offset=None,
+        steps=tuple(log.steps), samples=len(cut.columns["time"]), rate=1 / cut.dt, columns=tuple(cut.columns),
+        period=cut.period,
+    )  # fmt: skip
+    cut_table = ColumnTable(columns=cut.columns, where=table.where, first_row=table.first_row)
+    return replace(recording_from_table(cut_table, name=recording.name, rig=recording.rig), reading=report)

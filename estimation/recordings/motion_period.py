@@ -329,5 +329,10 @@ def interpolated(x: Array, places: Array) -> Array:
     """A smooth series (n, k) at places (m,) in samples, by the cubic polynomial through four neighbours."""
     base = np.clip(np.floor(places).astype(np.intp), 1, len(x) - 3)
     u = (np.clip(places, 0, len(x) - 1) - base)[:, None]
-    weights = (-u * (u - 1) * (u - 2) / 6, (u + 1) * (u - 1) * (u - 2) / 2, -(u + 1) * u * (u - 2) / 2, (u + 1) * u * (u - 1) / 6)
+    weights = (
+        -u * (u - 1) * (u - 2) / 6,
+        (u + 1) * (u - 1) * (u - 2) / 2,
+        -(u + 1) * u * (u - 2) / 2,
+        (u + 1) * u * (u - 1) / 6,
+    )
     return np.asarray(sum(weight * x[base + j] for j, weight in zip((-1, 0, 1, 2), weights, strict=True)))

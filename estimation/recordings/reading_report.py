@@ -102,12 +102,15 @@ class PeriodReading:
         return self.period - 1.96 * self.std, self.period + 1.96 * self.std
 
     def __str__(self) -> str:
-        low, high = self.interval
         digits = int(np.clip(1 - np.floor(np.log10(max(self.std, 1e-9))), 2, 6))
-        text = f"The motion repeats: period {self.period:.{digits}f} s (95 % interval {low:.{digits}f} to"
-        text += f" {high:.{digits}f} s), {self.repeats} whole repeats of {self.samples} samples. What does not repeat is"
-        text += f" {100 * self.deviation:.2g} % of the motion"
-        return text + (f" (chance: up to {100 * self.chance:.2g} %)." if self.chance > 1e-4 else ".")
+        text = f"The motion repeats: period {self.period:.{digits}f} s (95 % interval ± {1.96 * self.std:.1g} s),"
+        text += f" {self.repeats} whole repeats of {self.samples} samples. What does not repeat is"
+        text += f" {_percent(self.deviation)} of the motion"
+        return text + (f" (chance adds up to {_percent(self.chance)})." if self.chance > 1e-4 else ".")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share > 1e-4 else "less than 0.01 %"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         require_writable_folder(arguments.out.parent)
     saved = ModelFile.read(arguments.model)
-    recording = read_with_rig(arguments.recording, rig=saved.rig)
+    recording = read_with_rig(arguments.recording, rig=saved.rig, every_row=True)
     with progress_line() as progress:
         progress("compensate")
         found = compensate(

@@ -19,6 +19,7 @@ from truewrench.commands.effect_choice import (
 from truewrench.commands.options import (
     Subcommands,
     add_custom_effects,
+    add_no_period,
     add_recordings,
     add_repeatable,
     add_workers,
@@ -38,6 +39,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "Fit the rigid tool, test its residual, and add the physical effects that explain it."
     command = commands.add_parser("diagnose", help="physical effects missing from the model", description=text)
     add_recordings(command)
+    add_no_period(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
     add_candidate_choice(command)
     add_custom_effects(command)
@@ -55,7 +57,9 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.out is not None:
         require_writable_folder(arguments.out)
-    case = DataSet.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
+    case = DataSet.read(
+        arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
+    )
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truewrench.commands.effect_choice import add_effect_changes, custom_effects, with_effects_changed
-from truewrench.commands.options import Subcommands, add_custom_effects, add_recordings, add_repeatable, print_result
+from truewrench.commands.options import (
+    Subcommands,
+    add_custom_effects,
+    add_no_period,
+    add_recordings,
+    add_repeatable,
+    print_result,
+)
 
 if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison
@@ -25,6 +32,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "Estimate the rigid tool, with the effects given by --add, from recordings of one rig and tool."
     command = commands.add_parser("fit", help="estimate the parameters of a given model", description=text)
     add_recordings(command)
+    add_no_period(command)
     add_effect_changes(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, compared but not fitted")
     add_custom_effects(command)
@@ -52,7 +60,9 @@ def run(arguments: argparse.Namespace) -> None:
     from truewrench.files.data_set import DataSet
 
     constraints = constraints_of(arguments)
-    case = DataSet.read(arguments.recordings, validation=arguments.validate, rig=arguments.rig)
+    case = DataSet.read(
+        arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
+    )
     model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_effects(arguments.effects, case))
     with progress_line() as progress:
         progress("fit")

@@ -17,6 +17,14 @@ def add_recordings(command: argparse.ArgumentParser) -> None:
     command.add_argument("--rig", metavar="RIG", help="rig file (TOML), required for joint angles")
 
 
+def add_no_period(command: argparse.ArgumentParser) -> None:
+    """Add the option that takes every recording as one run."""
+    text = (
+        "every recording as one run (default: repeats as a column counts them, or as a period of the motion is found)"
+    )
+    command.add_argument("--no-period", action="store_true", help=text)
+
+
 def add_custom_effects(command: argparse.ArgumentParser) -> None:
     """Add the option for a file of custom effects."""
     command.add_argument("--effects", type=Path, metavar="FILE", help="custom effects, formulas in TOML")

@@ -32,14 +32,21 @@ class DataSet:
     sign: SignDecision | None
 
     @classmethod
-    def read(cls, training: Sequence[str], *, validation: Sequence[str] = (), rig: Rig | str | None = None) -> DataSet:
-        """Data set of these files; `rig` is a rig, or the path of its file.
+    def read(
+        cls,
+        training: Sequence[str],
+        *,
+        validation: Sequence[str] = (),
+        rig: Rig | str | None = None,
+        one_run: bool = False,
+    ) -> DataSet:
+        """Data set of these files; `rig` is a rig, or the path of its file; with `one_run` no repeats are looked for.
 
         Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
         sensors, a convention that the data cannot decide.
         """
         description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
-        recordings = read_recordings((*training, *validation), rig=description)
+        recordings = read_recordings((*training, *validation), rig=description, one_run=one_run)
         model = (planar if recordings[0].dimension == 2 else spatial)(description)
         sign = None
         if model.convention is Convention.AUTO:
@@ -48,15 +55,16 @@ class DataSet:
         return cls(model, tuple(recordings[:count]), tuple(recordings[count:]), sign)
 
 
-def read_recordings(files: Sequence[str], *, rig: Rig | None) -> list[Recording]:
-    """Recordings of one sensor, each under its file's label.
+def read_recordings(files: Sequence[str], *, rig: Rig | None, one_run: bool = False) -> list[Recording]:
+    """Recordings of one sensor, each under its file's label; with `one_run` no repeats are looked for.
 
     Raises InputError for a file that cannot be used, one given twice, and recordings of different sensors.
     """
     paths = [Path(file) for file in files]
     require_different(paths, "the recording is given twice")
     recordings = [
-        replace(read_with_rig(path, rig=rig), name=name) for path, name in zip(paths, file_labels(paths), strict=True)
+        replace(read_with_rig(path, rig=rig, one_run=one_run), name=name)
+        for path, name in zip(paths, file_labels(paths), strict=True)
     ]
     _require_one_sensor(recordings)
     return recordings

@@ -5,6 +5,7 @@ from __future__ import annotations
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
+from estimation.recordings.recording import Recording
 from truewrench.text.step_names import base_name
 
 RECORD_VERDICT_LABELS = {
@@ -42,8 +43,15 @@ def verdict_headline(diagnosis: Diagnosis) -> str:
 
 def noise_notes(diagnosis: Diagnosis) -> list[str]:
     """Where the noise of each fitted recording comes from."""
-    sources = ((c.recording, NOISE_SOURCES[c.noise.source]) for c in diagnosis.steps[0].training)
-    return list(dict.fromkeys(f"Noise of {r.name} {source.format(repeats=r.repeats)}." for r, source in sources))
+    sources = [(c.recording, NOISE_SOURCES[c.noise.source]) for c in diagnosis.steps[0].training]
+    notes = [f"Noise of {r.name} {source.format(repeats=r.repeats)}.{_period_note(r)}" for r, source in sources]
+    return list(dict.fromkeys(notes))
+
+
+def _period_note(recording: Recording) -> str:
+    """The period that was found in the motion, where no column counted the repeats."""
+    period = None if recording.reading is None else recording.reading.period
+    return "" if period is None else f" {period} --no-period takes one run."
 
 
 def weaker_verdict_warning(diagnosis: Diagnosis) -> str:

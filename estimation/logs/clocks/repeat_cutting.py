@@ -95,7 +95,9 @@ def _cut_as_stated(columns: dict[str, Array], dt: float, period: float, where: s
     found = motion_period(columns, dt, near=period)
     if found is not None and abs(found.period - period) <= max(0.5 * _last_digit(period), 3 * found.std):
         if abs(found.period - period) > 3 * found.std:
-            log.taken(f"the stated period of {period:g} s is {found.period:.7g} s by least squares, which is taken", where)
+            log.taken(
+                f"the stated period of {period:g} s is {found.period:.7g} s by least squares, which is taken", where
+            )
         return _cut(columns, dt, found, where, log)
     what = "its repeats differ" if found is None else f"by least squares it is {found.period:.7g} s"
     log.suspicious(f"the motion does not repeat with a period of {period:g} s: {what}", where)
