@@ -121,7 +121,8 @@ class _Reading:
             columns = self._frames_checked(columns, mapping, offset)
         note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, mapping.wrench.table.name, self.log)
         report = ReadingReport(
-            sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, period=period, steps=tuple(self.log.steps),
+            sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, period=period,
+            steps=tuple(self.log.steps),
             samples=len(columns[mapping.wrench.targets[0]]), rate=rate, columns=tuple(columns),
         )  # fmt: skip
         return ImportedRecording(name=self.paths[0].name, columns=columns, report=report)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from estimation.logs.clocks.repeat_cutting import cut_into_repeats, differ_slightly, repeat_lengths
+from estimation.logs.clocks.repeat_cutting import cut_into_repeats
+from estimation.logs.clocks.repeat_length import differ_slightly, repeat_lengths
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.log_import import ImportedRecording, ReadingOptions, import_recording
 from estimation.logs.step_log import StepLog
@@ -143,9 +144,8 @@ def _as_it_stands(path: Path, rig: Rig | None, *, strict: bool = False, one_run:
     table = table_from_file(path)
     if "repeat" in table.columns and one_run:
         table = replace(table, columns={name: column for name, column in table.columns.items() if name != "repeat"})
-    elif "repeat" in table.columns and "time" in table.columns:
-        if not strict and differ_slightly(repeat_lengths(table.columns["repeat"])):
-            return imported(path, rig=rig).recording(rig)
+    elif {"repeat", "time"} <= set(table.columns) and differ_slightly(repeat_lengths(table.columns["repeat"])):
+        return imported(path, rig=rig, strict=strict).recording(rig)
     recording = recording_from_table(table, name=path.name, rig=rig)
     if one_run or recording.repeats > 1 or recording.dt is None:
         return recording

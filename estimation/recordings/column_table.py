@@ -176,7 +176,8 @@ def _raise_bad_cell(cells: Sequence[str], names: Sequence[str], row: int, where:
     for name, cell in ((n, c) for n, c in zip(names, cells, strict=True) if n in wanted):
         if not cell.strip():
             what = f"column {name} is empty at row {row}"
-            raise InputError(what=what, where=where, remedy="fill in the value, or remove the row")
+            remedy = "fill in the value, or remove the row, or bring the log in by `truewrench import`"
+            raise InputError(what=what, where=where, remedy=remedy)
         try:
             number = float(cell) if "_" not in cell else None
         except ValueError:

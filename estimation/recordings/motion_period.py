@@ -5,16 +5,16 @@ The motion x (n, k), standardised, is compared with itself a lag later. Its diff
     d(L) = mean over t of |x(t + L) - x(t)|² / 2
 
 has minima near the multiples of a period. For each candidate L, the longest stretch in which |x(t + L) - x(t)| stays
-small is folded: x_r(s) = x(first + r L + s). With the mean x̄ over the R folds and its slope x̄', the lateness of fold r is,
-by least squares,
+small is folded: x_r(s) = x(first + r L + s). With the mean x̄ over the R folds and its slope x̄', the lateness of fold r
+is, by least squares,
 
     late_r = -sum_s x̄'(s) (x_r(s) - x̄(s)) / sum_s |x̄'(s)|²,
 
-and the straight line through late_r over r corrects the lag, first of a few repeats, then of ever more. The scatter about
-that line gives the standard deviation of the period. What does not repeat is x_r - x̄, averaged over blocks of a
-fortieth of the period, less the variance that the samples' own noise (by fourth differences) has in such a block: it may
-be no more than `TOLERANCE` of the motion, and what chance adds. Of all lags that repeat as well as the best, the shortest is
-the period.
+and the straight line through late_r over r corrects the lag, first of a few repeats, then of ever more. What is left of
+the products, summed in blocks, gives the standard deviation of the period. What does not repeat is x_r - x̄, averaged
+over blocks of a fortieth of the period, less the variance that the samples' own noise (by fourth differences) has in
+such a block: it may be no more than `TOLERANCE` of the motion, and what chance adds. Of all lags that repeat as well as
+the best, the shortest is the period.
 """
 
 from __future__ import annotations

@@ -199,11 +199,10 @@ def _repeats(table: ColumnTable) -> int:
 def _require_equal(table: ColumnTable, repeat: Array, starts: NDArray[np.int64]) -> None:
     counts = np.diff(np.append(starts, len(repeat)))
     usual = int(max(counts, key=lambda count: (np.sum(counts == count), count)))
-    odd = np.flatnonzero(counts != usual)
-    if odd.size:
-        i = int(odd[0])
+    if (counts != usual).any():
+        i = int(np.argmax(np.abs(counts - usual)))
         what = f"repeat {repeat[starts[i]]:g}, from row {table.row(int(starts[i]))} on, has {counts[i]} samples"
-        remedy = "cut the repeats to one period each, or leave an incomplete one out"
+        remedy = "cut the repeats to one period each, or leave an incomplete one out, as `truewrench import` does"
         raise table.error(f"{what} and others {usual}", remedy)
 
 

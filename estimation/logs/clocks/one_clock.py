@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.logs.clocks.clock_offset import MotionRegressors, clock_offset
-from estimation.logs.clocks.repeat_cutting import cut_into_repeats, one_run, separate_runs
+from estimation.logs.clocks.repeat_cutting import aligned_runs, cut_into_repeats, one_run, separate_runs
 from estimation.logs.clocks.resampling import interpolated_position, interpolated_quaternion
 from estimation.logs.clocks.sample_mending import Series
 from estimation.logs.log_table import Array
@@ -83,7 +83,10 @@ def on_one_clock(
                 f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum())
             )
     clean = _finite(columns, wrench.where, log)
-    if wrench.runs > 1:
+    lengths = np.array(wrench.lengths)
+    if wrench.runs > 1 and np.ptp(lengths) > 0:
+        cut = aligned_runs(clean, wrench.dt, lengths, wrench.where, log)
+    elif wrench.runs > 1:
         cut = separate_runs(clean, wrench.dt, wrench.runs)
     elif whole:
         cut = one_run(clean, wrench.dt)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimation.logs.clocks.repeat_length import Index, differ_slightly, repeat_lengths, slight_difference
 from estimation.logs.clocks.resampling import band_limited, interpolated_position, interpolated_quaternion
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
@@ -22,12 +22,8 @@ SMALLEST_SHIFT = 0.05
 """Of a sample: repeats that drift less against the clock over the whole record are not interpolated."""
 FEWEST_SAMPLES = 20
 """Of one repeat."""
-SLIGHT_DIFFERENCE, SLIGHT_SAMPLES = 0.02, 3
-"""Share of a repeat, and samples, by which repeats may differ in length and be of one motion still."""
 IDENTICAL = 1e-6
 """Difference of readings between repeats over their size, below which no sensor has measured them."""
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -186,17 +182,6 @@ def _resampled(columns: Mapping[str, Array], places: Array) -> dict[str, Array]:
 # ----------------------------------------------------------------------------------- counted repeats
 
 
-def repeat_lengths(repeat: Array) -> Index:
-    """Rows of each repeat in a column that counts them."""
-    return np.diff(np.concatenate([[0], np.flatnonzero(np.diff(repeat)) + 1, [len(repeat)]])).astype(np.int64)
-
-
-def differ_slightly(lengths: Index) -> bool:
-    """Whether repeats are of different length, but of one motion still."""
-    usual = float(np.median(lengths))
-    return 0 < np.abs(lengths - usual).max() <= max(SLIGHT_SAMPLES, SLIGHT_DIFFERENCE * usual) < usual / 2
-
-
 def _counted(columns: dict[str, Array], dt: float, where: str, log: StepLog) -> CutSeries:
     """Repeats as a column counts them; of slightly different length brought onto one clock."""
     lengths = repeat_lengths(columns["repeat"])
@@ -210,7 +195,7 @@ def _counted(columns: dict[str, Array], dt: float, where: str, log: StepLog) -> 
     if found is not None and found.repeats >= len(lengths) - 1:
         log.mended(f"{what}cut anew by the period of the motion", where, len(columns["repeat"]))
         return _cut(columns, dt, found, where, log)
-    return _aligned_runs(columns, dt, lengths, where, log)
+    return aligned_runs(columns, dt, lengths, where, log)
 
 
 def _whole_repeats(columns: dict[str, Array], lengths: Index, where: str, log: StepLog) -> dict[str, Array]:
@@ -225,37 +210,51 @@ def _whole_repeats(columns: dict[str, Array], lengths: Index, where: str, log: S
     return {name: column[begin:end] for name, column in columns.items()}
 
 
-def _aligned_runs(columns: dict[str, Array], dt: float, lengths: Index, where: str, log: StepLog) -> CutSeries:
-    """Repeats that began by a trigger: separate runs of the shortest one's length, moved to where their motions agree."""
-    shortest, starts = int(lengths.min()), np.cumsum(lengths) - lengths
-    late = _lateness(columns, starts, shortest)
-    ticks = np.arange(shortest)
-    if np.ptp(late) > SMALLEST_SHIFT:
-        kept = _resampled(columns, (starts[:, None] + late[:, None] + ticks).ravel())
-        moved = f"moved by up to {np.abs(late).max():.2g} samples to where their motions agree"
-    else:
-        rows = (starts[:, None] + ticks).ravel()
-        kept, moved = {name: column[rows] for name, column in columns.items()}, "which agree from their start on"
-    what = f"repeats of {lengths.min()} to {lengths.max()} samples taken as separate runs of {shortest}, {moved}"
-    log.mended(what, where, int(lengths.sum()) - shortest * len(lengths), int(lengths.sum()))
-    return separate_runs(kept, dt, len(lengths))
+def aligned_runs(columns: Mapping[str, Array], dt: float, lengths: Index, where: str, log: StepLog) -> CutSeries:
+    """Runs that began by a trigger, equally many samples of each: from where their motions agree, on one clock."""
+    bounds = np.cumsum(lengths)[:-1]
+    runs = [dict(zip(columns, parts, strict=True)) for parts in zip(*_split(columns, bounds), strict=True)]
+    late = _lateness(runs)
+    moved = bool(np.ptp(late) > SMALLEST_SHIFT)
+    late = late - late.min() if moved else np.zeros(len(runs))
+    count = min(int(length - 1 - shift) + 1 for length, shift in zip(lengths, late, strict=True))
+    ticks = np.arange(count)
+    kept = [
+        _resampled(run, shift + ticks) if moved else _first(run, count) for run, shift in zip(runs, late, strict=True)
+    ]
+    what = f"repeats of {lengths.min()} to {lengths.max()} samples taken as separate runs of {count}"
+    what += f", moved by up to {late.max():.2g} samples to where their motions agree" if moved else ""
+    log.mended(what, where, int(lengths.sum()) - count * len(lengths), int(lengths.sum()))
+    joined = {name: np.concatenate([run[name] for run in kept]) for name in columns}
+    return separate_runs(joined, dt, len(lengths))
 
 
-def _lateness(columns: Mapping[str, Array], starts: Index, samples: int) -> Array:
+def _split(columns: Mapping[str, Array], bounds: Index) -> list[list[Array]]:
+    return [np.split(column, bounds) for column in columns.values()]
+
+
+def _first(columns: Mapping[str, Array], count: int) -> dict[str, Array]:
+    return {name: column[:count] for name, column in columns.items()}
+
+
+def _lateness(runs: Sequence[Mapping[str, Array]]) -> Array:
     """By how much each run's motion is late against the mean of all, in samples, within the slight differences."""
-    names = [name for name in columns if name[0] in "pq" and np.ptp(columns[name]) > 0]
+    names = [name for name in runs[0] if name[0] in "pq" and np.ptp(runs[0][name]) > 0]
+    samples = min(len(next(iter(run.values()))) for run in runs)
+    late, reach = np.zeros(len(runs)), slight_difference(samples)
     if not names:
-        return np.zeros(len(starts))
-    motion = np.stack([columns[name] for name in names], axis=1)
-    motion = (motion - motion.mean(axis=0)) / motion.std(axis=0)
-    late, reach = np.zeros(len(starts)), max(SLIGHT_SAMPLES, SLIGHT_DIFFERENCE * samples)
-    stamps, ticks = np.arange(len(motion), dtype=np.float64), np.arange(samples)
-    for _ in range(3):
-        runs = interpolated_position(stamps, motion, ((starts + late)[:, None] + ticks).ravel())
-        runs = runs.reshape(len(starts), samples, -1)
-        mean = runs.mean(axis=0)
+        return late
+    scale = np.array([np.std(runs[0][name]) for name in names])
+    motions = [np.stack([run[name] for name in names], axis=1) / scale for run in runs]
+    inner = np.arange(np.ceil(reach), samples - np.ceil(reach))
+    for _ in range(4):
+        moved = [
+            interpolated_position(np.arange(float(len(motion))), motion, inner + shift)
+            for motion, shift in zip(motions, late, strict=True)
+        ]
+        mean = np.mean(moved, axis=0)
         slope = np.gradient(mean, axis=0)
-        change = -np.einsum("rsk,sk->r", runs - mean, slope) / max(float((slope**2).sum()), 1e-300)
+        change = -np.einsum("rsk,sk->r", moved - mean, slope) / max(float((slope**2).sum()), 1e-300)
         late = np.clip(late + change - change.mean(), -reach, reach)
     return np.asarray(late)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.logs.clocks.repeat_length import differ_slightly
 from estimation.logs.clocks.resampling import interpolated_position
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
@@ -35,14 +36,19 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
-    """Columns (m,) at start + i dt, s on the clock of the stamps; several runs of equally many samples each restart."""
+    """Columns (m,) at start + i dt, s on the clock of the stamps; several runs restart, each of its length."""
 
     where: str
     start: float
     dt: float
     columns: Mapping[str, Array]
     reading: ClockReading
-    runs: int = 1
+    lengths: tuple[int, ...] = ()
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return max(len(self.lengths), 1)
 
     @property
     def samples(self) -> int:
@@ -56,7 +62,7 @@ class Series:
 
 
 def mended_runs(stream: Stream, log: StepLog) -> Series:
-    """The stream on a uniform clock; where time restarts and `repeat` counts, its runs, if they are equally long."""
+    """The stream on a uniform clock; where time restarts and `repeat` counts, its runs, if about equally long."""
     repeat = stream.columns.get("repeat")
     starts = np.flatnonzero(np.diff(stream.stamps) < 0) + 1
     if repeat is None or not starts.size or not (repeat[starts] != repeat[starts - 1]).all():
@@ -66,12 +72,14 @@ def mended_runs(stream: Stream, log: StepLog) -> Series:
         return mended(stream, log)
     attempt = StepLog(strict=log.strict)
     runs = [mended(piece, attempt) for piece in pieces]
-    if len({run.samples for run in runs}) > 1 or np.ptp([run.dt for run in runs]) * runs[0].samples > runs[0].dt:
+    lengths = np.array([run.samples for run in runs])
+    alike = np.ptp(lengths) == 0 or differ_slightly(lengths)
+    if not alike or np.ptp([run.dt for run in runs]) * runs[0].samples > runs[0].dt:
         return mended(stream, log)
     log.steps.extend(attempt.steps)
     log.taken(f"time restarts: {len(runs)} runs of one motion", stream.where)
     columns = {name: np.concatenate([run.columns[name] for run in runs]) for name in runs[0].columns}
-    return replace(runs[0], columns=columns, runs=len(runs))
+    return replace(runs[0], columns=columns, lengths=tuple(run.samples for run in runs))
 
 
 def _piece(stream: Stream, rows: Index) -> Stream:
