@@ -41,11 +41,13 @@ LEAST_SIGNAL = 5.0
 """Standard deviation of the motion over that of its noise, below which a component cannot be judged."""
 FEWEST_SAMPLES = 20
 """Of one repeat."""
-MOST_ROWS = 1 << 17
+MOST_ROWS = 1 << 16
 """Rows that are searched; of longer recordings every m-th."""
 CANDIDATES = 24
 MOVING_OUTSIDE = 0.25
 """Share of the moving time that may be outside the repeats, as an approach and a return are."""
+REST = 0.01
+"""Of the motion: a part at either end that moves less is a rest."""
 BLOCKS = 40
 """Blocks of one period: what does not repeat and is slower than two of them is seen."""
 
@@ -160,16 +162,28 @@ class _Search:
 
     def best(self, near: float | None) -> MotionPeriod | None:
         """The shortest period that repeats as well as the best does; None without any."""
-        lags = self._candidates() if near is None else iter([near])
-        found = [judged for lag in lags if (judged := self._judged(lag, near)) is not None]
+        found: list[MotionPeriod] = []
+        for lag in self._candidates() if near is None else iter([near]):
+            judged = self._judged(lag, near)
+            found += [] if judged is None else [judged]
+            if judged is not None and judged.deviation <= np.hypot(0.1 * TOLERANCE, judged.chance):
+                break  # longer ones are multiples of it
         if not found:
             return None
         enough = max(2 * min(one.deviation for one in found), 0.1 * TOLERANCE)
         return min((one for one in found if one.deviation <= np.hypot(enough, one.chance)), key=lambda one: one.period)
 
+    def _without_rests(self) -> Array:
+        """The motion without a rest at its beginning and at its end, which no period of it has."""
+        reach = 5 * np.sqrt(float(self.noise.sum())) + REST
+        ends = [np.abs(self.x - end).max(axis=1) > reach for end in (self.x[0], self.x[-1])]
+        first = int(np.argmax(ends[0]))
+        last = len(self.x) - int(np.argmax(ends[1][::-1]))
+        return self.x[first:last] if last - first > 2 * FEWEST_SAMPLES else self.x
+
     def _candidates(self) -> Iterator[float]:
-        """Lags of the deepest minima of the difference function, and the shortest of those nearly as deep."""
-        d = difference_function(self.x)
+        """Lags of the deepest minima of the difference function, and the shortest of those nearly as deep, ascending."""
+        d = difference_function(self._without_rests())
         inner = np.arange(FEWEST_SAMPLES - 1, len(d) - 1)
         inner = inner[(d[inner] <= d[inner - 1]) & (d[inner] < d[inner + 1])] if len(inner) else inner
         if not inner.size:
