@@ -84,7 +84,7 @@ def joints(q: Array) -> dict[str, Array]:
 def smooth_noise(rng: np.random.Generator, samples: int, cut: float) -> Array:
     """Three series (n, 3) of variance one with equal power up to `cut` cycles a sample, none beyond."""
     frequency = np.fft.rfftfreq(samples)
-    lines = rng.standard_normal((3, len(frequency), 2)) @ [1, 1j] * ((frequency > 0) & (frequency < cut))
+    lines = rng.standard_normal((3, len(frequency), 2)) @ np.array([1, 1j]) * ((frequency > 0) & (frequency < cut))
     series = np.fft.irfft(lines, samples, axis=1)
     return np.asarray((series / series.std(axis=1, keepdims=True)).T)
 
@@ -115,11 +115,11 @@ class Run:
     @property
     def q(self) -> Array:
         """Joint angles (n, 3)."""
-        return self.motion.evaluate(self.time)[0]
+        return np.asarray(self.motion.evaluate(self.time)[0])
 
     def noise(self, share: float) -> Array:
         """Smooth noise, of three harmonics of the period and below, as a share of the motion."""
-        return share * self.q.std() * smooth_noise(self.rng, len(self.time), 3 * self.dt / self.period)
+        return np.asarray(share * self.q.std() * smooth_noise(self.rng, len(self.time), 3 * self.dt / self.period))
 
     def programs(self) -> Iterator[tuple[str, Array]]:
         """What robots run several times, with what robots add to it."""
@@ -204,7 +204,7 @@ def test_a_long_recording_costs_no_more_than_a_thinned_one() -> None:
 def test_band_limited_interpolation_keeps_noise_white() -> None:
     """Variance and spectrum of white noise to chance (200 000 samples: 0.3 %), a tone to 1e-4 of its amplitude."""
     rng = np.random.default_rng(0)
-    places = np.arange(199_000) * 1.0017
+    places = np.asarray(np.arange(199_000.0) * 1.0017, dtype=np.float64)
     turn = 2 * np.pi * 0.07
     series = np.stack([rng.standard_normal(200_000), np.sin(turn * np.arange(200_000))], axis=1)
     found = band_limited(series, places)
@@ -259,8 +259,8 @@ def test_a_stated_period_is_corrected_within_its_last_digit(tmp_path: Path) -> N
 
 def test_one_run_and_strict_leave_every_sample(tmp_path: Path) -> None:
     path = written(repeated(PlanarRig()), tmp_path)
-    for options in ({"one_run": True}, {"strict": True}):
-        recording = tw.read(path, rig=planar_rig(), **options)
+    rig = planar_rig()
+    for recording in (tw.read(path, rig=rig, one_run=True), tw.read(path, rig=rig, strict=True)):
         assert (recording.repeats, recording.samples) == (1, 1823)
 
 
@@ -316,10 +316,10 @@ def test_runs_that_a_trigger_began_are_aligned(restarts: bool, tmp_path: Path) -
     fine = simulate(
         arm, arm.random_motion(seed=2, period=4.0), hidden=[DRAG], repeats=6, samples_per_period=4000, seed=2
     )
-    runs = []
+    runs: list[pd.DataFrame] = []
     for number, run in fine.groupby("repeat"):
         rows = int(rng.integers(0, 10)) + 10 * np.arange(399 - int(rng.integers(0, 3)))
-        ticks = np.arange(len(rows)) + (0 if restarts else sum(map(len, runs)))
+        ticks = np.arange(len(rows)) + (0 if restarts else sum(len(other) for other in runs))
         runs.append(run.iloc[rows].assign(time=0.01 * ticks, repeat=number))
     recording = tw.read(written(pd.concat(runs), tmp_path), rig=planar_rig())
     assert (recording.repeats, recording.continuous) == (6, False)

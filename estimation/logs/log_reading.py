@@ -76,8 +76,8 @@ def read(
     as_it_stands = preset is None and map is None and period is None and not (rig is not None and rig.columns)
     if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):
         return _as_it_stands(Path(sources[0]), rig, strict=strict, one_run=one_run)
-    options = {"preset": preset, "map": map, "period": period, "strict": strict, "one_run": one_run}
-    return imported(*sources, rig=rig, **options).recording(rig)
+    found = imported(*sources, rig=rig, preset=preset, map=map, period=period, strict=strict, one_run=one_run)
+    return found.recording(rig)
 
 
 def imported(

@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 TOLERANCE = 0.005
 """Root-mean-square of what does not repeat, over that of the motion. Robots that repeat a program stay below 0.003; a
 hundredth of the motion is near a hundredth of the wrench, which is what sensors resolve of it."""
-STRETCH_TOLERANCES = (0.3, 0.05)
-"""The same at any instant, while the lag is not refined yet, and for the stretch that is judged."""
+STRETCH_TOLERANCES = (0.3, 0.05, 3 * TOLERANCE)
+"""The same at any instant, while the lag is not refined yet, and at last for the stretch that is judged."""
 LARGEST_CORRECTION = 0.02
 """Of a period, by which the least squares may move it."""
 LEAST_MOTION = {"angle": 0.01, "position": 2e-3, "acceleration": 0.1}
@@ -46,6 +46,8 @@ MOST_ROWS = 1 << 16
 CANDIDATES = 24
 MOVING_OUTSIDE = 0.25
 """Share of the moving time that may be outside the repeats, as an approach and a return are."""
+SCORE_BLOCKS = 8
+"""Blocks of one period that are taken as independent in the std of the period."""
 REST = 0.01
 """Of the motion: a part at either end that moves less is a rest."""
 BLOCKS = 40
@@ -144,7 +146,7 @@ def _rotation_entries(x: Array, y: Array, z: Array, w: Array) -> Array:
         w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y),
         2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x),
     ]  # fmt: skip
-    return np.stack(entries, axis=1) / size[:, None] / np.sqrt(2)
+    return np.asarray(np.stack(entries, axis=1) / size[:, None] / np.sqrt(2))
 
 
 # -------------------------------------------------------------------------------------------- search
@@ -182,7 +184,7 @@ class _Search:
         return self.x[first:last] if last - first > 2 * FEWEST_SAMPLES else self.x
 
     def _candidates(self) -> Iterator[float]:
-        """Lags of the deepest minima of the difference function, and the shortest of those nearly as deep, ascending."""
+        """Ascending lags of the deepest minima of the difference function, and of the first nearly as deep."""
         d = difference_function(self._without_rests())
         inner = np.arange(FEWEST_SAMPLES - 1, len(d) - 1)
         inner = inner[(d[inner] <= d[inner - 1]) & (d[inner] < d[inner + 1])] if len(inner) else inner
@@ -198,7 +200,7 @@ class _Search:
 
     def _judged(self, lag: float, near: float | None) -> MotionPeriod | None:
         """The period near a lag, with its evidence; None where the motion does not repeat with it."""
-        found, last = (lag, 0.0, 0.0), 0
+        found, first, last = (lag, 0.0, 0.0), 0, 0
         for tolerance in STRETCH_TOLERANCES:
             first, last = self._stretch(found[0], tolerance)
             refined = self._refined(found[0], first, last)
@@ -222,9 +224,11 @@ class _Search:
     def _stretch(self, lag: float, tolerance: float) -> tuple[int, int]:
         """First and one past the last sample of the longest stretch that is nearly the same a lag later."""
         count = int(len(self.x) - lag)
-        change = interpolated(self.x, lag + np.arange(count)) - self.x[:count]
-        smooth = _running_mean((change**2).sum(axis=1), max(int(lag / 40), 1))
-        alike = smooth < 8 * float(self.noise.sum()) + len(self.groups) * tolerance**2
+        change = interpolated(self.x, lag + np.arange(float(count))) - self.x[:count]
+        noise, allowed = float(self.noise.sum()), len(self.groups) * tolerance**2
+        # Means are sharper against noise, but blur where the repeats begin and end.
+        smooth = _running_mean((change**2).sum(axis=1), int(lag / BLOCKS) if 30 * noise > allowed else 0)
+        alike = smooth < 8 * noise + allowed
         bounds = np.flatnonzero(np.diff(np.concatenate([[0], alike.astype(np.int8), [0]])))
         if not bounds.size:
             return 0, 0
@@ -234,7 +238,8 @@ class _Search:
 
     def _folds(self, first: float, period: float, repeats: int) -> Array:
         """The motion (R, M, k) of every repeat at the same M phases."""
-        phases = period * np.arange(max(int(period), FEWEST_SAMPLES)) / max(int(period), FEWEST_SAMPLES)
+        count = max(int(period), FEWEST_SAMPLES)
+        phases = np.arange(count) * (period / count)
         places = (first + period * np.arange(repeats))[:, None] + phases
         return interpolated(self.x, places.ravel()).reshape(repeats, len(phases), -1)
 
@@ -244,17 +249,26 @@ class _Search:
         if lag < FEWEST_SAMPLES - 0.5 or repeats < 2:
             return None
         while True:
-            for _ in range(6):
-                line = self._line(self._folds(first, period, repeats), period)
-                if line is None or abs(line[0]) > LARGEST_CORRECTION * period:
-                    return None
-                period += line[0]
-                if abs(line[0]) * repeats < 1e-4:
-                    break
-            most = whole_repeats(last - first, period)
+            corrected = self._corrected(period, first, repeats)
+            if corrected is None:
+                return None
+            period, most = corrected[0], whole_repeats(last - first, corrected[0])
             if repeats >= most:
-                return period, line[1], line[2]
+                return corrected
             repeats = min(4 * repeats, most)
+
+    def _corrected(self, period: float, first: int, repeats: int) -> tuple[float, float, float] | None:
+        """The same of so many repeats, by a few steps of least squares; None where they lead away."""
+        std = scatter = 0.0
+        for _ in range(6):
+            line = self._line(self._folds(first, period, repeats), period)
+            if line is None or abs(line[0]) > LARGEST_CORRECTION * period:
+                return None
+            change, std, scatter = line
+            period += change
+            if abs(change) * repeats < 1e-4:
+                break
+        return period, std, scatter
 
     def _line(self, folds: Array, period: float) -> tuple[float, float, float] | None:
         """Slope of the lateness over the repeats, its std and the scatter about it, in samples.
@@ -274,7 +288,7 @@ class _Search:
         per_repeat = float(count @ late / (count @ count))
         about = late - per_repeat * count
         scores -= per_repeat * count[:, None] * (slope**2).sum(axis=1) / size
-        blocks = np.add.reduceat(scores, np.arange(0, phases, max(phases // BLOCKS, 1)), axis=1)
+        blocks = np.add.reduceat(scores, np.arange(0, phases, max(phases // SCORE_BLOCKS, 1)), axis=1)
         variance = float((count**2 @ blocks**2).sum()) * repeats / (repeats - 1)
         noise = float(self.noise.max()) / size
         std = np.sqrt(max(variance / (count @ count), noise) / (count @ count))

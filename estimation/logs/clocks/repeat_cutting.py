@@ -105,7 +105,7 @@ def _cut_as_stated(columns: dict[str, Array], dt: float, period: float, where: s
 
 def _last_digit(stated: float) -> float:
     """Unit of the last decimal that a stated number has: it is believed to half of it."""
-    return 10.0 ** float(Decimal(repr(stated)).as_tuple().exponent)
+    return float(Decimal(1).scaleb(int(Decimal(repr(stated)).as_tuple().exponent)))
 
 
 def _grid(found: MotionPeriod, dt: float) -> tuple[int, float]:

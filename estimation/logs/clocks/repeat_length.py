@@ -21,7 +21,8 @@ def repeat_lengths(repeat: Array) -> Index:
 def differ_slightly(lengths: Index) -> bool:
     """Whether repeats are of different length, but of one motion still."""
     usual = float(np.median(lengths))
-    return np.ptp(lengths) > 0 and bool(np.abs(lengths - usual).max() <= slight_difference(usual) < usual / 2)
+    difference = float(np.abs(lengths - usual).max())
+    return int(np.ptp(lengths)) > 0 and difference <= slight_difference(usual) < usual / 2
 
 
 def slight_difference(length: float) -> float:
