@@ -340,8 +340,9 @@ def test_repeats_of_very_different_length_are_refused(tmp_path: Path) -> None:
 def test_from_a_log_without_repeats_to_the_verdict(
     space: str, hidden: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """With nothing hidden, or nothing more, the lack-of-fit test errs once in a hundred; seeds are fixed."""
     simulated, text = (PlanarRig(), PLANAR_RIG) if space == "plane" else (SpatialRig(), SPATIAL_RIG)
-    frame = repeated(simulated, hidden=[DRAG] if hidden else [], samples=2003).iloc[31:-17]
+    frame = repeated(simulated, hidden=[DRAG] if hidden else [], samples=2003, seed=2).iloc[31:-17]
     source, out, rig = written(frame, tmp_path), tmp_path / "rec.csv", tmp_path / "rig.toml"
     rig.write_text(text)
     assert main(["import", str(source), "--rig", str(rig), "--out", str(out)]) == 0
