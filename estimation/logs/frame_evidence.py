@@ -78,6 +78,21 @@ def frame_evidence(columns: Mapping[str, Array]) -> FrameEvidence | None:
     return FrameEvidence(as_read=as_read, best=min(others, key=lambda reading: reading.rms), force=total)
 
 
+def quaternion_orders(columns: Mapping[str, Array]) -> tuple[FrameReading, FrameReading]:
+    """The orientation as read, and as a quaternion w first, however few directions gravity takes."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    every = slice(0, min(len(columns["fx"]), LONGEST), _stride(columns))
+    force = np.stack([columns[name][every] for name in ("fx", "fy", "fz")], axis=1)
+    quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
+    up = _acceleration(columns, every) / GRAVITY + np.array([0.0, 0.0, 1.0])
+    turns = (Rotation.from_quat(quaternion), Rotation.from_quat(np.roll(quaternion, -1, axis=1)))
+    first, second = (_fitted("", "", turn.apply(up, inverse=True), force, needed=False) for turn in turns)
+    assert first is not None  # as it is not needed
+    assert second is not None
+    return first, second
+
+
 def _stride(columns: Mapping[str, Array]) -> int:
     """Rows from one that is fitted to the next: the tool's weight needs no more than a hundred a second."""
     if "time" not in columns:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import estimation.logs.readers  # registers the readers  # noqa: F401
+from estimation.logs.ambiguity import require_decided_order, require_plausible_speed
 from estimation.logs.clocks.one_clock import on_one_clock
 from estimation.logs.clocks.sample_hold import held_rows, note_suspicious_channels
 from estimation.logs.clocks.sample_mending import Stream, mended, mended_runs
@@ -117,6 +118,8 @@ class _Reading:
         groups += [(group, si.motion(group)) for group in mapping.groups[1:]]
         columns, report_parts = self._on_one_clock(mapping, groups, si.base_axes)
         clocks, offset, period, rate = report_parts
+        if mapping.joints and rate is not None and self.stated.factor("angle") is None:
+            require_plausible_speed(columns, rate, mapping.joints[0])
         if {"fz", "qw"} <= set(columns):
             columns = self._frames_checked(columns, mapping, offset)
         note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, mapping.wrench.table.name, self.log)
@@ -132,7 +135,13 @@ class _Reading:
     ) -> dict[str, Array]:
         """A clearly better reading of the orientation is named; it is taken where no name stated the order."""
         found, group = frame_evidence(columns), mapping.orientation
-        if found is None or group is None:
+        if group is None:
+            return columns
+        unstated = self.stated.form is None and all(name[-1:].isdigit() or name.endswith("]") for name in group.columns)
+        unstated &= len(group.columns) == 4
+        if unstated and (found is None or not found.is_better):
+            require_decided_order(columns, group)
+        if found is None:
             return columns
         if found.shows_no_weight:
             what = "no weight turns with the sensor in these readings: compensated already, or hidden by contact"
@@ -142,7 +151,6 @@ class _Reading:
         as_read, better = found.as_read, found.best
         what = f"{better.meaning}: the mass is {better.mass:.3g} kg then, and the residual of the weight falls"
         what += f" from {as_read.rms:.3g} to {better.rms:.3g} N"
-        unstated = self.stated.form is None and all(name[-1:].isdigit() or name.endswith("]") for name in group.columns)
         if better.meaning != W_FIRST or not unstated or (offset is not None and offset.applied):
             self.log.suspicious(f"{what}; {better.advice}", group.table.name)
             return columns

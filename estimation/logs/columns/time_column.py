@@ -16,6 +16,10 @@ EPOCH = (1.0e9, 2.2e9)
 """Seconds since 1970 of the years 2001 to 2039."""
 SURE_SECONDS = 0.3
 """A longest sampling interval that is surely in seconds; three times a second is slow for any robot's log."""
+PLAIN_NAMES = ("time", "stamp", "_*time", "%?time", "time_?stamps?", "t")
+"""Names of time alone, of which none comes before another."""
+SAME_SPAN = 0.01
+"""Of their length: by so much two clocks may differ in a log that both stamp."""
 UNIT_NAMES = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 
 
@@ -47,13 +51,39 @@ def time_column(
             bare = name_and_unit(name)[0]
             called = any(re.fullmatch(pattern, part, re.IGNORECASE) for part in (bare, re.split(r"[./:]", bare)[-1]))
             if called and _increases(table.columns[name]):
-                return _one(table, name, factor, milliseconds)
+                return _undisputed(table, _one(table, name, factor, milliseconds), milliseconds)
     unnamed = [name for name in table.columns if re.fullmatch(r"column_\d+", name)]
     regular = [name for name in unnamed if _increases(table.columns[name]) and _is_regular(table.columns[name])]
     if len(unnamed) == len(table.columns) and regular:
         epochs = [name for name in regular if EPOCH[0] < np.nanmedian(table.columns[name]) < EPOCH[1] * 1e9]
         return _one(table, (epochs or regular)[0], factor, milliseconds)
     return None
+
+
+def _undisputed(table: LogTable, found: TimeColumn, milliseconds: bool) -> TimeColumn:
+    """The time found by a plain name, where no other plain name tells another time. Raises InputError."""
+    plain = [n for n in table.columns if any(re.fullmatch(p, name_and_unit(n)[0], re.IGNORECASE) for p in PLAIN_NAMES)]
+    if not set(found.columns) <= set(plain):
+        return found
+    for name in plain:
+        if name in found.columns or not (_increases(table.columns[name]) and _is_regular(table.columns[name])):
+            continue
+        try:
+            other = _one(table, name, None, milliseconds)
+        except InputError:  # a count of samples
+            continue
+        spans = [float(np.nanmax(one.stamps) - np.nanmin(one.stamps)) for one in (found, other)]
+        if abs(spans[0] - spans[1]) > SAME_SPAN * max(spans):
+            means = [
+                f"{one.columns[0]} ({span:.4g} s, {(table.rows - 1) / span:.5g} Hz)"
+                for one, span in zip((found, other), spans, strict=True)
+            ]
+            raise InputError(
+                what=f"the time could be {means[0]} or {means[1]}; accelerations would differ by the square of that",
+                where=table.name,
+                remedy=f'state it in a map: time = "{found.columns[0]}", or "{name}"',
+            )
+    return found
 
 
 def _pair(table: LogTable) -> TimeColumn | None:
