@@ -74,6 +74,9 @@ class DecisionLevels:
     few differences determine that noise."""
     spectral_line: float = 0.01
     """A line marked in the plot of a residual's spectrum, family-wise over the excited lines of a channel."""
+    misread: float = 0.01
+    """Another reading of a recording's columns (order of a quaternion, axes, units) than their names say, family-wise
+    over the readings: a false alarm costs a line of the reading report, or a map."""
     confidence: float = 0.95
     """Coverage of confidence intervals, each: the usual convention."""
 

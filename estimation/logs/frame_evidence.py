@@ -1,10 +1,10 @@
 """Frame evidence: whether the weight in the readings fits the orientation as it was read, or another reading of it.
 
-A tool's force turns with the sensor: f = B R' (a + g e) + b with a constant e in the world, a the acceleration where
-the position is known, B free (3 x 3: mass, mounting, signs) and b the zero. The residual of this fit is compared for
-the orientation as read, with gravity along z, and for what is often mistaken: a quaternion w first, the inverse
-rotation, a base mounted sideways, readings along base axes. All have equally many parameters, so that the smallest
-residual is the most likely.
+A tool's force turns with the sensor: f = m Q R' (a + g e) + b, a the acceleration where the position is known, with
+an unknown mounting Q (`estimation/evidence/weight_fit.py`). It is fitted to the orientation as read, with gravity along
+z, and to what is often mistaken: a quaternion w first, the inverse rotation, a base mounted sideways, readings along
+base axes. All have equally many parameters, so that the smallest residual is the most likely; whether it is shown is
+tested so that an effect that is hidden in the readings does not decide.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.evidence.weight_fit import WeightFit, weight_fit
 from estimation.logs.log_table import Array
 
 GRAVITY = 9.806
@@ -21,61 +22,72 @@ W_FIRST = "the quaternion is w x y z"
 STEP, LONGEST = 0.01, 20_000
 """Seconds between rows that are fitted, and the first rows of a recording among which they are."""
 FEWEST = 50
-CLEARLY = 0.5
-"""Ratio of residuals from which another reading is the right one; readings that are right differ by less."""
-LEAST_EXPLAINED = 0.6
-"""Share of the readings' power that another reading has to explain."""
-LEAST_WEIGHT = 0.2
-"""Share of the readings' power below which a turning weight explains nothing."""
-FLATTEST = 0.05
-"""Smallest singular value of the directions of gravity in the sensor, of which three have to be seen."""
+LEAST_TURN = 0.02
+"""Change of the quaternion below which the sensor stood still: 2 degrees."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameEvidence:
-    """The orientation as read, and the best other reading of it; `force` is the std of the readings, N."""
+    """The orientation as read, and the best of so many other readings of it."""
 
     as_read: FrameReading
     best: FrameReading
-    force: float
+    others: int
 
     @property
     def is_better(self) -> bool:
-        """Whether the other reading is clearly the right one."""
-        return self.best.rms < CLEARLY * self.as_read.rms and self.best.rms**2 < (1 - LEAST_EXPLAINED) * self.force**2
+        """Whether the other reading is shown to be the right one."""
+        return self.best.fit.is_shown_against(self.as_read.fit, self.others)
+
+    @property
+    def sentence(self) -> str:
+        """What the other reading would give."""
+        text = f"{self.best.meaning}: the mass is {self.best.mass:.3g} kg then, and the residual of the weight falls"
+        return f"{text} from {self.as_read.rms:.3g} to {self.best.rms:.3g} N"
 
     @property
     def shows_no_weight(self) -> bool:
-        """Whether no reading finds a weight that turns with the sensor, though it turns enough."""
-        return min(self.as_read.rms, self.best.rms) ** 2 > (1 - LEAST_WEIGHT) * self.force**2
+        """Whether in every reading most of the force is no weight that turns with the sensor."""
+        return self.as_read.fit.shows_no_weight and (self.best.fit.shows_no_weight or not self.is_better)
+
+    @property
+    def weight_sentence(self) -> str:
+        """How little of the force is a weight."""
+        share = 100 * max(self.as_read.fit.explained, 0.0)
+        text = f"the weight that turns with the sensor is that of {self.as_read.mass:.2g} kg, and {share:.2g} % of the"
+        return f"{text} force's power: compensated already, or hidden by contact"
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameReading:
-    """A reading of orientation and axes: what it means, what to do about it, the residual and mass that it gives.
-
-    rms  N, of the forces; mass  kg, |det B|^(1/3)
-    """
+    """A reading of orientation and axes: what it means, what to do about it, and the fit of the weight."""
 
     meaning: str
     advice: str
-    rms: float
-    mass: float
+    fit: WeightFit
+
+    @property
+    def rms(self) -> float:
+        """Of the residual force in one channel, N."""
+        return self.fit.rms
+
+    @property
+    def mass(self) -> float:
+        """The tool's, kg."""
+        return self.fit.mass
 
 
 def frame_evidence(columns: Mapping[str, Array]) -> FrameEvidence | None:
-    """The evidence in a recording's columns (n,); None where gravity takes too few directions in the sensor."""
+    """The evidence in a recording's columns (n,); None of a sensor that never turns."""
     samples = min(len(columns["fx"]), LONGEST)
     every = slice(0, samples, _stride(columns))
     force = np.stack([columns[name][every] for name in ("fx", "fy", "fz")], axis=1)
     quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
-    readings = _readings(force, quaternion, _acceleration(columns, every) / GRAVITY)
-    as_read = next(readings)
-    others = [reading for reading in readings if reading is not None]
-    if as_read is None or not others:
+    as_read, *others = _readings(force, quaternion, _acceleration(columns, every) / GRAVITY)
+    if np.ptp(quaternion, axis=0).max() < LEAST_TURN:
         return None
-    total = _least_squares(np.ones((len(force), 1)), force)[1]
-    return FrameEvidence(as_read=as_read, best=min(others, key=lambda reading: reading.rms), force=total)
+    best = min(others, key=lambda reading: reading.rms)
+    return FrameEvidence(as_read=as_read, best=best, others=len(others))
 
 
 def quaternion_orders(columns: Mapping[str, Array]) -> tuple[FrameReading, FrameReading]:
@@ -112,14 +124,14 @@ def _acceleration(columns: Mapping[str, Array], every: slice) -> Array:
     return spline_derivatives(position, float(instants[1] - instants[0])).second
 
 
-def _readings(force: Array, quaternion: Array, a: Array) -> Iterator[FrameReading | None]:
+def _readings(force: Array, quaternion: Array, a: Array) -> Iterator[FrameReading]:
     """The orientation as read, then the other readings of it; `a` is the acceleration (n, 3) in g."""
     from scipy.spatial.transform import Rotation  # slow to import
 
     turn, w_first = Rotation.from_quat(quaternion), Rotation.from_quat(np.roll(quaternion, -1, axis=1))
     x, y, z = np.eye(3)
     down = turn.apply(a + z, inverse=True)
-    yield _fitted("as read", "", down, force, needed=False)
+    yield _fitted("as read", "", down, force)
     yield _fitted(W_FIRST, 'state orientation = "wxyz" in a map', w_first.apply(a + z, inverse=True), force)
     yield _fitted(
         "the orientation is the world's in the sensor", "invert it before the import", turn.apply(a + z), force
@@ -132,17 +144,5 @@ def _readings(force: Array, quaternion: Array, a: Array) -> Iterator[FrameReadin
     )
 
 
-def _fitted(meaning: str, advice: str, direction: Array, force: Array, *, needed: bool = True) -> FrameReading | None:
-    """The fit of one reading; None where gravity takes too few directions in the sensor for it to mean anything."""
-    centred = direction - direction.mean(axis=0)
-    spread = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(centred))
-    if needed and spread[-1] < FLATTEST:
-        return None
-    solution, rms = _least_squares(np.hstack([GRAVITY * direction, np.ones((len(direction), 1))]), force)
-    mass = float(abs(np.linalg.det(solution[:3])) ** (1 / 3))
-    return FrameReading(meaning=meaning, advice=advice, rms=rms, mass=mass)
-
-
-def _least_squares(regressors: Array, force: Array) -> tuple[Array, float]:
-    solution = np.asarray(np.linalg.lstsq(regressors, force, rcond=1e-10)[0], dtype=np.float64)
-    return solution, float(np.sqrt(np.mean((force - regressors @ solution) ** 2)))
+def _fitted(meaning: str, advice: str, direction: Array, force: Array) -> FrameReading:
+    return FrameReading(meaning=meaning, advice=advice, fit=weight_fit(GRAVITY * direction, force))

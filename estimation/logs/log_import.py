@@ -144,13 +144,10 @@ class _Reading:
         if found is None:
             return columns
         if found.shows_no_weight:
-            what = "no weight turns with the sensor in these readings: compensated already, or hidden by contact"
-            self.log.suspicious(what, mapping.wrench.table.name)
+            self.log.suspicious(found.weight_sentence, mapping.wrench.table.name)
         if not found.is_better:
             return columns
-        as_read, better = found.as_read, found.best
-        what = f"{better.meaning}: the mass is {better.mass:.3g} kg then, and the residual of the weight falls"
-        what += f" from {as_read.rms:.3g} to {better.rms:.3g} N"
+        better, what = found.best, found.sentence
         if better.meaning != W_FIRST or not unstated or (offset is not None and offset.applied):
             self.log.suspicious(f"{what}; {better.advice}", group.table.name)
             return columns

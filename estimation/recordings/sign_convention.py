@@ -1,4 +1,8 @@
-"""Sign convention and mounting of six-axis readings from F = B (a - g), B a free 3 x 3 matrix."""
+"""Sign convention and mounting of six-axis readings from F = m Q (a - g), Q an orthogonal matrix.
+
+Of a proper Q they are the sensor's wrench on the tool, of an improper one the tool's on the sensor. Whatever else acts
+is in the residual of both, so that they are compared by which is nearer to the truth.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import polar
 
+from estimation.evidence.weight_fit import WeightFit, weight_fit
+from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.errors import InputError
@@ -18,54 +24,60 @@ from modeling.space import Space
 Array = NDArray[np.float64]
 
 SIGN_REMEDY = 'state convention = "on_tool" or "on_sensor" under [sensor] in the rig, or add poses in more orientations'
+FLATTEST = 0.05
+"""Smallest spread of gravity's directions in the sensor, of which three have to be seen, over gravity."""
 
 
 @dataclass(frozen=True, eq=False)
 class SignDecision:
-    """Sign convention, mass and mounting from the least-squares fit F = B (a - g) + bias, B a free 3 x 3 matrix.
+    """Sign convention, and mass and mounting from the least-squares fit F = B (a - g) + bias, B a free 3 x 3 matrix.
 
-    convention  from the sign of det B, whatever the mounting
-    mass        |det B|^(1/3), kg, and `significance`, the smallest singular value of B over its standard error
+    convention  from the better of the fits by a proper and an improper rotation, whatever the mounting
+    mass        |det B|^(1/3), kg
     mounting    (3, 3) rotation from the frame of the motion to the sensor's readings, the polar factor of ±B
     """
 
     convention: Convention
     mass: float
-    significance: float
     mounting: Array
 
 
 def decide_convention(recordings: Sequence[Recording], gravity: float) -> SignDecision:
     """Decide the sign of six-axis readings from forces alone.
 
-    Raises InputError when gravity in the sensor frame does not span three directions, or B is not significant.
+    Raises InputError when gravity in the sensor frame does not span three directions, or neither sign is shown.
     """
     specific_force = np.concatenate([_centred(_specific_force(r, gravity)) for r in recordings])
     force = np.concatenate([_centred(r.wrench[:, :3]) for r in recordings])
-    where = ", ".join(r.name for r in recordings)
     spread = np.linalg.svd(specific_force, compute_uv=False)
-    if len(specific_force) < 5 or spread[-1] < 0.05 * gravity:
-        raise InputError(
-            what="the sign convention cannot be decided: gravity in the sensor frame does not span three directions",
-            where=where,
-            remedy=SIGN_REMEDY,
-        )
-    solution, *_ = np.linalg.lstsq(specific_force, force, rcond=None)
-    matrix = solution.T
-    variance = ((force - specific_force @ solution) ** 2).sum(axis=0) / max(1, _independent_samples(recordings) - 4)
-    error = np.sqrt(variance.max()) / spread[-1]
-    singular = np.linalg.svd(matrix, compute_uv=False)
-    significance = float(singular[-1] / max(error, 1e-300))
-    if significance < 5:
-        raise InputError(
-            what="the sign convention cannot be decided: the forces are not significantly correlated with gravity",
-            where=where,
-            remedy=SIGN_REMEDY,
-        )
-    sign = 1.0 if np.linalg.det(matrix) > 0 else -1.0
+    if len(specific_force) < 5 or spread[-1] < FLATTEST * gravity:
+        raise _undecided("gravity in the sensor frame does not span three directions", recordings)
+    fits = {sign: weight_fit(specific_force, force, sign=sign) for sign in (1, -1)}
+    sign = max(fits, key=lambda sign: fits[sign].explained)
+    if not fits[sign].is_nearer_than(fits[-sign]):
+        raise _undecided(_reason(fits[1], fits[-1]), recordings)
+    matrix = np.linalg.lstsq(specific_force, force, rcond=None)[0].T
     rotation, _ = polar(sign * matrix)
+    rotation = rotation if np.linalg.det(rotation) > 0 else sign * fits[sign].mounting
     convention = Convention.ON_TOOL if sign > 0 else Convention.ON_SENSOR
-    return SignDecision(convention, float(abs(np.linalg.det(matrix)) ** (1 / 3)), significance, np.asarray(rotation))
+    return SignDecision(convention, float(abs(np.linalg.det(matrix)) ** (1 / 3)), np.asarray(rotation))
+
+
+def _reason(on_tool: WeightFit, on_sensor: WeightFit) -> str:
+    """Why neither sign is shown."""
+    best = max(on_tool, on_sensor, key=lambda fit: fit.explained)
+    if best.shows_no_weight:
+        text = "the forces show no weight that turns with the sensor"
+        return f"{text} ({100 * best.explained:.2g} % of their power): compensated already, or hidden by contact"
+    text = "a weight on the sensor explains the forces as well as one with the other sign"
+    return f"{text} ({100 * on_tool.explained:.3g} and {100 * on_sensor.explained:.3g} % of their power)"
+
+
+def _undecided(reason: str, recordings: Sequence[Recording]) -> InputError:
+    """The error, with what is suspicious in the readings, which may be why."""
+    doubts = [step.what for r in recordings if r.reading is not None for step in r.reading.of(StepKind.SUSPICIOUS)]
+    what = f"the sign convention cannot be decided: {reason}" + "".join(f"; {doubt}" for doubt in doubts[:1])
+    return InputError(what=what, where=", ".join(r.name for r in recordings), remedy=SIGN_REMEDY)
 
 
 def with_decided_convention(model: WrenchModel, recordings: Sequence[Recording]) -> WrenchModel:
@@ -105,8 +117,3 @@ def _specific_force(recording: Recording, gravity: float) -> Array:
 def _centred(rows: Array) -> Array:
     """Rows (n, 3) about their mean, each recording weighted as one row, so that long runs do not dominate poses."""
     return np.asarray((rows - rows.mean(axis=0)) / np.sqrt(len(rows)))
-
-
-def _independent_samples(recordings: Sequence[Recording]) -> int:
-    """Number of independent samples: all poses, and a thousandth of a run (its residual is strongly correlated)."""
-    return sum(r.samples if r.at_rest else max(5, r.samples // 1000) for r in recordings)

@@ -1,0 +1,133 @@
+"""Motion evidence: units and axes of a recording's motion and wrench as read, against what is often mistaken for them.
+
+Each reading of the columns gives another specific force in the sensor, to which the weight of a tool is fitted
+(`estimation/evidence/weight_fit.py`). Poses in space have `frame_evidence.py`; here are joint angles, with the arm's
+kinematics, and planar poses, whose mounting the rig's convention states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+
+from estimation.evidence.weight_fit import weight_fit
+from estimation.logs.frame_evidence import FEWEST, GRAVITY, LONGEST, STEP, FrameEvidence, FrameReading, frame_evidence
+from estimation.logs.log_table import Array
+from estimation.recordings.recording import MotionForm, Recording, motion_columns
+from modeling.rig.rig import Convention
+
+DEGREE = pi / 180
+FASTEST = 15.0
+"""rad/s, which no joint of an arm reaches: the fastest industrial ones turn at 10 rad/s."""
+SPEED_TIME = 0.05
+"""Seconds over which a speed is taken, so that the resolution of the angles is none."""
+
+
+def motion_evidence(recording: Recording) -> FrameEvidence | None:
+    """The evidence in a recording; None where the motion says nothing of where gravity is."""
+    thin = thinned(recording)
+    if thin.form is MotionForm.POSE:
+        channels = dict(zip(thin.channels, thin.wrench.T, strict=True))
+        time = {} if thin.time is None else {"time": thin.time}
+        return frame_evidence({**thin.columns, **channels, **time})
+    if thin.form is MotionForm.JOINTS and thin.arm is None:
+        return None
+    as_read, *others = _readings(thin)
+    return FrameEvidence(as_read=as_read, best=min(others, key=lambda reading: reading.rms), others=len(others))
+
+
+def thinned(recording: Recording) -> Recording:
+    """The first run of a recording, with no more rows than the tool's weight needs."""
+    stride = 1 if recording.dt is None else max(int(STEP / recording.dt), 1)
+    rows = slice(0, min(recording.samples_per_repeat, LONGEST), stride)
+    if recording.samples_per_repeat // stride < FEWEST:
+        rows = slice(0, recording.samples_per_repeat)
+    columns = {name: column[rows] for name, column in recording.columns.items()}
+    time = None if recording.time is None else recording.time[rows]
+    return replace(recording, wrench=recording.wrench[rows], columns=columns, time=time, repeats=1, continuous=True)
+
+
+def impossible_speed(recording: Recording) -> tuple[str, float] | None:
+    """The fastest angle and its speed in rad/s, where it is more than any arm's; None otherwise."""
+    if recording.dt is None or recording.form is MotionForm.POSE:
+        return None
+    lag = max(round(SPEED_TIME / recording.dt), 1)
+    fastest = {
+        name: float(np.quantile(np.abs(column[lag:] - column[:-lag]), 0.99)) / lag / recording.dt
+        for name in _angles(recording)
+        if len(column := recording.columns[name][: recording.samples_per_repeat]) > lag
+    }
+    name = max(fastest, key=lambda name: fastest[name], default=None)
+    return None if name is None or fastest[name] < FASTEST else (name, fastest[name])
+
+
+def _angles(recording: Recording) -> list[str]:
+    """Columns of the motion that are angles; all joints, where no arm says which of them slide."""
+    if recording.form is MotionForm.PLANAR_POSE:
+        return ["phi"]
+    arm = recording.arm
+    names = [name for name in recording.columns if name[:1] == "q" and name[1:].isdigit()]
+    return names if arm is None else [f"q{i}" for i, unit in enumerate(arm.units, 1) if unit == "rad"]
+
+
+def _readings(recording: Recording) -> Iterator[FrameReading]:
+    """The recording as read, then the other readings of it."""
+    yield _reading("as read", "", recording)
+    degrees = _with_columns(recording, dict.fromkeys(_derived(recording), DEGREE))
+    yield _reading("the angles are in degrees", 'state units = { angle = "deg" } in a map', degrees)
+    base = 'state wrench_axes = "base" in a map' if recording.dimension == 3 else "turn it into the sensor's axes"
+    yield _reading("the wrench is along base axes", base, recording, in_base=True)
+    if recording.form is MotionForm.PLANAR_POSE:
+        other = _with_columns(recording, {"phi": -1.0, "dphi": -1.0, "ddphi": -1.0})
+        yield _reading("phi counts the other way round, the world's in the sensor", "give minus phi", other)
+
+
+def _derived(recording: Recording) -> list[str]:
+    """The angles and their rates."""
+    return [prefix + name for name in _angles(recording) for prefix in ("", "d", "dd")]
+
+
+def _with_columns(recording: Recording, factors: Mapping[str, float]) -> Recording:
+    columns = {name: column * factors.get(name, 1.0) for name, column in recording.columns.items()}
+    return replace(recording, columns=columns)
+
+
+def _reading(meaning: str, advice: str, recording: Recording, *, in_base: bool = False) -> FrameReading:
+    turns = _turns(recording)  # (n, k, k), from the sensor to the world
+    direction = np.einsum("nji,nj->ni", turns, _specific_force(recording))
+    force = recording.wrench[:, : recording.dimension]
+    mounting = _planar_mounting(recording) if recording.dimension == 2 else None
+    if in_base:
+        # In the world's own axes there is no mounting: what is measured is turned back.
+        force, mounting = np.einsum("nji,nj->ni", turns, force), None if mounting is None else np.abs(mounting)
+    return FrameReading(meaning=meaning, advice=advice, fit=weight_fit(direction, force, mounting=mounting))
+
+
+def _turns(recording: Recording) -> Array:
+    """Rotations (n, k, k) from axes of the sensor's body to the world's."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    signals = recording.signals
+    if recording.dimension == 3:
+        return Rotation.from_quat(np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1)).as_matrix()
+    cosine, sine = np.cos(signals["phi"]), np.sin(signals["phi"])
+    return np.stack([np.stack([cosine, sine], axis=1), np.stack([-sine, cosine], axis=1)], axis=1)
+
+
+def _specific_force(recording: Recording) -> Array:
+    """Acceleration minus gravity in the world (n, k), m/s²."""
+    names = ("apx", "apy", "apz") if recording.dimension == 3 else ("ax", "ay")
+    found = np.stack([recording.signals[name] for name in names], axis=1)
+    found[:, -1] += GRAVITY
+    return found
+
+
+def _planar_mounting(recording: Recording) -> Array:
+    """The axes of a planar reading, x' and -y' of the tool, with the sign of the rig's convention."""
+    sensor = None if recording.rig is None else recording.rig.sensor
+    sign = -1.0 if sensor is not None and sensor.convention is Convention.ON_SENSOR else 1.0
+    mirror = 1.0 if sensor is not None and sensor.mirror_y else -1.0
+    return sign * np.diag([1.0, mirror])
