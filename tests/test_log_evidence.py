@@ -79,7 +79,7 @@ def sideways(columns: Columns) -> Columns:
 
 MISTAKES: dict[str, tuple[Callable[[Columns], Columns], str]] = {
     "w first": (w_first, "w x y z"),
-    "inverse": (inverse, "world's in the sensor"),
+    "inverse": (inverse, "base's in the sensor"),
     "base axes": (in_base, "along base axes"),
     "sideways": (sideways, "along y of the base"),
 }

@@ -22,6 +22,8 @@ W_FIRST = "the quaternion is w x y z"
 STEP, LONGEST = 0.01, 20_000
 """Seconds between rows that are fitted, and the first rows of a recording among which they are."""
 FEWEST = 50
+LARGEST_ACCELERATION = 3.0
+"""g, root mean square: an arm moves its sensor with less, so that more is in other units."""
 LEAST_TURN = 0.02
 """Change of the quaternion below which the sensor stood still: 2 degrees."""
 
@@ -133,15 +135,18 @@ def _readings(force: Array, quaternion: Array, a: Array) -> Iterator[FrameReadin
     down = turn.apply(a + z, inverse=True)
     yield _fitted("as read", "", down, force)
     yield _fitted(W_FIRST, 'state orientation = "wxyz" in a map', w_first.apply(a + z, inverse=True), force)
-    yield _fitted(
-        "the orientation is the world's in the sensor", "invert it before the import", turn.apply(a + z), force
-    )
+    inverse = "the orientation is the base's in the sensor"
+    yield _fitted(inverse, 'state orientation_of = "base" in a map', turn.apply(a + z), force)
     for name, axis in (("x", x), ("y", y)):
         meaning = f"gravity points along {name} of the base"
         yield _fitted(meaning, "the base may be mounted sideways", turn.apply(a + axis, inverse=True), force)
     yield _fitted(
         "the wrench is along base axes", 'state wrench_axes = "base" in a map', down, turn.apply(force, inverse=True)
     )
+    if np.sqrt(np.mean(a**2)) > LARGEST_ACCELERATION:
+        unit = 'state units = { position = "mm" } in a map'
+        yield _fitted("the positions are in millimetres", unit, turn.apply(1e-3 * a + z, inverse=True), force)
+
 
 
 def _fitted(meaning: str, advice: str, direction: Array, force: Array) -> FrameReading:

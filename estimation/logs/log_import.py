@@ -24,6 +24,7 @@ from estimation.logs.frame_evidence import W_FIRST, frame_evidence
 from estimation.logs.log_reader import tables_of
 from estimation.logs.log_table import Array, LogTable
 from estimation.logs.motion_streams import QUATERNION, SiColumns, in_sensor_axes
+from estimation.logs.recording_check import note_columns
 from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
@@ -122,6 +123,8 @@ class _Reading:
             require_plausible_speed(columns, rate, mapping.joints[0])
         if {"fz", "qw"} <= set(columns):
             columns = self._frames_checked(columns, mapping, offset)
+        else:
+            note_columns(columns, mapping.wrench.table.name, self.rig, self.log)
         note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, mapping.wrench.table.name, self.log)
         report = ReadingReport(
             sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, period=period,

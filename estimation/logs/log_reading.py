@@ -9,6 +9,7 @@ from estimation.logs.clocks.repeat_cutting import cut_into_repeats
 from estimation.logs.clocks.repeat_length import differ_slightly, repeat_lengths
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.log_import import ImportedRecording, ReadingOptions, import_recording
+from estimation.logs.recording_check import checked
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable, header_names, table_from_file
 from estimation.recordings.reading import read as read_recording
@@ -35,6 +36,7 @@ def read(
     One CSV or Parquet file with the columns of FORMATS is read as it stands, and anything wrong with it is an error;
     but a motion that repeats to within its noise is cut into repeats where no column counts them, and repeats of
     slightly different length are brought onto one clock, as `Recording.reading` says then.
+    What is only suspicious (units, axes, order of the quaternion, a stuck channel) is in `Recording.reading` too.
     All else is what robots write, and read as `truewrench import` does: any separator, compression, Excel, MATLAB,
     NumPy, HDF5 and ROS bags. What was done is in `Recording.reading`.
 
@@ -127,6 +129,7 @@ def _names(path: Path) -> set[str]:
         return set()
 
 
+from estimation.logs.recording_check import checked
 def read_with_rig(path: str | Path, *, rig: Rig | None, one_run: bool = False, every_row: bool = False) -> Recording:
     """A recording as it stands; where the rig names the columns of its logs, a log of them.
 

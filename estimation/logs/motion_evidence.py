@@ -14,9 +14,18 @@ from math import pi
 import numpy as np
 
 from estimation.evidence.weight_fit import weight_fit
-from estimation.logs.frame_evidence import FEWEST, GRAVITY, LONGEST, STEP, FrameEvidence, FrameReading, frame_evidence
+from estimation.logs.frame_evidence import (
+    FEWEST,
+    GRAVITY,
+    LARGEST_ACCELERATION,
+    LONGEST,
+    STEP,
+    FrameEvidence,
+    FrameReading,
+    frame_evidence,
+)
 from estimation.logs.log_table import Array
-from estimation.recordings.recording import MotionForm, Recording, motion_columns
+from estimation.recordings.recording import MotionForm, Recording
 from modeling.rig.rig import Convention
 
 DEGREE = pi / 180
@@ -50,27 +59,24 @@ def thinned(recording: Recording) -> Recording:
     return replace(recording, wrench=recording.wrench[rows], columns=columns, time=time, repeats=1, continuous=True)
 
 
-def impossible_speed(recording: Recording) -> tuple[str, float] | None:
-    """The fastest angle and its speed in rad/s, where it is more than any arm's; None otherwise."""
-    if recording.dt is None or recording.form is MotionForm.POSE:
-        return None
-    lag = max(round(SPEED_TIME / recording.dt), 1)
-    fastest = {
-        name: float(np.quantile(np.abs(column[lag:] - column[:-lag]), 0.99)) / lag / recording.dt
-        for name in _angles(recording)
-        if len(column := recording.columns[name][: recording.samples_per_repeat]) > lag
+def impossible_speed(angles: Mapping[str, Array], dt: float) -> tuple[str, float] | None:
+    """The fastest of angles (n,) sampled every dt s, and its speed in rad/s, where no arm is as fast; else None."""
+    lag = max(round(SPEED_TIME / dt), 1)
+    speeds = {
+        name: float(np.quantile(np.abs(column[lag:] - column[:-lag]), 0.99)) / lag / dt
+        for name, column in angles.items()
+        if len(column) > 2 * lag
     }
-    name = max(fastest, key=lambda name: fastest[name], default=None)
-    return None if name is None or fastest[name] < FASTEST else (name, fastest[name])
+    name = max(speeds, key=lambda name: speeds[name], default=None)
+    return None if name is None or speeds[name] < FASTEST else (name, speeds[name])
 
 
-def _angles(recording: Recording) -> list[str]:
-    """Columns of the motion that are angles; all joints, where no arm says which of them slide."""
+def angle_names(recording: Recording) -> list[str]:
+    """Columns of the motion that are angles: phi, or the joints that turn."""
     if recording.form is MotionForm.PLANAR_POSE:
         return ["phi"]
     arm = recording.arm
-    names = [name for name in recording.columns if name[:1] == "q" and name[1:].isdigit()]
-    return names if arm is None else [f"q{i}" for i, unit in enumerate(arm.units, 1) if unit == "rad"]
+    return [] if arm is None else [f"q{i}" for i, unit in enumerate(arm.units, 1) if unit == "rad"]
 
 
 def _readings(recording: Recording) -> Iterator[FrameReading]:
@@ -82,12 +88,16 @@ def _readings(recording: Recording) -> Iterator[FrameReading]:
     yield _reading("the wrench is along base axes", base, recording, in_base=True)
     if recording.form is MotionForm.PLANAR_POSE:
         other = _with_columns(recording, {"phi": -1.0, "dphi": -1.0, "ddphi": -1.0})
-        yield _reading("phi counts the other way round, the world's in the sensor", "give minus phi", other)
+        yield _reading("phi is the base's in the sensor", 'state orientation_of = "base" in a map', other)
+        translation = np.stack([recording.signals[name] for name in ("ax", "ay")]) / GRAVITY
+        if np.sqrt(np.mean(translation**2)) > LARGEST_ACCELERATION:
+            metres = _with_columns(recording, dict.fromkeys(("px", "py", "vx", "vy", "ax", "ay"), 1e-3))
+            yield _reading("the positions are in millimetres", 'state units = { position = "mm" } in a map', metres)
 
 
 def _derived(recording: Recording) -> list[str]:
     """The angles and their rates."""
-    return [prefix + name for name in _angles(recording) for prefix in ("", "d", "dd")]
+    return [prefix + name for name in angle_names(recording) for prefix in ("", "d", "dd")]
 
 
 def _with_columns(recording: Recording, factors: Mapping[str, float]) -> Recording:

@@ -25,6 +25,9 @@ LARGEST_LEVER = 20.0
 LARGEST_JOINT = 2.5 * 2 * pi
 """Radians: joints turn by two revolutions at most, so that larger angles are in degrees."""
 
+LARGEST_TURN = 2.2 * pi
+"""Radians: Euler angles and rotation vectors are within a turn."""
+
 
 class SiColumns:
     """Columns in SI units of the groups of a mapping, with how each was read."""
@@ -56,7 +59,8 @@ class SiColumns:
         if group is not self.mapping.orientation:
             return self._joints(group)
         if group.form == PLANAR_FORM:
-            return self._scaled(group, ["angle"], "rad", ("phi",))
+            columns = self._scaled(group, ["angle"], "rad", ("phi",))
+            return {"phi": -columns["phi"]} if self.stated.inverse else columns
         return self._pose(group)
 
     def _joints(self, group: ColumnGroup) -> dict[str, Array]:
@@ -70,7 +74,8 @@ class SiColumns:
 
     def _pose(self, group: ColumnGroup) -> dict[str, Array]:
         own = [group.table.columns[name] for name in group.columns]
-        if group.form == OrientationForm("xyzw") and len(own) == 4 and _is_continuous(own):
+        plain = group.form == OrientationForm("xyzw") and len(own) == 4 and not self.stated.inverse
+        if plain and _is_continuous(own):
             self._note(group, QUATERNION, str(group.form))
             return dict(zip(QUATERNION, own, strict=True))  # as they are, without a copy
         values = group.values()
@@ -83,14 +88,26 @@ class SiColumns:
             form = form if self.stated.form is not None else matrix_form(values)
             place = matrix_positions(values, form)
         if form.has_angles:
-            values = values * self._factor("angle", group.columns[-1])
+            values = self._radians(values, group)
         columns = {}
         if place is not None:
             columns = dict(zip(POSITION, (place * self._factor("position", group.columns[0])).T, strict=True))
         columns = self._checked_position(columns, group)
         self._note(group, (*QUATERNION, *columns), str(form))
         turned = _without_jumps(form.quaternions(values, where))
+        if self.stated.inverse:
+            turned = turned * [-1.0, -1.0, -1.0, 1.0]
+            columns = {} if not columns else _origin_of_inverse(turned, columns)
         return dict(zip(QUATERNION, turned.T, strict=True)) | columns
+
+    def _radians(self, values: Array, group: ColumnGroup) -> Array:
+        """Angles of an orientation (n, 3) in rad; more than a turn is taken as degrees."""
+        factor = self._factor("angle", group.columns[-1])
+        largest = float(np.nanmax(np.abs(values), initial=0.0))
+        if factor == 1.0 and largest > LARGEST_TURN:
+            self.log.mended(f"angles up to {largest:.4g}, taken as degrees", group.table.name)
+            factor = KINDS["angle"]["deg"]
+        return values * factor
 
     def _checked_position(self, columns: dict[str, Array], group: ColumnGroup) -> dict[str, Array]:
         largest = max((float(np.nanmax(np.abs(column), initial=0.0)) for column in columns.values()), default=0.0)
@@ -171,6 +188,17 @@ def _without_jumps(quaternions: Array) -> Array:
     signs = np.ones(len(quaternions))
     signs[known] = np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 0, 1.0, -1.0)
     return np.asarray(quaternions * signs[:, None])
+
+
+def _origin_of_inverse(turned: Array, place: Mapping[str, Array]) -> dict[str, Array]:
+    """The sensor's origin in the base, of the base's origin in the sensor: p = -R p' with R (n, 4) of the sensor."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    found = np.full((len(turned), 3), np.nan)
+    known = np.isfinite(turned).all(axis=1)
+    origin = np.stack([place[name] for name in POSITION], axis=1)
+    found[known] = -Rotation.from_quat(turned[known]).apply(origin[known])
+    return dict(zip(POSITION, found.T, strict=True))
 
 
 def in_sensor_axes(wrench: Mapping[str, Array], motion: Mapping[str, Array]) -> dict[str, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimation.recordings.column_table import ColumnTable, table_from_file, table_from_frame
-from estimation.recordings.motion_form import motion_form, wrench_channels
+from estimation.recordings.motion_form import JOINT_ANGLE, motion_form, wrench_channels
 from estimation.recordings.recording import QUATERNION, MotionForm, Recording
 from estimation.recordings.sample_clock import SampleClock
 from modeling.errors import InputError
@@ -23,6 +24,13 @@ Array: TypeAlias = NDArray[np.float64]
 
 MIN_SAMPLES = 20  # of one repeat: fewer do not determine a motion and its acceleration
 MIN_POSES = 3  # static: with fewer, weight and zero of three channels are collinear
+CLOSE = 0.02  # rad between rows that are neighbours in a run
+LONG_RUN = 100  # rows: more static poses than anybody takes without turning further
+LONG_STEP, SLOWEST = 0.3, 0.01  # s and rad/s: nobody records a run as slowly, of a motion as slow
+STILL = 0.5  # rad, by which a sensor that stands still does not turn
+NEARLY_TIME = re.compile(
+    r"(?:.*[^a-z])?(?:time|stamps?|time_?stamps?|clock|secs?|seconds|t)(?:[^a-z].*)?|time_?[a-z]{1,3}", re.IGNORECASE
+)
 NORM_TOLERANCE = 1e-2  # of a unit quaternion: errors of printed digits and interpolation are far smaller
 
 
@@ -162,11 +170,15 @@ def recording_from_table(table: ColumnTable, *, name: str, rig: Rig | None) -> R
     form = motion_form(table, channels, rig)
     repeats = _repeats(table)
     _require_samples(table, repeats)
+    if "time" not in table.columns:
+        _require_poses(table)
     time, continuous = _time(table, repeats)
     if form is MotionForm.JOINTS:
         _require_radians(table, rig)
     if form is MotionForm.POSE:
         _require_unit_norm(table)
+    if time is not None:
+        _require_seconds(table, float(time[1] - time[0]))
     others = {key: values for key, values in table.columns.items() if key not in (*channels, "time", "repeat")}
     wrench = np.stack([table.columns[channel] for channel in channels], axis=1)
     for values in (wrench, *others.values(), *(() if time is None else (time,))):
@@ -175,6 +187,52 @@ def recording_from_table(table: ColumnTable, *, name: str, rig: Rig | None) -> R
         name=name, channels=channels, wrench=wrench, columns=others, form=form, time=time,
         repeats=repeats, continuous=continuous, rig=rig,
     )  # fmt: skip
+
+
+def _require_poses(table: ColumnTable) -> None:
+    """Raise InputError where rows without `time` are no static poses but a run: its time is called otherwise, or lost.
+
+    Angles of a run change little from row to row, and poses, though several rows may be taken in each, in large steps.
+    """
+    stamps = [name for name in table.columns if NEARLY_TIME.fullmatch(name) and _is_regular(table.columns[name])]
+    if stamps:
+        what = f"there is no column time, and {stamps[0]} increases steadily as one: a run, or static poses?"
+        remedy = f"name it time, in s, or bring the log in by `truewrench import`; for static poses remove {stamps[0]}"
+        raise table.error(what, remedy)
+    steps = _steps(table)
+    close = steps < CLOSE
+    if len(steps) >= LONG_RUN and steps.any() and steps[close].sum() > 0.9 * steps.sum() and (steps > 0).mean() > 0.5:
+        what = f"there is no column time, and neighbouring rows differ by {np.median(steps):.2g} rad:"
+        remedy = "add it, or bring the log in by `truewrench import` with its rate in a map, rate = 500 (Hz)"
+        raise table.error(f"{what} a run without its time, not static poses", remedy)
+
+
+def _require_seconds(table: ColumnTable, dt: float) -> None:
+    """Raise InputError where the whole motion is slower than any: its time is in ms, us or ns."""
+    if dt < LONG_STEP:
+        return
+    steps = _steps(table)
+    fastest = float(np.quantile(steps, 0.99)) / dt
+    if fastest < SLOWEST and steps.sum() > STILL:
+        what = f"time steps by {dt:.6g}, and the motion is no faster than {fastest:.2g} rad/s if that is in seconds:"
+        remedy = 'give time in s, or bring the log in by `truewrench import` with units = { time = "ms" } in a map'
+        raise table.error(f"{what} milliseconds or nanoseconds?", remedy)
+
+
+def _steps(table: ColumnTable) -> Array:
+    """Angles by which the rows (n - 1,) turn from one to the next, rad."""
+    if set(QUATERNION) <= set(table.columns):
+        q = np.stack([table.columns[name] for name in QUATERNION])
+        return np.asarray(2 * np.arccos(np.clip(np.abs((q[:, 1:] * q[:, :-1]).sum(axis=0)), 0, 1)))
+    names = [name for name in table.columns if JOINT_ANGLE.fullmatch(name) or name == "phi"]
+    return np.asarray(np.linalg.norm(np.diff([table.columns[name] for name in names], axis=1), axis=0))
+
+
+def _is_regular(column: Array) -> bool:
+    """Whether a column increases by steps that are mostly alike."""
+    steps = np.diff(column)
+    middle = float(np.median(steps)) if len(steps) else 0.0
+    return bool(middle > 0 and (steps >= 0).all() and (np.abs(steps - middle) < 0.5 * middle).mean() > 0.8)
 
 
 def _repeats(table: ColumnTable) -> int:

@@ -24,6 +24,7 @@ from truewrench.commands.options import (
     add_repeatable,
     add_workers,
     print_result,
+    warn_of_readings,
 )
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ def run(arguments: argparse.Namespace) -> None:
     case = DataSet.read(
         arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
     )
+    warn_of_readings((*case.training, *case.validation))
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)

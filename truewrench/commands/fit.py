@@ -15,6 +15,7 @@ from truewrench.commands.options import (
     add_recordings,
     add_repeatable,
     print_result,
+    warn_of_readings,
 )
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ def run(arguments: argparse.Namespace) -> None:
     case = DataSet.read(
         arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
     )
+    warn_of_readings((*case.training, *case.validation))
     model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_effects(arguments.effects, case))
     with progress_line() as progress:
         progress("fit")

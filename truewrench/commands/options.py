@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from estimation.recordings.recording import Recording
 
 Subcommands = argparse._SubParsersAction  # argparse has no public name for what add_subparsers returns
 
@@ -73,3 +77,12 @@ def print_result(
     print(text())
     if written:
         print("\nWritten: " + ", ".join(map(str, written)))
+
+
+def warn_of_readings(recordings: Sequence[Recording]) -> None:
+    """Print on stderr what was suspicious when these recordings were read, a line each."""
+    from estimation.recordings.reading_report import StepKind
+
+    for recording in recordings:
+        for step in () if recording.reading is None else recording.reading.of(StepKind.SUSPICIOUS):
+            print(f"warning: {recording.name}: {str(step).removeprefix(f'{step.where}: ')}", file=sys.stderr)

@@ -7,12 +7,13 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.evidence.channel_faults import clipped_rows, longest_stop
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 
 REGULAR_SHARE = 0.8
 """Share of holds of nearly the same length from which a lower rate, and no standstill, is behind them."""
-SATURATED_SHARE = 0.01
+ZERO_SHARE = 0.01
 
 
 def held_rows(columns: Iterable[Array], samples: int) -> tuple[NDArray[np.bool_], int]:
@@ -39,12 +40,14 @@ def note_suspicious_channels(columns: Mapping[str, Array], where: str, log: Step
         if low == high:
             log.suspicious(f"{name} never changes ({low:.6g})", where)
             continue
-        for bound in (low, high):
-            at = column == bound
-            count = int((at[1:] & at[:-1]).sum())
-            if count > max(SATURATED_SHARE * len(column), 3) and bound != 0.0:
-                log.suspicious(f"{name} stays at its extreme value {bound:.6g}: saturated?", where, count, len(column))
+        clipped, stop = clipped_rows(column), longest_stop(column)
+        if clipped is not None:
+            what = f"{name} stays at its extreme value {clipped[0]:.6g}: saturated?"
+            log.suspicious(what, where, clipped[1], len(column))
+        elif stop is not None and column[stop[0]] != 0.0:
+            what = f"{name} stops at {column[stop[0]]:.6g} from row {stop[0] + 1} on: stuck?"
+            log.suspicious(what, where, stop[1], len(column))
         zeros = column == 0.0
         count = int((zeros[1:] & zeros[:-1]).sum())
-        if count > SATURATED_SHARE * len(column):
+        if count > ZERO_SHARE * len(column):
             log.suspicious(f"{name} is exactly zero: a dead band, or no reading?", where, count, len(column))

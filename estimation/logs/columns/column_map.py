@@ -21,7 +21,7 @@ VECTORS: Mapping[str, tuple[str, ...]] = {
     "position": ("px", "py", "pz"),
 }
 """Columns by name that together are one vector; a map may give them one by one, or as one list."""
-OPTIONS = ("orientation", "orientation_columns", "joints", "units", "wrench_axes", "rate", "offset")
+OPTIONS = ("orientation", "orientation_columns", "orientation_of", "joints", "units", "wrench_axes", "rate", "offset")
 REMEDY = 'write names as keys and columns as values, such as fx = "wrench.force.x"'
 
 
@@ -31,6 +31,7 @@ class ColumnMap:
 
     columns  source columns by name: time, fx .. tz, qx .. qw, px .. pz, q1 .., and any auxiliary signal
     units    factors to SI by kind (time, position, angle, force, torque); `epoch` leaves the time in seconds
+    inverse  whether the orientation is that of the base in the sensor (orientation_of = "base"), not the other way
     axes     "sensor" or "base": along which the wrench is given; rate in Hz of sources without time
     offset   wrench stamp minus motion stamp of the same instant, s; None to estimate it
     """
@@ -39,6 +40,7 @@ class ColumnMap:
     columns: Mapping[str, str] = field(default_factory=dict)
     orientation: tuple[str, ...] = ()
     form: OrientationForm | None = None
+    inverse: bool = False
     units: Mapping[str, float] = field(default_factory=dict)
     axes: str | None = None
     rate: float | None = None
@@ -79,11 +81,9 @@ class ColumnMap:
         if orientation and len(orientation) not in (form or OrientationForm("xyzw")).columns:
             what = f"{len(orientation)} columns of orientation are no {form or 'quaternion x y z w'}"
             raise InputError(what=what, where=where, remedy='state their form, such as orientation = "rotation_vector"')
-        axes = given.text("wrench_axes") if "wrench_axes" in data else None
-        if axes not in (None, "sensor", "base"):
-            raise InputError(what=f"wrench_axes = {quoted(axes)}", where=where, remedy='use "sensor" or "base"')
         return cls(
-            where=where, columns=columns, orientation=orientation, form=form, units=given.units(), axes=axes,
+            where=where, columns=columns, orientation=orientation, form=form, units=given.units(),
+            axes=given.frame("wrench_axes"), inverse=given.frame("orientation_of") == "base",
             rate=given.number("rate", low=0.0), offset=given.number("offset"),
         )  # fmt: skip
 
@@ -107,6 +107,12 @@ class _Checked:
         if not isinstance(value, str) or not value.strip():
             raise self.error(f"{quoted(key)} is {quoted(value)}, not the name of a column")
         return value
+
+    def frame(self, key: str) -> str | None:
+        text = self.text(key) if key in self.data else None
+        if text not in (None, "sensor", "base"):
+            raise self.error(f"{key} = {quoted(text)}", 'use "sensor" or "base"')
+        return text
 
     def texts(self, key: str, lengths: tuple[int, ...] | None) -> list[str]:
         value = self.data[key]
