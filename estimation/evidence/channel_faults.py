@@ -12,7 +12,7 @@ Array: TypeAlias = NDArray[np.float64]
 CLIPPED_SHARE = 0.01
 NEIGHBOURS = 10
 CLIPPED_RATIO = 10.0
-"""Rows held at the extreme value, over those at a usual one of the next levels. A slow signal that turns within its
+"""Repeated rows at the extreme value, over those at a usual one of the next levels. A slow signal that turns within its
 resolution stays at its last level for sqrt(1), at the next ones for sqrt(k) - sqrt(k - 1): a ratio of 5 over ten."""
 LONGEST_STOP, LEAST_STOP = 0.02, 25
 """Share of the rows, and rows, from which a channel that keeps its value has stopped."""
@@ -21,16 +21,15 @@ STOP_RATIO = 50.0
 
 
 def clipped_rows(column: Array) -> tuple[float, int] | None:
-    """The extreme value at which a channel (n,) clips, and the rows that it is held there; None if it does not."""
-    held = column[1:][column[1:] == column[:-1]]
+    """The extreme value at which a channel (n,) clips, and its rows there; None if it does not."""
     for extreme in (float(column.min()), float(column.max())):
-        count = int((held == extreme).sum())
-        if extreme == 0.0 or count <= max(CLIPPED_SHARE * len(column), 3):
+        count = int((column == extreme).sum())
+        if extreme == 0.0 or count - 1 <= max(CLIPPED_SHARE * len(column), 3):
             continue
-        levels, counts = np.unique(held, return_counts=True)
+        levels, counts = np.unique(column, return_counts=True)
         others = counts[levels != extreme]
-        others = others[:NEIGHBOURS] if extreme == column.min() else others[-NEIGHBOURS:]
-        if count > CLIPPED_RATIO * (float(np.median(others)) if len(others) else 0.0):
+        others = others[:NEIGHBOURS] if extreme == levels[0] else others[-NEIGHBOURS:]
+        if count - 1 > CLIPPED_RATIO * (float(np.median(others)) - 1 if len(others) else 0.0):
             return extreme, count
     return None
 

@@ -148,6 +148,5 @@ def _readings(force: Array, quaternion: Array, a: Array) -> Iterator[FrameReadin
         yield _fitted("the positions are in millimetres", unit, turn.apply(1e-3 * a + z, inverse=True), force)
 
 
-
 def _fitted(meaning: str, advice: str, direction: Array, force: Array) -> FrameReading:
     return FrameReading(meaning=meaning, advice=advice, fit=weight_fit(GRAVITY * direction, force))

@@ -55,10 +55,9 @@ def note_motion(recording: Recording, log: StepLog, how: str = "") -> None:
 def note_columns(columns: Mapping[str, Array], where: str, rig: Rig | None, log: StepLog) -> None:
     """What `note_motion` does, of columns (n,) with joint angles or a planar pose, as far as they are a recording."""
     angles = {name: column for name, column in columns.items() if re.fullmatch(r"q[1-9]\d*|phi", name)}
-    if rig is None or rig.arm is None:
-        if "time" in columns and "phi" not in columns:
-            note_speed(angles, float(columns["time"][1] - columns["time"][0]), where, log)
-            return
+    if (rig is None or rig.arm is None) and "time" in columns and "phi" not in columns:
+        note_speed(angles, float(columns["time"][1] - columns["time"][0]), where, log)
+        return
     try:
         recording = recording_from_table(ColumnTable(columns=columns, where=where, first_row=1), name=where, rig=rig)
     except InputError:  # said when the columns are used as a recording

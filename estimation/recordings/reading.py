@@ -24,8 +24,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 MIN_SAMPLES = 20  # of one repeat: fewer do not determine a motion and its acceleration
 MIN_POSES = 3  # static: with fewer, weight and zero of three channels are collinear
-CLOSE = 0.02  # rad between rows that are neighbours in a run
-LONG_RUN = 100  # rows: more static poses than anybody takes without turning further
+CLOSE, SMOOTH = 0.05, 0.8  # rad between the rows of a run, and correlation of one increment with the next
+LONG_RUN = 100  # rows: more static poses than anybody takes in an order as smooth
 LONG_STEP, SLOWEST = 0.3, 0.01  # s and rad/s: nobody records a run as slowly, of a motion as slow
 STILL = 0.5  # rad, by which a sensor that stands still does not turn
 NEARLY_TIME = re.compile(
@@ -192,19 +192,25 @@ def recording_from_table(table: ColumnTable, *, name: str, rig: Rig | None) -> R
 def _require_poses(table: ColumnTable) -> None:
     """Raise InputError where rows without `time` are no static poses but a run: its time is called otherwise, or lost.
 
-    Angles of a run change little from row to row, and poses, though several rows may be taken in each, in large steps.
+    Increments of a run are alike from row to row; those of poses are not, though several rows may be taken in each.
     """
     stamps = [name for name in table.columns if NEARLY_TIME.fullmatch(name) and _is_regular(table.columns[name])]
     if stamps:
         what = f"there is no column time, and {stamps[0]} increases steadily as one: a run, or static poses?"
         remedy = f"name it time, in s, or bring the log in by `truewrench import`; for static poses remove {stamps[0]}"
         raise table.error(what, remedy)
-    steps = _steps(table)
-    close = steps < CLOSE
-    if len(steps) >= LONG_RUN and steps.any() and steps[close].sum() > 0.9 * steps.sum() and (steps > 0).mean() > 0.5:
-        what = f"there is no column time, and neighbouring rows differ by {np.median(steps):.2g} rad:"
+    increments = np.diff(_angles(table), axis=1)
+    step = float(np.median(np.linalg.norm(increments, axis=0)))
+    if increments.shape[1] > LONG_RUN and 0 < step < CLOSE and _lag_correlation(increments) > SMOOTH:
+        what = f"there is no column time, and neighbouring rows differ by {step:.2g} rad as those of a run do"
         remedy = "add it, or bring the log in by `truewrench import` with its rate in a map, rate = 500 (Hz)"
-        raise table.error(f"{what} a run without its time, not static poses", remedy)
+        raise table.error(f"{what}: a run without its time, not static poses", remedy)
+
+
+def _lag_correlation(increments: Array) -> float:
+    """Correlation of increments (k, n) with the next ones, about zero: 1 of a smooth motion, -1/2 of poses at random."""
+    product = float((increments[:, 1:] * increments[:, :-1]).sum())
+    return product / max(float((increments**2).sum()), 1e-300)
 
 
 def _require_seconds(table: ColumnTable, dt: float) -> None:
@@ -221,11 +227,17 @@ def _require_seconds(table: ColumnTable, dt: float) -> None:
 
 def _steps(table: ColumnTable) -> Array:
     """Angles by which the rows (n - 1,) turn from one to the next, rad."""
-    if set(QUATERNION) <= set(table.columns):
-        q = np.stack([table.columns[name] for name in QUATERNION])
-        return np.asarray(2 * np.arccos(np.clip(np.abs((q[:, 1:] * q[:, :-1]).sum(axis=0)), 0, 1)))
-    names = [name for name in table.columns if JOINT_ANGLE.fullmatch(name) or name == "phi"]
-    return np.asarray(np.linalg.norm(np.diff([table.columns[name] for name in names], axis=1), axis=0))
+    return np.asarray(np.linalg.norm(np.diff(_angles(table), axis=1), axis=0))
+
+
+def _angles(table: ColumnTable) -> Array:
+    """Joint angles, a planar angle, or twice a quaternion without jumps of its sign, (k, n)."""
+    if not set(QUATERNION) <= set(table.columns):
+        names = [name for name in table.columns if JOINT_ANGLE.fullmatch(name) or name == "phi"]
+        return np.stack([table.columns[name] for name in names])
+    q = np.stack([table.columns[name] for name in QUATERNION])
+    flips = (q[:, 1:] * q[:, :-1]).sum(axis=0) < 0
+    return np.asarray(2 * q * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 0, 1.0, -1.0))
 
 
 def _is_regular(column: Array) -> bool:
