@@ -260,7 +260,8 @@ def test_an_inverse_homogeneous_matrix_is_inverted_with_its_position(tmp_path: P
     poses[:, :3, :3], poses[:, :3, 3] = turn.inv().as_matrix(), -turn.apply(place, inverse=True)
     parts = {f"ee_pose[{i}]": poses.reshape(-1, 16)[:, i] for i in range(16)}
     kept = frame[["time", *FORCES, *TORQUES]].rename(columns={"time": "t"})
-    path = written({**kept.to_dict("series"), **parts}, tmp_path)
+    path = tmp_path / "log.csv"
+    kept.assign(**parts).to_csv(path, index=False)
     found = imported(path, map=ColumnMap.of({"orientation_of": "base"})).columns
     for name, column in zip(POSITION, place.T, strict=True):
         np.testing.assert_allclose(found[name], column, atol=1e-9)

@@ -77,7 +77,7 @@ class WeightFit:
             return False
         deviation = max(float(ratios.std(ddof=1)), 1e-9) / np.sqrt(len(ratios))
         level = LEVELS.misread / alternatives
-        return float(ratios.mean()) / deviation > float(student_isf(level, len(ratios) - 1))
+        return bool(float(ratios.mean()) > deviation * float(student_isf(level, len(ratios) - 1)))
 
     def is_shown_against(self, other: WeightFit, alternatives: int = 1) -> bool:
         """Whether this fit is nearer to the truth, and explains enough of the readings to be true of them."""

@@ -86,6 +86,10 @@ def _readings(recording: Recording) -> Iterator[FrameReading]:
     yield _reading("the angles are in degrees", 'state units = { angle = "deg" } in a map', degrees)
     base = 'state wrench_axes = "base" in a map' if recording.dimension == 3 else "turn it into the sensor's axes"
     yield _reading("the wrench is along base axes", base, recording, in_base=True)
+    if recording.dimension == 2:
+        yield _reading(
+            "the readings have the other sign", "state the other convention in the rig", recording, sign=-1.0
+        )
     if recording.form is MotionForm.PLANAR_POSE:
         other = _with_columns(recording, {"phi": -1.0, "dphi": -1.0, "ddphi": -1.0})
         yield _reading("phi is the base's in the sensor", 'state orientation_of = "base" in a map', other)
@@ -105,11 +109,13 @@ def _with_columns(recording: Recording, factors: Mapping[str, float]) -> Recordi
     return replace(recording, columns=columns)
 
 
-def _reading(meaning: str, advice: str, recording: Recording, *, in_base: bool = False) -> FrameReading:
+def _reading(
+    meaning: str, advice: str, recording: Recording, *, in_base: bool = False, sign: float = 1.0
+) -> FrameReading:
     turns = _turns(recording)  # (n, k, k), from the sensor to the world
     direction = np.einsum("nji,nj->ni", turns, _specific_force(recording))
     force = recording.wrench[:, : recording.dimension]
-    mounting = _planar_mounting(recording) if recording.dimension == 2 else None
+    mounting = sign * _planar_mounting(recording) if recording.dimension == 2 else None
     if in_base:
         # In the world's own axes there is no mounting: what is measured is turned back.
         force, mounting = np.einsum("nji,nj->ni", turns, force), None if mounting is None else np.abs(mounting)

@@ -42,7 +42,8 @@ def note_motion(recording: Recording, log: StepLog, how: str = "") -> None:
     """Log what the weight and the speed show against the units, axes and orientation as read; `how` to mend it."""
     found = motion_evidence(recording)
     if found is not None and found.is_better:
-        log.suspicious(f"{found.sentence}; {found.best.advice}{how}", recording.name)
+        mending = how if found.best.advice.endswith("in a map") else ""
+        log.suspicious(f"{found.sentence}; {found.best.advice}{mending}", recording.name)
         return
     if found is not None and found.shows_no_weight:
         log.suspicious(found.weight_sentence, recording.name)

@@ -208,7 +208,7 @@ def _require_poses(table: ColumnTable) -> None:
 
 
 def _lag_correlation(increments: Array) -> float:
-    """Correlation of increments (k, n) with the next ones, about zero: 1 of a smooth motion, -1/2 of poses at random."""
+    """Correlation of increments (k, n) with the next ones, about zero: 1 of a smooth motion, -1/2 of random poses."""
     product = float((increments[:, 1:] * increments[:, :-1]).sum())
     return product / max(float((increments**2).sum()), 1e-300)
 

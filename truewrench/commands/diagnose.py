@@ -61,7 +61,6 @@ def run(arguments: argparse.Namespace) -> None:
     case = DataSet.read(
         arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
     )
-    warn_of_readings((*case.training, *case.validation))
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
@@ -72,6 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
         write(found, data, out)
     sign = "" if case.sign is None else f"\n\n{convention_sentence(case.sign)}"
     written = [] if out is None else [out / name for name in FILES]
+    warn_of_readings((*case.training, *case.validation))
     print_result(arguments, lambda: diagnosis_text(found) + sign, lambda: data, written)
 
 

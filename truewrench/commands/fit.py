@@ -64,11 +64,11 @@ def run(arguments: argparse.Namespace) -> None:
     case = DataSet.read(
         arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
     )
-    warn_of_readings((*case.training, *case.validation))
     model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_effects(arguments.effects, case))
     with progress_line() as progress:
         progress("fit")
         found = fit_summary_of(model, case, constraints, robust=arguments.robust)
+    warn_of_readings((*case.training, *case.validation))
     print_fit(
         arguments, found.fit, lambda: found.to_data(case.sign), lambda: found.text(case.sign, runs=arguments.runs)
     )
