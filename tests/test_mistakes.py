@@ -267,14 +267,18 @@ def test_an_inverse_homogeneous_matrix_is_inverted_with_its_position(tmp_path: P
         np.testing.assert_allclose(found[name], column, atol=1e-9)
 
 
-def test_a_command_warns_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("convention", ["on_tool", "on_sensor"])
+def test_a_command_names_the_mistake_in_one_line(
+    convention: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a warning beside what it gives, or in the error of a mass that comes out negative."""
     path = written(w_first(columns_of("poses")), tmp_path)
     rig = tmp_path / "rig.toml"
-    rig.write_text('[sensor]\nconvention = "on_tool"\n')
+    rig.write_text(f'[sensor]\nconvention = "{convention}"\n')
     main(["fit", str(path), "--rig", str(rig)])
-    warnings = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning:")]
-    assert len(warnings) == 1
-    assert "the quaternion is w x y z: the mass is 1.2 kg then" in warnings[0]
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "the quaternion is w x y z: the mass is 1.2 kg then" in lines[0]
 
 
 # ------------------------------------------------------------------------------------- convention

@@ -24,7 +24,7 @@ from truewrench.commands.options import (
     add_repeatable,
     add_workers,
     print_result,
-    warn_of_readings,
+    suspicions_named,
 )
 
 if TYPE_CHECKING:
@@ -64,14 +64,14 @@ def run(arguments: argparse.Namespace) -> None:
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
-    found = diagnosed(case, candidates, arguments.workers)
+    with suspicions_named((*case.training, *case.validation)):
+        found = diagnosed(case, candidates, arguments.workers)
     out = None if arguments.out is None else make_folder(arguments.out)
     data = found.to_data() | ({} if case.sign is None else {"sign": convention_data(case.sign)})
     if out is not None:
         write(found, data, out)
     sign = "" if case.sign is None else f"\n\n{convention_sentence(case.sign)}"
     written = [] if out is None else [out / name for name in FILES]
-    warn_of_readings((*case.training, *case.validation))
     print_result(arguments, lambda: diagnosis_text(found) + sign, lambda: data, written)
 
 

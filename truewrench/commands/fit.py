@@ -15,7 +15,7 @@ from truewrench.commands.options import (
     add_recordings,
     add_repeatable,
     print_result,
-    warn_of_readings,
+    suspicions_named,
 )
 
 if TYPE_CHECKING:
@@ -65,10 +65,9 @@ def run(arguments: argparse.Namespace) -> None:
         arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
     )
     model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_effects(arguments.effects, case))
-    with progress_line() as progress:
+    with suspicions_named((*case.training, *case.validation)), progress_line() as progress:
         progress("fit")
         found = fit_summary_of(model, case, constraints, robust=arguments.robust)
-    warn_of_readings((*case.training, *case.validation))
     print_fit(
         arguments, found.fit, lambda: found.to_data(case.sign), lambda: found.text(case.sign, runs=arguments.runs)
     )

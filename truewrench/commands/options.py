@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,10 +80,21 @@ def print_result(
         print("\nWritten: " + ", ".join(map(str, written)))
 
 
-def warn_of_readings(recordings: Sequence[Recording]) -> None:
-    """Print on stderr what was suspicious when these recordings were read, a line each."""
+@contextmanager
+def suspicions_named(recordings: Sequence[Recording]) -> Iterator[None]:
+    """Name what was suspicious when these recordings were read: a line each on stderr, in an InputError the first."""
     from estimation.recordings.reading_report import StepKind
+    from modeling.errors import InputError
 
-    for recording in recordings:
-        for step in () if recording.reading is None else recording.reading.of(StepKind.SUSPICIOUS):
-            print(f"warning: {recording.name}: {str(step).removeprefix(f'{step.where}: ')}", file=sys.stderr)
+    said = [
+        f"{recording.name}: {str(step).removeprefix(f'{step.where}: ')}"
+        for recording in recordings
+        for step in (() if recording.reading is None else recording.reading.of(StepKind.SUSPICIOUS))
+    ]
+    try:
+        yield
+    except InputError as error:
+        what = "; ".join([error.what, *said[:1]])
+        raise InputError(what=what, where=error.where, remedy=error.remedy) from None
+    for line in said:
+        print(f"warning: {line}", file=sys.stderr)
