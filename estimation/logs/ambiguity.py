@@ -9,24 +9,21 @@ import numpy as np
 
 from estimation.logs.columns.column_recognition import ColumnGroup
 from estimation.logs.columns.column_units import name_and_unit
-from estimation.logs.frame_evidence import CLEARLY, quaternion_orders
+from estimation.logs.frame_evidence import quaternion_orders
 from estimation.logs.log_table import Array
+from estimation.logs.motion_evidence import impossible_speed
 from modeling.errors import InputError
-
-FASTEST_JOINT = 10.0
-"""Radians a second that no joint of a robot with a tool keeps up for a tenth of its motion."""
 
 
 def require_plausible_speed(columns: Mapping[str, Array], rate: float, group: ColumnGroup) -> None:
     """Ask for the unit of joint angles that no name states, where they turn as fast as no robot. Raises InputError."""
     if any(name_and_unit(name)[1] for name in group.columns):
         return
-    angles = np.stack([columns[name] for name in columns if re.fullmatch(r"q\d+", name)], axis=1)
-    apart = max(round(0.1 * rate), 1)
-    speed = np.abs(angles[apart:] - angles[:-apart]).max(axis=1, initial=0.0) * rate / apart
-    fast = float(np.quantile(speed, 0.9)) if len(speed) else 0.0
-    if fast > FASTEST_JOINT:
-        turn = float(np.ptp(angles, axis=0).max())
+    angles = {name: columns[name] for name in columns if re.fullmatch(r"q\d+", name)}
+    found = impossible_speed(angles, 1 / rate)
+    if found is not None:
+        fast = found[1]
+        turn = float(max(np.ptp(column) for column in angles.values()))
         what = f"joint angles {group.columns[0]} .. {group.columns[-1]} could be radians ({turn:.3g} rad at speeds of"
         what += f" {fast:.3g} rad/s) or degrees ({np.radians(turn):.3g} rad at {np.radians(fast):.2g} rad/s)"
         remedy = 'state it in a map: units = { angle = "deg" }, or "rad"'
@@ -36,7 +33,7 @@ def require_plausible_speed(columns: Mapping[str, Array], rate: float, group: Co
 def require_decided_order(columns: Mapping[str, Array], group: ColumnGroup) -> None:
     """Ask for the order of a quaternion that neither names nor the weight decide. Raises InputError."""
     as_read, w_first = quaternion_orders(columns)
-    if as_read.rms < CLEARLY * w_first.rms:
+    if as_read.fit.is_shown_against(w_first.fit):
         return
     means = [f"{order} (mass {one.mass:.3g} kg, residual of the weight {one.rms:.3g} N)"
              for order, one in (("x y z w", as_read), ("w x y z", w_first))]  # fmt: skip

@@ -101,9 +101,7 @@ def quaternion_orders(columns: Mapping[str, Array]) -> tuple[FrameReading, Frame
     quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
     up = _acceleration(columns, every) / GRAVITY + np.array([0.0, 0.0, 1.0])
     turns = (Rotation.from_quat(quaternion), Rotation.from_quat(np.roll(quaternion, -1, axis=1)))
-    first, second = (_fitted("", "", turn.apply(up, inverse=True), force, needed=False) for turn in turns)
-    assert first is not None  # as it is not needed
-    assert second is not None
+    first, second = (_fitted("", "", turn.apply(up, inverse=True), force) for turn in turns)
     return first, second
 
 

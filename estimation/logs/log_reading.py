@@ -129,7 +129,6 @@ def _names(path: Path) -> set[str]:
         return set()
 
 
-from estimation.logs.recording_check import checked
 def read_with_rig(path: str | Path, *, rig: Rig | None, one_run: bool = False, every_row: bool = False) -> Recording:
     """A recording as it stands; where the rig names the columns of its logs, a log of them.
 
@@ -151,8 +150,8 @@ def _as_it_stands(path: Path, rig: Rig | None, *, strict: bool = False, one_run:
         return imported(path, rig=rig, strict=strict).recording(rig)
     recording = recording_from_table(table, name=path.name, rig=rig)
     if one_run or recording.repeats > 1 or recording.dt is None:
-        return recording
-    return _with_its_repeats(recording, table, StepLog(strict=strict))
+        return checked(recording)
+    return checked(_with_its_repeats(recording, table, StepLog(strict=strict)))
 
 
 def _with_its_repeats(recording: Recording, table: ColumnTable, log: StepLog) -> Recording:
