@@ -119,7 +119,7 @@ class _Reading:
         groups += [(group, si.motion(group)) for group in mapping.groups[1:]]
         columns, report_parts = self._on_one_clock(mapping, groups, si.base_axes)
         clocks, offset, period, rate = report_parts
-        if mapping.joints and rate is not None and self.stated.factor("angle") is None:
+        if mapping.joints and arm is None and rate is not None and self.stated.factor("angle") is None:
             require_plausible_speed(columns, rate, mapping.joints[0])
         if {"fz", "qw"} <= set(columns):
             columns = self._frames_checked(columns, mapping, offset)
