@@ -16,9 +16,9 @@ from estimation.contact.contact_detection import (
     ContactDetection,
     ContactSearch,
     detect_contacts,
+    largest_samples,
 )
 from estimation.contact.variance_of_means import VarianceOfMeans
-from estimation.noise.disturbances.transient_windows import largest_samples
 from modeling.noise.autoregressive_noise import NoiseModel
 from truewrench.simulated_rig import NOISE_MODELS
 

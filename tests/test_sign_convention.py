@@ -11,10 +11,12 @@ from scipy.spatial.transform import Rotation
 from estimation.fit import fit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from estimation.recordings.sign_convention import decide_convention, with_decided_convention
+from estimation.recordings.sensor_frame import in_sensor_frame
+from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
 from modeling.chain.model import QUARTER_TURNS, spatial
 from modeling.errors import InputError
 from modeling.rig.rig import Convention
+from truewrench.files.data_set import mounting_angle
 
 GRAVITY = 9.806
 MASS, CENTRE = 0.8, np.array([0.01, -0.02, 0.05])
@@ -69,3 +71,22 @@ def test_a_negative_mass_is_refused() -> None:
     model = replace(spatial(), convention=Convention.ON_TOOL)
     with pytest.raises(InputError, match=r"mass comes out as -0\.8"):
         fit(model, poses(sign=-1.0, turn=np.eye(3)))
+
+
+def test_world_vectors_in_the_sensor_frame_are_those_of_scipy() -> None:
+    """SciPy's inverse rotation, for quaternions that are not normalised; both round a dozen operations."""
+    rng = np.random.default_rng(0)
+    quaternions, vector = rng.standard_normal((50, 4)), rng.standard_normal((50, 3))
+    signals = dict(zip(("qx", "qy", "qz", "qw"), quaternions.T, strict=True))
+    rotation = Rotation.from_quat(quaternions)
+    np.testing.assert_allclose(in_sensor_frame(signals, vector.T), rotation.apply(vector, inverse=True), atol=1e-14)
+    down = rotation.apply([0.0, 0.0, -1.0], inverse=True)
+    np.testing.assert_allclose(in_sensor_frame(signals, (0.0, 0.0, -1.0)), down, atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, np.pi])
+def test_mounting_angle_is_that_of_scipy(angle: float) -> None:
+    """Exact to rounding at both ends, where the arc cosine of the trace would have lost half the digits."""
+    rotation = Rotation.from_rotvec(angle * np.array([2.0, -1.0, 2.0]) / 3)
+    decision = SignDecision(Convention.ON_TOOL, 1.0, 100.0, rotation.as_matrix())
+    assert mounting_angle(decision) == pytest.approx(angle, abs=1e-15)

@@ -14,6 +14,7 @@ from estimation.fit import Fit
 from estimation.model_response import model_signals
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.recording import Recording
+from estimation.recordings.sensor_frame import in_sensor_frame
 
 Array = NDArray[np.float64]
 
@@ -56,10 +57,7 @@ def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
 
 def gravity_direction(signals: Mapping[str, Array]) -> tuple[Array, Array, Array]:
     """Unit vector along the world's -z in the sensor frame: three components (n,)."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
-    orientation = Rotation.from_quat(np.stack([signals[name] for name in ("qx", "qy", "qz", "qw")], axis=1))
-    x, y, z = orientation.apply([0.0, 0.0, -1.0], inverse=True).T
+    x, y, z = in_sensor_frame(signals, (0.0, 0.0, -1.0)).T
     return x, y, z
 
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, median_filter
+from scipy.ndimage import binary_erosion, maximum_filter1d, median_filter, minimum_filter1d
 
 from estimation.contact.variance_of_means import VarianceOfMeans
 from estimation.distributions import chi2_isf, normal_cdf, normal_isf
 from estimation.noise.autoregression import fit_autoregression
-from estimation.noise.disturbances.transient_windows import Windows, cumulative_sums, inside, largest_samples
+from estimation.noise.disturbances.transient_windows import Windows, cumulative_sums, inside
 from modeling.noise.channel_whitening import block_means
 from modeling.significance import LEVELS
 
@@ -304,3 +304,11 @@ def largest_cluster(means: Array, floor: Array, constant: Array) -> SampleMask:
         members = grown
     smoothed = median_filter(members.astype(np.uint8), size=MERGE_GAP + 1, mode="nearest") > 0
     return smoothed if smoothed.sum() > 2 * means.shape[1] else np.ones(len(means), dtype=bool)
+
+
+def largest_samples(series: Array, length: int) -> Array:
+    """The sample of largest magnitude among `length` samples from each one on: (n - length + 1, p) of (n, p)."""
+    count, origin = len(series) - length + 1, -(length // 2)
+    high = maximum_filter1d(series, length, axis=0, origin=origin)[:count]
+    low = minimum_filter1d(series, length, axis=0, origin=origin)[:count]
+    return np.where(high >= -low, high, low)

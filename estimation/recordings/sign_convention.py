@@ -16,6 +16,7 @@ from scipy.linalg import polar
 from estimation.evidence.weight_fit import WeightFit, weight_fit
 from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
+from estimation.recordings.sensor_frame import in_sensor_frame
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.errors import InputError
 from modeling.rig.rig import Convention
@@ -106,12 +107,8 @@ def nearest_quarter_turns(rotation: Array) -> QuarterTurnRotation:
 
 def _specific_force(recording: Recording, gravity: float) -> Array:
     """Acceleration minus gravity in the sensor frame (n, 3): R(q)' (a + g z)."""
-    from scipy.spatial.transform import Rotation
-
     signals = recording.signals
-    world = np.stack([signals["apx"], signals["apy"], signals["apz"] + gravity], axis=1)
-    orientation = Rotation.from_quat(np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1))
-    return np.asarray(orientation.apply(world, inverse=True))
+    return in_sensor_frame(signals, (signals["apx"], signals["apy"], signals["apz"] + gravity))
 
 
 def _centred(rows: Array) -> Array:

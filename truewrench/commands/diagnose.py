@@ -52,12 +52,14 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
+    from diagnosis.parallel.freed_memory import keep_freed_memory
     from truewrench.files.data_set import DataSet, convention_data, convention_sentence
     from truewrench.files.output import make_folder, require_writable_folder
     from truewrench.text.diagnosis_text import diagnosis_text
 
     if arguments.out is not None:
         require_writable_folder(arguments.out)
+    keep_freed_memory()
     case = DataSet.read(
         arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
     )

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import degrees
+from math import atan2, degrees
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from estimation.logs.log_reading import read_with_rig
 from estimation.recordings.recording import Recording
@@ -115,10 +117,9 @@ def _with_convention(model: WrenchModel, recordings: Sequence[Recording]) -> tup
 
 
 def mounting_angle(sign: SignDecision) -> float:
-    """Angle of the mounting rotation, rad."""
-    from scipy.spatial.transform import Rotation
-
-    return float(Rotation.from_matrix(sign.mounting).magnitude())
+    """Angle of the mounting rotation R, rad: R - R' is 2 sin(angle) of its axis, the trace 1 + 2 cos(angle)."""
+    skew = sign.mounting - sign.mounting.T
+    return atan2(float(np.linalg.norm([skew[2, 1], skew[0, 2], skew[1, 0]])), float(np.trace(sign.mounting)) - 1)
 
 
 def convention_sentence(sign: SignDecision) -> str:

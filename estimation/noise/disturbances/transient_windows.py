@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -95,14 +94,6 @@ def variances_of_sums(autocovariance: Array) -> Array:
     """
     lengths = np.arange(1, len(autocovariance) + 1).reshape(-1, *[1] * (autocovariance.ndim - 1))
     return np.asarray(2 * np.cumsum(np.cumsum(autocovariance, axis=0), axis=0) - lengths * autocovariance[0])
-
-
-def largest_samples(series: Array, length: int) -> Array:
-    """The sample of largest magnitude among `length` samples from each one on: (n - length + 1, p) of (n, p)."""
-    count, origin = len(series) - length + 1, -(length // 2)
-    high = maximum_filter1d(series, length, axis=0, origin=origin)[:count]
-    low = minimum_filter1d(series, length, axis=0, origin=origin)[:count]
-    return np.where(high >= -low, high, low)
 
 
 def inside(windows: Iterable[Window], samples: int) -> SampleMask:
