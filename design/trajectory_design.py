@@ -12,7 +12,7 @@ from design.criteria import BayesianCriterion, Criterion, DOptimal
 from design.exciting_trajectory import ExcitingTrajectory
 from design.information import DiscretePrior, Experiment, unidentifiable_combinations
 from design.information.parameter_values import ParameterValues
-from design.limits.rig_limits import arm_and_limits, require_enough_samples
+from design.limits.rig_limits import arm_and_limits, require_enough_samples, require_motion_within_period
 from design.optimiser.design_task import LOW_HARMONICS, DesignTask
 from design.optimiser.local_optimum import LocalOptimum, local_optimum, refine_optimum, screen_start
 from design.optimiser.multistart import LocalSearch, optimise
@@ -144,8 +144,8 @@ def design(
     Raises
     ------
     InputError
-        For a rig without arm or limits, too few samples, a model with parameters that are unidentifiable along every
-        trajectory of this arm, and limits that no trajectory keeps.
+        For a rig without arm or limits, too few samples, too short a period, a model with parameters that are
+        unidentifiable along every trajectory of this arm, and limits that no trajectory keeps.
 
     Examples
     --------
@@ -163,6 +163,7 @@ def design(
     _require_identifiable(experiment, limits)
     chosen = series or FreeSeries(joints=arm.joints, harmonics=DEFAULT_HARMONICS, period=DEFAULT_PERIOD)
     require_enough_samples(chosen, samples)
+    require_motion_within_period(chosen, limits)
     optimised, score = experiment, criterion or DOptimal()
     if prior is not None:
         optimised, score = (

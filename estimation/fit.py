@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.initial_value_names import require_known_start
 from estimation.least_squares.estimates import Estimate, Estimates
 from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.positive_mass import require_positive_mass
@@ -132,10 +133,10 @@ class Fit(Estimates):
         number = next((i for i, r in enumerate(self.recordings) if r is (recording or self.recordings[0])), None)
         if recording is None or number is not None:
             return reading_frame(self.recordings[number or 0], self.response(number or 0).value)
-        lasting = self.model.lasting
-        theta = np.array([self.values[p.name] for p in lasting.parameters])
-        check_channels(lasting, (recording,))
-        return reading_frame(recording, predicted_readings(lasting, recording, theta))
+        shared = self.model.without_recording_specific
+        theta = np.array([self.values[p.name] for p in shared.parameters])
+        check_channels(shared, (recording,))
+        return reading_frame(recording, predicted_readings(shared, recording, theta))
 
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
@@ -233,8 +234,8 @@ def fit(
     ------
     InputError
         When a recording lacks a signal that the model needs, the convention cannot be decided, the mass is
-        significantly negative under the stated convention, a parameter has no initial value, the constraints are
-        infeasible, or chunks or an executor come without a `NoiseModel`.
+        significantly negative under the stated convention, a parameter has no initial value, `start` names none, the
+        constraints are infeasible, or chunks or an executor come without a `NoiseModel`.
 
     Notes
     -----
@@ -258,9 +259,9 @@ def fit(
     parts = (recordings,) if isinstance(recordings, Recording | Chunk) else recordings
     several = _whole_recordings(parts, executor)
     check_channels(model, several)
-    estimated = refit(
-        with_decided_convention(model, several), several, noise=noise, start=start, constraints=constraints
-    )
+    decided = with_decided_convention(model, several)
+    require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
+    estimated = refit(decided, several, noise=noise, start=start, constraints=constraints)
     require_positive_fitted_mass(estimated)
     return estimated
 

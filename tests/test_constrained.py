@@ -120,7 +120,7 @@ def conditions(problem: Straight, found: ConstrainedMinimum, prior: Prior | None
     """
     theta, region, optimality = found.theta, found.region, found.optimality
     J = pseudo_inertia(problem.model).over(problem.names)
-    low, high = (optimality.of_ends(lower=lower) for lower in (True, False))
+    low, high = (optimality.bound_multipliers(lower=lower) for lower in (True, False))
     Z = optimality.Z if len(optimality.Z) else np.zeros((J.size, J.size))
     parts = [2 * problem.A.T @ (problem.A @ theta - problem.b), -low, high, -np.einsum("nm,knm->k", Z, J.slopes)]
     if prior is not None and prior.weight:
@@ -155,7 +155,7 @@ def test_optimality(name: str, bounded: bool) -> None:
         found = posed.solved(Constraints(bounds=around(chosen, 0.02) if bounded else None, physical=True))
         assert found.converged
         conditions(posed, found)
-        assert bounded == bool(found.optimality.of_ends(lower=True).any())
+        assert bounded == bool(found.optimality.bound_multipliers(lower=True).any())
         seen.add(bool(np.abs(found.optimality.Z).max(initial=0.0) > 1e-6))
     assert True in seen
     assert False in seen or bounded or name != "planar"

@@ -110,7 +110,7 @@ def test_optimality_of_a_model_that_is_not_straight() -> None:
     assert found.converged
     assert {active.quantity for active in found.active} >= {"viscous_drag.c", "mlg"}
     std = np.sqrt(np.diag(free.covariance))
-    pushed = (found.optimality.of_ends(lower=True) - found.optimality.of_ends(lower=False)) * std
+    pushed = (found.optimality.bound_multipliers(lower=True) - found.optimality.bound_multipliers(lower=False)) * std
     pushed += np.einsum("nm,knm->k", found.optimality.Z, found.region.slopes) * std
     for i, unit in enumerate(np.diag(std)):
         costs = [float(np.sum(posed.evaluate(found.theta + sign * 1e-4 * unit)[0] ** 2)) for sign in (1, -1)]

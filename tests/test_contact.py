@@ -195,4 +195,4 @@ def test_what_the_poses_did_not_show_is_named() -> None:
 def test_a_delay_is_stated() -> None:
     known = calibrated(Space.PLANE, hidden_in(Space.PLANE, simulated.SensorLag()), "on_tool", effects.sensor_lag())
     contact = compensate(known, recorded(Space.PLANE, seed=3))
-    assert contact.late == pytest.approx(known.values["sensor_lag.time_constant"])
+    assert contact.group_delay == pytest.approx(known.values["sensor_lag.time_constant"])

@@ -260,7 +260,7 @@ def test_a_known_push_arrives_when_it_is_said_to(case: str, channel: int) -> Non
 
     found = minimize_scalar(unlike, bounds=(0.0, 0.15), options={"xatol": 1e-7})
     assert found.fun < -0.99
-    assert found.x == pytest.approx(contact.delay + contact.late, abs=0.02 * DT)
+    assert found.x == pytest.approx(contact.delay + contact.group_delay, abs=0.02 * DT)
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
@@ -270,7 +270,7 @@ def test_the_middle_of_a_push_is_as_late_as_stated_whatever_makes_it_late(case: 
     floor, moves the middle of 2 s of push by 4 s lever / size: 1e-4 s at the most. So it does to the height."""
     contact, result = pushed(case)
     answer, time = np.nan_to_num(result[:, channel]), ticks(len(result))
-    assert answer @ time / answer.sum() == pytest.approx(2.5 + contact.delay + contact.late, abs=2e-4)
+    assert answer @ time / answer.sum() == pytest.approx(2.5 + contact.delay + contact.group_delay, abs=2e-4)
     top = answer[int(2.0 / DT) : int(3.4 / DT)].mean()
     assert top == pytest.approx((4.0, 2.0, 0.3)[channel], abs=0.05 * contact.calibration.floor[channel])
 
@@ -281,7 +281,7 @@ def test_a_lead_is_part_of_the_stated_delay(delay: float, wait: int) -> None:
     known = calibration(model, {"m": 1.0, "time_delay.delay": delay})
     contact = ContactFilter(known, columns=("phi",), window=LocalPolynomial(half=4, dt=DT))
     assert contact.delay == pytest.approx((4 + wait) * DT)
-    assert contact.late == pytest.approx(delay)
+    assert contact.group_delay == pytest.approx(delay)
 
 
 # ---------------------------------------------------------------------------------------- noise and bias

@@ -6,7 +6,7 @@ Every random test is seeded, so that it fails always or never; the probabilities
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -16,10 +16,13 @@ from estimation.fit import Fit, fit
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
+from estimation.robust.robust_fit import robust_fit
 from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue
+from modeling.errors import InputError
+from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
@@ -340,3 +343,13 @@ def test_refit_returns_what_was_hidden(case: Case) -> None:
     assert all(np.isfinite(estimated.parameters[name].std) for name in truth)
     # What was hidden is seen, and not only covered by large std.
     assert any(estimated.parameters[n].std < 0.15 * abs(value) for n, value in truth.items())
+
+
+def test_initial_value_of_no_parameter_is_refused() -> None:
+    """By every estimator, with the name that was probably meant; a bias of another recording's fit is no mistake."""
+    recording, white = recorded(Space.PLANE, seed=1), NoiseModel.white(np.ones(3))
+    for estimate in (fit, robust_fit, partial(fit, noise=white)):
+        with pytest.raises(InputError, match=r"no parameter is called 'viscous_drag\.k'.*did you mean viscous_drag\."):
+            estimate(base(Space.PLANE) + effects.ViscousDrag(), recording, start={"m": 1.0, "viscous_drag.k": 0.1})
+    values = fit(base(Space.PLANE), recording, start={"m": 1.0, "bias_fx@other.csv": 0.1}).values
+    assert values == pytest.approx(fit(base(Space.PLANE), recording).values)

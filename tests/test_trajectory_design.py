@@ -7,10 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from design.limits.rig_limits import require_motion_within_period
 from design.trajectories.fourier import FreeSeries, PaperSeries
 from design.trajectories.rest_to_rest import RestToRest
 from design.trajectories.trajectory import TrajectorySeries
 from design.trajectory_design import DesignStage, design
+from modeling.errors import InputError
 from modeling.rig.rig import Rig
 from tests.test_optimiser import ARM, LIMITS
 
@@ -53,3 +55,14 @@ def test_the_number_of_workers_does_not_decide(series: TrajectorySeries) -> None
     assert together.logdet == alone.logdet
     assert together.evaluations == alone.evaluations
     np.testing.assert_array_equal(together.motion.coefficients, alone.motion.coefficients)
+
+
+@pytest.mark.parametrize(("period", "refused"), [(1e-9, True), (1e-3, True), (0.1, False)])
+def test_period_too_short_for_any_motion_is_refused(period: float, refused: bool) -> None:
+    """At 15 rad/s², the largest limit, a joint travels 0.9 urad in 1 ms and 9 mrad in 0.1 s, of a range of 1.8 rad."""
+    series = FreeSeries(joints=3, harmonics=(1, 2), period=period)
+    if not refused:
+        require_motion_within_period(series, LIMITS)
+        return
+    with pytest.raises(InputError, match=r"no joint can move by a millionth of its range.*longer period"):
+        design(RIG, series=series, starts=1, samples=60, bounded=False)

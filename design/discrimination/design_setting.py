@@ -13,7 +13,7 @@ from design.information.joint_state import signal_names
 from design.information.sampling import CLOCK_SIGNALS
 from design.limits.limit_use import LimitUse
 from design.limits.random_feasible import random_feasible_trajectory
-from design.limits.rig_limits import arm_and_limits, require_enough_samples
+from design.limits.rig_limits import arm_and_limits, require_enough_samples, require_motion_within_period
 from design.optimiser.design_task import DesignTask
 from design.optimiser.objective import Objective
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
@@ -44,9 +44,10 @@ class DesignSetting:
 
     @classmethod
     def of(cls, rig: Rig, *, series: TrajectorySeries, samples: int, noise: StationaryNoise) -> Self:
-        """Of a rig; InputError when it has no arm or no limits, or the samples are too few for the series."""
+        """Of a rig; InputError when it has no arm or no limits, the samples are too few or the period is too short."""
         arm, limits = arm_and_limits(rig)
         require_enough_samples(series, samples)
+        require_motion_within_period(series, limits)
         return cls(
             arm=arm,
             limits=limits,

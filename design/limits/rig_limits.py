@@ -1,4 +1,4 @@
-"""Arm and limits of a rig, checked to admit a periodic trajectory; enough samples for a series."""
+"""Arm and limits of a rig, checked to admit a periodic trajectory; period and samples that suit a series."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from design.trajectories.trajectory import TrajectorySeries
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.rig.rig import Limits, Rig
+
+SMALLEST_STROKE = 2.0**-20
+"""Of a joint's position range: the resolution of an encoder of 20 bits over it."""
 
 
 def arm_and_limits(rig: Rig) -> tuple[Arm, Limits]:
@@ -40,3 +43,16 @@ def require_enough_samples(series: TrajectorySeries, samples: int) -> None:
         raise InputError(
             what=what, where="samples", remedy=f"take {2 * functions} or more, or fewer harmonics or knots"
         )
+
+
+def require_motion_within_period(series: TrajectorySeries, limits: Limits) -> None:
+    """InputError for a period in which no joint can move by more than an encoder resolves.
+
+    Within an acceleration of a magnitude up to a, periodic motion travels at most a T² / 16 from end to end: half the
+    period at a, half at -a.
+    """
+    strokes = abs(limits.acceleration).max(axis=1) * series.duration**2 / 16
+    low, high = limits.position.T
+    if not (strokes > SMALLEST_STROKE * (high - low)).any():
+        what = f"in a period of {series.duration:.3g} s no joint can move by a millionth of its range"
+        raise InputError(what=f"{what} within its acceleration limits", where="period", remedy="take a longer period")

@@ -44,7 +44,7 @@ def inconsistent_effect(candidate: CandidateModel, held_out: Sequence[HeldOut]) 
 def _fit_pairs(candidate: CandidateModel, held_out: Sequence[HeldOut]) -> list[tuple[Fit, Fit, str]]:
     """Pairs of fits of the same effects to different data: training and held-out, or halves of the training data."""
     trained = candidate.fit
-    model = trained.model.lasting
+    model = trained.model.without_recording_specific
     pairs = []
     for other in held_out:
         start = {**trained.values, **other.start}

@@ -66,11 +66,11 @@ def validation_fit(
     values `start` on the non-excited lines, where there are any: on the excited lines they would absorb systematic
     error of the fit.
     """
-    lasting = fit.model.lasting
-    model = lasting + own
-    known = noise if noise is not None else initial_noise(lasting, (recording,))[0]
+    shared = fit.model.without_recording_specific
+    model = shared + own
+    known = noise if noise is not None else initial_noise(shared, (recording,))[0]
     unknowns = parameter_layout(model, (recording,))
-    values = {p.name: fit.parameters[p.name].value for p in lasting.parameters}
+    values = {p.name: fit.parameters[p.name].value for p in shared.parameters}
     theta = initial_values(unknowns, {**values, **(start or {})})
     biases = _mask_of(unknowns, model.biases)
     added = _mask_of(unknowns, [p for e in own for p in e.qualified(model.space)])

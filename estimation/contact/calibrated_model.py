@@ -55,9 +55,9 @@ class CalibratedModel:
         return cls(fitted.model, fitted.theta[:size], covariance, floor, systematic)
 
     @property
-    def lasting(self) -> CalibratedModel:
+    def without_recording_specific(self) -> CalibratedModel:
         """The same without recording-specific effects."""
-        model = self.model.lasting
+        model = self.model.without_recording_specific
         place = {p.name: i for i, p in enumerate(self.model.parameters)}
         index = np.array([place[p.name] for p in model.parameters], dtype=np.intp)
         return CalibratedModel(

@@ -58,8 +58,8 @@ class ContactFilter(Tabular):
     -----
     One Savitzky-Golay window over all columns gives the motion's value, rate and acceleration and smooths the reading,
     so that prediction and reading have the same delay. The prediction passes the sensor's transfer function before it
-    is subtracted from the reading. The contact itself is not deconvolved: the sensor's group delay `late`, relative to
-    the motion's clock, adds to `delay`. A sensor that leads the motion makes `delay` longer.
+    is subtracted from the reading. The contact itself is not deconvolved: the sensor's `group_delay`, relative to the
+    motion's clock, adds to `delay`. A sensor that leads the motion makes `delay` longer.
 
     Examples
     --------
@@ -85,7 +85,8 @@ class ContactFilter(Tabular):
         zero: ArrayLike | None = None,
     ) -> None:
         """A filter that has received no row."""
-        self.calibration = (fitted if isinstance(fitted, CalibratedModel) else CalibratedModel.of(fitted)).lasting
+        calibration = fitted if isinstance(fitted, CalibratedModel) else CalibratedModel.of(fitted)
+        self.calibration = calibration.without_recording_specific
         self.window = window
         model, theta = self.calibration.model, self.calibration.theta
         biases = len(model.biases)
@@ -190,7 +191,7 @@ class ContactFilter(Tabular):
         return self.window.delay + self._program.latency * self.window.dt
 
     @property
-    def late(self) -> float:
+    def group_delay(self) -> float:
         """Group delay (s) of the sensor at low frequency, relative to the motion's clock."""
         return group_delay(self.calibration.model, self.calibration.theta)
 
@@ -236,7 +237,7 @@ class ContactFilter(Tabular):
         share = 100 * abs(float(self.unfollowed(self.bandwidth / 4)[0]))
         rows = [
             ("delay", f"{self.delay:.6g} s"),
-            ("sensor's group delay", f"{self.late:.6g} s"),
+            ("sensor's group delay", f"{self.group_delay:.6g} s"),
             ("first result at row", f"{self.warm_up}"),
             ("bandwidth (-3 dB)", f"{self.bandwidth:.4g} Hz"),
             ("noise (std)", noise),

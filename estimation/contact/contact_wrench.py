@@ -39,7 +39,7 @@ class ContactWrench(Tabular):
                 y', clockwise), fcx .. tcz in the sensor frame in six axes; N and N m, about the sensor origin
     noise       (p, p) covariance of one sample's noise; `systematic_covariance` (n, p, p) that from parameters and zero
     zero_shift  (p,) zero of the readings less that of the calibration, in the channels' units
-    late        s, group delay of the sensor's dynamics at low frequency
+    group_delay s, group delay of the sensor's dynamics at low frequency
     unknown     per unidentifiable parameter of the calibration, the largest change of the contact wrench per unit of it
     """
 
@@ -50,7 +50,7 @@ class ContactWrench(Tabular):
     noise: Array
     systematic_covariance: Array
     zero_shift: Array
-    late: float
+    group_delay: float
     unknown: Mapping[str, float]
     tip_length: float | None = None
 
@@ -209,7 +209,7 @@ def compensate(
     this recording (22.13 in chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot
     Manipulators", Bassi et al.). The zero is the mean residual where the tool is free (`detect_contacts`), or the
     calibration's with `keep_zero`; the parameters' covariance propagates about that zero, since an error in the weight
-    moves the zero too. The sensor's dynamics are not inverted, which would amplify the noise (`late`).
+    moves the zero too. The sensor's dynamics are not inverted, which would amplify the noise (`group_delay`).
 
     Examples
     --------
@@ -222,7 +222,7 @@ def compensate(
     >>> [(round(contact.time_of(i.first), 1), round(contact.time_of(i.last), 1)) for i in contact.intervals]
     [(1.5, 2.5), (6.5, 7.5), (11.5, 12.5), (16.5, 17.5)]
     """
-    known = _calibration(fitted).lasting
+    known = _calibration(fitted).without_recording_specific
     check_channels(known.model, (recording,))
     response = model_response(known.model, recording, known.theta)
     gain, slopes = contact_gain_at(known.model, known.theta)
@@ -254,7 +254,7 @@ def compensate(
         noise=inverse @ found.covariance @ inverse.T,
         systematic_covariance=systematic + inverse @ found.zero_covariance @ inverse.T,
         zero_shift=found.zero,
-        late=group_delay(known.model, known.theta),
+        group_delay=group_delay(known.model, known.theta),
         unknown=_unidentified_parameters(known, unidentifiable),
         tip_length=_tip_length(recording, tip_length),
     )

@@ -190,7 +190,7 @@ def _motion_error(recording: Recording, name: str) -> Array:
 
 def validation_rows(fit: Fit, number: int, other: Recording) -> tuple[ValidationRow, ...]:
     """Mean error and variance of each channel when a fit predicts another recording, without re-estimation."""
-    model = fit.layout.models[number].lasting
+    model = fit.layout.models[number].without_recording_specific
     values = dict(
         zip((p.name for p in fit.layout.models[number].parameters), fit.theta[fit.layout.index[number]], strict=True)
     )

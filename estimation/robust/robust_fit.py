@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from estimation.confidence_intervals import Intervals, intervals
 from estimation.fit import Estimate, Fit, WhitenedProblem, check_channels, refit, require_positive_fitted_mass
+from estimation.initial_value_names import require_known_start
 from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.parameter_layout import parameter_layout
 from estimation.recordings.recording import Recording, with_readings
 from estimation.recordings.sign_convention import with_decided_convention
 from estimation.robust.outliers import OUTLIER_COLUMNS, Outliers, separate_outliers
@@ -135,7 +137,9 @@ def robust_fit(
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     check_channels(model, several)
-    plain = refit(with_decided_convention(model, several), several, start=start)
+    decided = with_decided_convention(model, several)
+    require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
+    plain = refit(decided, several, start=start)
     found = _iterated(plain, loss or Huber())
     require_positive_fitted_mass(found.fit)
     return found

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.initial_value_names import require_known_start
 from estimation.least_squares.estimates import Estimates
 from estimation.least_squares.levenberg_marquardt import levenberg_marquardt
 from estimation.least_squares.positive_mass import require_positive_mass
@@ -205,6 +206,7 @@ def estimate_streamed(
         what = "a streamed fit cannot decide the sign convention"
         remedy = 'state convention = "on_tool" or "on_sensor" under [sensor] in the rig'
         raise InputError(what=what, where=where, remedy=remedy)
+    require_known_start(start or (), model, model.parameters)
     is_linear = linear_regressor_map(model) is not None
     if again is not parts and not is_linear:
         what = "the model is not linear in its parameters and needs several passes"

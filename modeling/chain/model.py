@@ -178,7 +178,7 @@ class WrenchModel:
         return replace(self, effects=())
 
     @property
-    def lasting(self) -> WrenchModel:
+    def without_recording_specific(self) -> WrenchModel:
         """The model without recording-specific effects (contact event, bias drift)."""
         return replace(self, effects=tuple(e for e in self.effects if not e.per_recording))
 

@@ -43,8 +43,9 @@ class FittedModel:
     def of(cls, model: WrenchModel, theta: Array, dt: float | None = None) -> FittedModel:
         """A fitted model without its recording-specific disturbances; dt (s) is needed where it has memory."""
         values = dict(zip((p.name for p in model.parameters), map(float, theta), strict=True))
-        lasting = np.array([values[p.name] for p in model.lasting.parameters])
-        return cls(model.lasting, lasting, dt, tuple(e.id for e in model.effects if e.per_recording))
+        kept = model.without_recording_specific
+        theta = np.array([values[p.name] for p in kept.parameters])
+        return cls(kept, theta, dt, tuple(e.id for e in model.effects if e.per_recording))
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:

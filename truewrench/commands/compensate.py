@@ -106,7 +106,7 @@ def contact_data(contact: ContactWrench) -> dict[str, Any]:
         "noise": _by_name(contact.names, np.sqrt(np.diag(contact.noise))),
         "free": float(found.free.mean()),
         "false_alarms": found.false_alarms,
-        "late": contact.late,
+        "late": contact.group_delay,
         "unknown": dict(contact.unknown),
         "contacts": [
             {
@@ -158,8 +158,8 @@ def contact_text(contact: ContactWrench) -> str:
             f"{contact.names[int(ratio.argmax())]} is {ratio.max():.0f} times as noisy as in the fitted recording:"
             " physics is missing from the model, or it was fitted to averages; smaller contacts are not detectable."
         )
-    if contact.late:
-        lines.append(f"The sensor delays a contact by {contact.late * 1e3:.3g} ms; this is not compensated.")
+    if contact.group_delay:
+        lines.append(f"The sensor delays a contact by {contact.group_delay * 1e3:.3g} ms; this is not compensated.")
     if contact.unknown:
         lines.append(f"Not identifiable in the fit, kept at the value of the model: {', '.join(contact.unknown)}.")
     return "\n\n".join([lines[0], "\n".join(lines[1:])])

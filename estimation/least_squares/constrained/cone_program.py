@@ -65,7 +65,7 @@ class ConeProgram:
     @property
     def _held(self) -> Array:
         """(k,) root of the damping of each whitened parameter."""
-        return np.sqrt(self.damping + np.where(self.local.seen, 0.0, UNIDENTIFIABLE_DAMPING))
+        return np.sqrt(self.damping + np.where(self.local.identifiable, 0.0, UNIDENTIFIABLE_DAMPING))
 
     def _objective(self, u: Any) -> Any:
         cp, local = cvxpy(), self.local

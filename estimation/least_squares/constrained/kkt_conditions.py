@@ -116,7 +116,7 @@ class KKTConditions:
         """(n, n) multiplier of J."""
         return np.asarray(self.active_set.null @ self.inner @ self.active_set.null.T)
 
-    def of_ends(self, *, lower: bool) -> Array:
+    def bound_multipliers(self, *, lower: bool) -> Array:
         """(k,) multipliers of the lower or of the upper bounds."""
         found = np.zeros(len(self.active_set.low))
         for (index, is_lower), value in zip(self.active_set.ends, self.multipliers, strict=False):

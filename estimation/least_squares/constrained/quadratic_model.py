@@ -64,7 +64,7 @@ class QuadraticModel:
         return ScaledSVD.of(self.whole.root, SINGULAR_VALUE_TOLERANCE)
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def identifiable(self) -> NDArray[np.bool_]:
         """(k,) which of the whitened parameters y are identifiable."""
         return self.scaled_svd.regular
 
@@ -79,7 +79,7 @@ class QuadraticModel:
     @cached_property
     def reach(self) -> Array:
         """(k,) y of the quadratic model's unconstrained minimum, 0 along the null space."""
-        return np.where(self.seen, self.scaled_svd.left.T @ self.whole.target, 0.0)
+        return np.where(self.identifiable, self.scaled_svd.left.T @ self.whole.target, 0.0)
 
     @cached_property
     def spread(self) -> Array:
