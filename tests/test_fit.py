@@ -350,6 +350,8 @@ def test_initial_value_of_no_parameter_is_refused() -> None:
     recording, white = recorded(Space.PLANE, seed=1), NoiseModel.white(np.ones(3))
     for estimate in (fit, robust_fit, partial(fit, noise=white)):
         with pytest.raises(InputError, match=r"no parameter is called 'viscous_drag\.k'.*did you mean viscous_drag\."):
-            estimate(base(Space.PLANE) + effects.ViscousDrag(), recording, start={"m": 1.0, "viscous_drag.k": 0.1})
+            estimate(
+                base(Space.PLANE) + effects.named("viscous_drag"), recording, start={"m": 1.0, "viscous_drag.k": 0.1}
+            )
     values = fit(base(Space.PLANE), recording, start={"m": 1.0, "bias_fx@other.csv": 0.1}).values
     assert values == pytest.approx(fit(base(Space.PLANE), recording).values)

@@ -79,7 +79,7 @@ def test_world_vectors_in_the_sensor_frame_are_those_of_scipy() -> None:
     quaternions, vector = rng.standard_normal((50, 4)), rng.standard_normal((50, 3))
     signals = dict(zip(("qx", "qy", "qz", "qw"), quaternions.T, strict=True))
     rotation = Rotation.from_quat(quaternions)
-    np.testing.assert_allclose(in_sensor_frame(signals, vector.T), rotation.apply(vector, inverse=True), atol=1e-14)
+    np.testing.assert_allclose(in_sensor_frame(signals, [*vector.T]), rotation.apply(vector, inverse=True), atol=1e-14)
     down = rotation.apply([0.0, 0.0, -1.0], inverse=True)
     np.testing.assert_allclose(in_sensor_frame(signals, (0.0, 0.0, -1.0)), down, atol=1e-14)
 
