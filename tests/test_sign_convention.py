@@ -88,5 +88,5 @@ def test_world_vectors_in_the_sensor_frame_are_those_of_scipy() -> None:
 def test_mounting_angle_is_that_of_scipy(angle: float) -> None:
     """Exact to rounding at both ends, where the arc cosine of the trace would have lost half the digits."""
     rotation = Rotation.from_rotvec(angle * np.array([2.0, -1.0, 2.0]) / 3)
-    decision = SignDecision(Convention.ON_TOOL, 1.0, 100.0, rotation.as_matrix())
+    decision = SignDecision(Convention.ON_TOOL, 1.0, rotation.as_matrix())
     assert mounting_angle(decision) == pytest.approx(angle, abs=1e-15)
