@@ -12,7 +12,7 @@ from scipy.fft import dct
 
 from estimation.distributions import inverse_trigamma, student_isf
 from estimation.least_squares.column_space import orthonormal_basis
-from estimation.least_squares.estimates import PARAMETER_COLUMNS
+from estimation.least_squares.estimates import PARAMETER_COLUMNS, fixed_parameters
 from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth_power_spectrum
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
@@ -66,9 +66,13 @@ class Intervals(Tabular):
 
     @property
     def half_width(self) -> Array:
-        """(k,) t quantile times std; infinite for an unidentifiable parameter."""
+        """(k,) t quantile times std; infinite for an unidentifiable parameter, zero for a fixed one."""
         quantile = student_isf(0.5 - self.level / 2, self.freedom)
-        return np.asarray(np.where(self.fit.identifiable, quantile * self.std, np.inf))
+        return np.where(self._fixed, 0.0, np.where(self.fit.identifiable, quantile * self.std, np.inf))
+
+    @property
+    def _fixed(self) -> NDArray[np.bool_]:
+        return fixed_parameters(self.fit.unknowns)
 
     @property
     def low(self) -> Array:
@@ -86,7 +90,7 @@ class Intervals(Tabular):
         name, value, std, unit = PARAMETER_COLUMNS
         ends = (Column(end, format=".6g") for end in (f"{100 * self.level:g} % from", "to"))
         numbers = np.column_stack([self.fit.theta, self.std, self.freedom, self.low, self.high])
-        numbers[~self.fit.identifiable] = np.nan
+        numbers[~(self.fit.identifiable | self._fixed)] = np.nan
         rows = [(p.name, *row, p.unit) for p, row in zip(self.fit.unknowns, numbers.tolist(), strict=True)]
         return Table.of((name, value, std, Column("freedom", format=".3g"), *ends, unit), rows)
 

@@ -48,10 +48,11 @@ def bonferroni_level(candidates: int) -> float:
 def chi_square_penalty(model: WrenchModel, candidates: int) -> float:
     """Penalty on the whitened chi-square for a model's effects: the sum of their Bonferroni thresholds.
 
-    That of an effect of k parameters is the chi-square quantile with k degrees of freedom at 1 % over the number of
-    candidates, as in the score test.
+    That of an effect of k free parameters is the chi-square quantile with k degrees of freedom at 1 % over the number
+    of candidates, as in the score test.
     """
-    return sum(bonferroni_threshold(len(e.parameters(model.space)), candidates) for e in model.effects)
+    free = [sum(not p.fixed for p in effect.parameters(model.space)) for effect in model.effects]
+    return sum(bonferroni_threshold(number, candidates) for number in free)
 
 
 def bonferroni_threshold(parameters: int, candidates: int) -> float:

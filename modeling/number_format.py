@@ -138,6 +138,7 @@ class FormattedQuantity:
     def of(
         cls, name: str, value: float | None, unit: str, std: float | None = None, *, digits: int = 3
     ) -> FormattedQuantity:
-        """A value to so many significant digits, or with its std."""
+        """A value to so many significant digits, or with its std; one with a std of zero is fixed."""
         text = format_number(value, digits) if std is None or value is None else format_with_std(value, std)
+        text += " (fixed)" if std == 0 else ""
         return cls(name, text, format_unit(unit))

@@ -40,6 +40,11 @@ class Parameter:
         """Whether it is not identifiable while the amplitudes vanish: found by grid search, not by a score test."""
         return self.role is not Role.AMPLITUDE
 
+    @property
+    def fixed(self) -> bool:
+        """Whether its bounds coincide: it is held at its nominal value, and no expression has its symbol."""
+        return self.bounds[0] == self.bounds[1]
+
     @cached_property
     def symbol(self) -> sp.Symbol:
         """The SymPy symbol of this parameter in all derivations."""

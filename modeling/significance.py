@@ -23,6 +23,10 @@ class DecisionLevels:
     refuted: float = 0.001
     """Score test, each, of an effect that the final model lacks, from which on its absence needs a reason: so
     significant an effect was tried and failed in its exact refit. A false alarm costs a remark in a table."""
+    offset: float = 0.01
+    """Point of application beside the tip axis (score test of x and y, each effect), given an effect on the axis. A
+    false alarm costs two parameters with the std that they have; a miss leaves a point that is off by less than three
+    of its std."""
     poorly_known_noise: float = 1e-4
     """Chi-square test, each, of an effect not significant by F: so much power is missed only because the noise was
     averaged over too few repeats. A false alarm costs a remark in a table."""

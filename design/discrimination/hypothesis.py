@@ -27,7 +27,7 @@ class Hypothesis:
     def of(cls, model: WrenchModel, values: ParameterValues) -> Self:
         """The model at values by name; names of other models are ignored, and values are nominal where not named."""
         own = {p.name: values[p.name] for p in model.parameters if p.name in values}
-        return cls(model, parameter_vector(model, own))
+        return cls(model.unrestricted, parameter_vector(model, own))
 
     @property
     def values(self) -> dict[str, float]:

@@ -86,7 +86,7 @@ class Experiment:
                 where="experiment",
                 remedy="take a planar model with a planar arm, a spatial one with a spatial arm",
             )
-        model = model.with_arm(arm)
+        model = model.with_arm(arm).unrestricted
         unsuitable = [e.id for e in model.effects if not e.stage.adds]
         if unsuitable:
             what = f"{unsuitable[0]} is neither static nor linear dynamic"

@@ -11,6 +11,7 @@ from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.parallel.workers import Workers
 from diagnosis.screening.score_test import ScoreTest, refit_initial_values, screen, significant_effects
 from diagnosis.screening.screening_cache import ScreeningCache
+from diagnosis.selection.offset_test import effect_with_offsets
 from estimation.fit import Estimate, Fit
 from estimation.model_response import predicted_readings
 from estimation.multiplicity import chi_square_penalty
@@ -65,14 +66,19 @@ def with_disturbances(
     found = replace(held_out, disturbances=(), start={})
     workers = workers or Workers()
     while found.disturbances_identifiable and (
-        extended := _with_best_effect(found, fit, [e for e in listed if e not in found.disturbances], workers)
+        extended := _with_best_effect(found, fit, _others(listed, found.disturbances), workers)
     ):
         found = _relocated(extended, fit, workers)
     for effect in found.disturbances[:-1]:
-        without = replace(found, disturbances=tuple(e for e in found.disturbances if e != effect))
+        without = replace(found, disturbances=_others(found.disturbances, [effect]))
         if not _significant(without.non_excited_fit(fit), [effect], ScreeningCache(workers)):
             found = without.reestimated(fit)
     return found
+
+
+def _others(effects: Sequence[Effect], known: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Those effects that are not among the known ones."""
+    return tuple(e for e in effects if e.id not in {k.id for k in known})
 
 
 def _with_best_effect(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], workers: Workers) -> HeldOut | None:
@@ -94,7 +100,9 @@ def _with_each_significant(held_out: HeldOut, fit: Fit, effects: Sequence[Effect
     found = []
     for screening in _significant(non_excited, effects, cache):
         start = {**held_out.start, **refit_initial_values(non_excited, screening, cache)}
-        found.append(replace(held_out, disturbances=(*held_out.disturbances, screening.effect), start=start))
+        on_axis = replace(held_out, disturbances=(*held_out.disturbances, screening.effect), start=start)
+        tested = effect_with_offsets(on_axis.non_excited_fit(fit), screening.effect, cache)
+        found.append(replace(on_axis, disturbances=(*held_out.disturbances, tested)))
     cache.forget()
     return found
 

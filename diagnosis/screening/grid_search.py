@@ -245,7 +245,7 @@ def refine_onsets(null_model: NullModel, effect: Effect, start: NuisanceValues) 
     if not times or not steps:
         return start
     short = {p.name: p.name.removeprefix(f"{effect.id}.") for p in own}
-    nuisances = {p.name: start[p.name] for p in own if p.nuisance}
+    nuisances = {p.name: start[p.name] for p in own if p.nuisance and not p.fixed}
     shifts = list(product(min(steps) * np.linspace(-1.0, 1.0, 9), repeat=len(times)))
     for _ in range(MAX_MOVES):
         moved = [nuisances | {t: nuisances[t] + by for t, by in zip(times, shift, strict=True)} for shift in shifts]

@@ -74,9 +74,9 @@ def screen(
 
 
 def absent_effects(fit: Fit, effects: Sequence[Effect]) -> list[tuple[Fit, Effect]]:
-    """Pairs of the fit and each of the effects that its model lacks."""
+    """Pairs of the fit and each of the effects that its model lacks, at a point on the tip axis if it has one."""
     present = {e.id for e in fit.model.effects}
-    return [(fit, e) for e in effects if e.id not in present]
+    return [(fit, e.restricted(fit.model.space)) for e in effects if e.id not in present]
 
 
 def run_searches(

@@ -19,7 +19,8 @@ from diagnosis.screening.score_test import (
     significant_effects,
 )
 from diagnosis.screening.screening_cache import ScreeningCache
-from estimation.fit import Fit, reestimated_noise, refit, shared_objects
+from diagnosis.selection.offset_test import refit_in_own_noise, with_offsets_tested
+from estimation.fit import Fit, refit, shared_objects
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi_square_penalty
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
@@ -104,9 +105,14 @@ class CandidateModel:
         return self.lack_of_fit >= LEVELS.effect
 
     @property
+    def freedom(self) -> int:
+        """Number of its parameters that are not fixed."""
+        return sum(not p.fixed for p in self.fit.unknowns)
+
+    @property
     def excess(self) -> float:
         """Whitened chi-square in excess of its expectation under noise alone, at least 1."""
-        return max(1.0, self.cost - sum(n.whitener.rows for n in self.fit.noise) + len(self.fit.theta))
+        return max(1.0, self.cost - sum(n.whitener.rows for n in self.fit.noise) + self.freedom)
 
     @property
     def criterion(self) -> float:
@@ -184,11 +190,11 @@ def _most_parsimonious(best: CandidateModel, tried: Sequence[CandidateModel]) ->
         return _best_with_common_noise(best, tried)
     alternatives = [best]
     for other in tried:
-        saved = len(best.fit.theta) - len(other.fit.theta)
+        saved = best.freedom - other.freedom
         worse = other.cost - best.cost
         if saved > 0 and worse < bonferroni_threshold(saved, best.candidates) and other.adequate:
             alternatives.append(other)
-    return min(alternatives, key=lambda c: (len(c.fit.theta), c.criterion))
+    return min(alternatives, key=lambda c: (c.freedom, c.criterion))
 
 
 def _best_with_common_noise(best: CandidateModel, tried: Sequence[CandidateModel]) -> CandidateModel:
@@ -280,10 +286,10 @@ def refit_with_effect(candidate: CandidateModel, screening: ScoreTest) -> Candid
     """The candidate with one more effect, refitted exactly from the score test's initial values."""
     before = candidate.fit
     start = {**before.values, **refit_initial_values(before, screening, candidate.cache)}
-    after = refit(before.model + screening.effect, before.recordings, noise=before.noise, start=start)
-    if noise_from_residual(before):
-        after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
-    return CandidateModel(after, candidate.candidates, candidate.cache, candidate.given)
+    after = refit_in_own_noise(before, before.model + screening.effect, start)
+    given = {e.id for e in candidate.given}
+    tested = with_offsets_tested(after, candidate.cache, [e for e in after.model.effects if e.id not in given])
+    return CandidateModel(tested, candidate.candidates, candidate.cache, candidate.given)
 
 
 def refit_effects(

@@ -14,6 +14,7 @@ from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from estimation.fit import Fit, WhitenedProblem, initial_values
 from estimation.parameter_layout import parameter_layout
 from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.rival_fit import RivalFit, error_probability, fit_rival
 from modeling.significance import LEVELS
@@ -62,11 +63,22 @@ class AliasProblem(WhitenedProblem):
 
 @dataclass(frozen=True, eq=False)
 class AliasCandidate:
-    """A screened effect in the `place` (id) of an added one; `without` is the fit with the other added effects."""
+    """A screened effect in the `place` (id) of an added one; `without` is the fit with the other added effects.
+
+    free  whether no parameter of the screened effect is fixed: the added one is at a point beside the tip axis, where
+          an effect on the axis could not be as good
+    """
 
     place: str
     without: Fit
     screening: ScoreTest
+    free: bool
+
+    @property
+    def model(self) -> WrenchModel:
+        """The model with the screened effect in that place."""
+        model, effect = self.without.model, self.screening.effect
+        return model + (effect.unrestricted(model.space) if self.free else effect)
 
 
 def alias_candidates(
@@ -77,8 +89,10 @@ def alias_candidates(
     places = candidate.without_each((selection.base, *selection.tried))
     others = {i: [e for e in effects if e.id != i] for i in places}
     run_searches([key for i, without in places.items() for key in absent_effects(without.fit, others[i])], cache)
+    model = candidate.fit.model
+    free = {e.id: e != e.restricted(model.space) for e in model.effects}
     return [
-        AliasCandidate(i, without.fit, s)
+        AliasCandidate(i, without.fit, s, free[i])
         for i, without in places.items()
         for s in _most_significant(without.screened(others[i]))
     ]
@@ -111,7 +125,7 @@ def noncentrality_of_alias(target: tuple[Array, ...], alternative: AliasCandidat
     Infinite when the alternative has no solution at the score test's initial values.
     """
     without, screening = alternative.without, alternative.screening
-    unknowns = parameter_layout(without.model + screening.effect, without.recordings)
+    unknowns = parameter_layout(alternative.model, without.recordings)
     problem = AliasProblem(unknowns, without.recordings, without.noise, target)
     try:
         return fit_rival(problem, [initial_values(unknowns, {**without.values, **screening.start})]).noncentrality

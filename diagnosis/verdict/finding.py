@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
@@ -147,7 +147,8 @@ def _score_tests_of_added(final: CandidateModel, steps: Sequence[SelectionStep])
     found = []
     for before, step in pairwise(steps):
         effect = next(e for e in final.added if e.id == step.effect)
-        found.append(screen(before.fit, [effect], candidates=final.candidates, cache=final.cache)[0])
+        (tested,) = screen(before.fit, [effect], candidates=final.candidates, cache=final.cache)
+        found.append(replace(tested, effect=effect))
     return found
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.fit import Fit
+from estimation.least_squares.estimates import fixed_parameters
 from estimation.noise.recording_noise import NoiseSource
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.model import WrenchModel
@@ -24,7 +25,7 @@ class CalibratedModel:
     """A model, its parameters with covariance, and its noise and systematic residual where it was fitted.
 
     theta       (k,) in the model's order; biases are those of the first recording
-    covariance  (k, k); an unidentifiable parameter has an infinite variance and zero covariances
+    covariance  (k, k); an unidentifiable parameter has an infinite variance and zero covariances, a fixed one zeros
     floor       (p,) std of one sample, in the channels' units
     remainder   (p,) RMS of the systematic residual: the part that noise does not explain
     """
@@ -45,7 +46,9 @@ class CalibratedModel:
         covariance = fitted.covariance[:size, :size].copy()
         unidentifiable = ~fitted.identifiable[:size]
         covariance[unidentifiable], covariance[:, unidentifiable] = 0.0, 0.0
-        covariance[unidentifiable, unidentifiable] = np.inf
+        covariance[unidentifiable, unidentifiable] = np.where(
+            fixed_parameters(fitted.unknowns[:size])[unidentifiable], 0.0, np.inf
+        )
         if isinstance(fitted, StreamedFit):
             floor = fitted.noise.floor
             systematic = floor * np.sqrt(max(fitted.misfit - 1, 0.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -56,6 +56,11 @@ PARAMETER_COLUMNS = (
 )
 
 
+def fixed_parameters(parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
+    """Which of the parameters (k,) are fixed."""
+    return np.array([p.fixed for p in parameters])
+
+
 class Estimates(Tabular):
     """Parameters estimated by least squares, from recordings or a stream.
 
@@ -80,8 +85,9 @@ class Estimates(Tabular):
 
     @cached_property
     def parameters(self) -> Mapping[str, Estimate]:
-        """Every parameter by name, with std and unit; an unidentifiable one has an infinite std."""
+        """Every parameter by name, with std and unit; an unidentifiable one has an infinite std, a fixed one none."""
         std = np.where(self.identifiable, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.inf)
+        std[fixed_parameters(self.unknowns)] = 0.0
         return {
             p.name: Estimate(p.name, float(value), float(s), p.unit)
             for p, value, s in zip(self.unknowns, self.theta, std, strict=True)
@@ -129,8 +135,9 @@ class Estimates(Tabular):
 
     @cached_property
     def unidentifiable(self) -> tuple[UnidentifiableDirection, ...]:
-        """Unidentifiable parameter combinations."""
-        return unidentifiable_directions(self.scaled_svd, self.unknowns)
+        """Unidentifiable parameter combinations, of parameters that are not fixed."""
+        found = unidentifiable_directions(self.scaled_svd, self.unknowns)
+        return tuple(d for d in found if not any(p.fixed for p in d.parameters))
 
     @cached_property
     def weakest(self) -> LeastCertainDirection | None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from modeling.kinematics.perturbed_arm import PerturbedArm
 
 
-__all__ = ["Chain", "Stage", "point_on_tip", "rigid_chain", "velocity_on_tip", "world_vector"]
+__all__ = ["Chain", "Stage", "point_on_tip", "rigid_chain", "velocity_of_point", "world_vector"]
 
 
 @dataclass(frozen=True)
@@ -139,10 +139,10 @@ def point_on_tip(chain: Chain, distance: sp.Expr) -> sp.Matrix:
     return distance * chain.space.tip_axis
 
 
-def velocity_on_tip(chain: Chain, distance: sp.Expr) -> sp.Matrix:
-    """Velocity (m/s) of that point in the world, expressed in the sensor frame: R' v + omega x r."""
+def velocity_of_point(chain: Chain, point: sp.Matrix) -> sp.Matrix:
+    """Velocity (m/s) in the world of a point r of the tool (m, sensor frame), in that frame: R' v + omega x r."""
     motion = chain.motion
-    return motion.rotation.T * motion.velocity + motion.omega.cross(point_on_tip(chain, distance))
+    return motion.rotation.T * motion.velocity + motion.omega.cross(point)
 
 
 def world_vector(space: Space, *components: sp.Expr) -> sp.Matrix:

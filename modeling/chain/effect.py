@@ -103,9 +103,9 @@ class Effect(ABC):
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
         """Grid of nuisance values for the search; a single empty set without nuisance parameters.
 
-        Each point has every nuisance parameter, and those amplitudes (the same ones each time) that have no useful
-        derivative at their nominal value: their sensitivity is then the finite difference between the value given and
-        the nominal one.
+        Each point has every nuisance parameter that is free in the `restricted` effect, and those amplitudes (the same
+        ones each time) that have no useful derivative at their nominal value: their sensitivity is then the finite
+        difference between the value given and the nominal one.
         """
         return ({},)
 
@@ -117,6 +117,14 @@ class Effect(ABC):
         """The effect for a model of that arm."""
         return self
 
+    def restricted(self, space: Space) -> Self:
+        """The effect with those parameters fixed that only significant evidence frees; by default itself."""
+        return self
+
+    def unrestricted(self, space: Space) -> Self:
+        """The effect with all of its parameters free; by default itself."""
+        return self
+
     def qualified(self, space: Space) -> tuple[Parameter, ...]:
         """The parameters under their full names, `<id>.<name>`."""
         return tuple(replace(p, name=f"{self.id}.{p.name}") for p in self.parameters(space))
@@ -126,7 +134,11 @@ class Effect(ABC):
         return any(p.role is role for p in self.parameters(space))
 
     def applied(self, chain: Chain) -> Chain:
-        """The chain with this effect in it, in terms of its qualified parameters' symbols."""
-        own = self.parameters(chain.space)
-        symbols = (p.symbol for p in self.qualified(chain.space))
-        return self.perturb(chain, {p.name: symbol for p, symbol in zip(own, symbols, strict=True)})
+        """The chain with this effect in it, in terms of its qualified parameters' symbols; fixed ones are numbers."""
+        own, full = self.parameters(chain.space), self.qualified(chain.space)
+        values = (_number(p.nominal) if p.fixed else p.symbol for p in full)
+        return self.perturb(chain, {p.name: value for p, value in zip(own, values, strict=True)})
+
+
+def _number(value: float) -> sp.Expr:
+    return sp.Float(value) if value else sp.S.Zero

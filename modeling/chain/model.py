@@ -184,8 +184,13 @@ class WrenchModel:
 
     @property
     def designable(self) -> WrenchModel:
-        """The model without effects for which no exciting trajectory can be designed."""
-        return replace(self, effects=tuple(e for e in self.effects if e.designable))
+        """The model without effects for which no exciting trajectory can be designed, no parameter fixed."""
+        return replace(self.unrestricted, effects=tuple(e for e in self.unrestricted.effects if e.designable))
+
+    @property
+    def unrestricted(self) -> WrenchModel:
+        """The model with all parameters of its effects free; they have the same names and order."""
+        return replace(self, effects=tuple(e.unrestricted(self.space) for e in self.effects))
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -148,9 +148,11 @@ def dynamics_documentation(fitted: FittedModel) -> list[str]:
             " number of steps of Newton's method; its forcing is linear between samples (first-order hold). It starts"
             " from the static equilibrium of the first sample."
         )
-    if fitted.fixed_parameters:
-        values = ", ".join(f"{p.name} = {fitted.values[p.name]!r} {p.unit}" for p in fitted.fixed_parameters)
-        found.append(f"Fixed in the discretisation: {values}.")
+    for where, fixed in (("model", True), ("discretisation", False)):
+        own = [p for p in fitted.fixed_parameters if p.fixed is fixed]
+        if own:
+            values = ", ".join(f"{p.name} = {fitted.values[p.name]!r} {p.unit}" for p in own)
+            found.append(f"Fixed in the {where}: {values}.")
     if fitted.program.latency:
         found.append(
             f"Readings lead the motion, or lag it by less than one sample: outputs belong to the sample of"

@@ -98,7 +98,7 @@ class FittedModel:
 
     @property
     def fixed_parameters(self) -> tuple[Parameter, ...]:
-        """The parameters whose values are fixed in a discretisation."""
+        """The parameters whose values are fixed in a discretisation, or in the model."""
         return tuple(p for p in self.model.parameters if p not in self.parameters)
 
     @cached_property

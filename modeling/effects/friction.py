@@ -7,9 +7,15 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from modeling import symbolic as sp
-from modeling.chain.chain import Chain, Stage, velocity_on_tip
+from modeling.chain.chain import Chain, Stage, velocity_of_point
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
-from modeling.effects.tip_force import SMOOTHING_SPEED, TIP_DISTANCE, tip_distances, with_tip_force
+from modeling.effects.point_effect import (
+    SMOOTHING_SPEED,
+    PointEffect,
+    point_of_application,
+    tip_distances,
+    with_force,
+)
 from modeling.parameter import Parameter
 from modeling.space import Space
 
@@ -18,26 +24,28 @@ SMOOTHING_RATE = 1e-3
 
 
 @dataclass(frozen=True)
-class ViscousDrag(Effect):
-    """A force against the velocity of the point at distance d along the tip: F = -c v (on the tool, N).
+class ViscousDrag(PointEffect):
+    """A force against the velocity of a point of the tool: F = -c v (on the tool, N).
 
-    c in N s/m is positive (dissipative), d in m; the torque about the sensor is r x F.
+    c in N s/m is positive (dissipative). The point r is at the distance d (m) along the tip; in six axes it is
+    (x, y, d) in the sensor frame. The torque about the sensor is r x F.
     """
 
     id = "viscous_drag"
     title = "drag proportional to speed"
     stage = Stage.TIP_BODY
-    equation = "F = -c v(d)"
+    equation = "F = -c v(r)"
     advice = "run the same path at half and double speed; look for a hose, a brush or a fluid that the tool moves in"
     confused_with = "quadratic_drag, in a narrow range of speeds; sensor_lag, in motion of one frequency"
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """c in N s/m, d in m."""
-        return (Parameter(name="c", unit="N s/m", bounds=(0.0, inf)), TIP_DISTANCE)
+        """c in N s/m, the point in m."""
+        return (Parameter(name="c", unit="N s/m", bounds=(0.0, inf)), *self.point_parameters(space))
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the drag force to the tool."""
-        return with_tip_force(chain, -p["c"] * velocity_on_tip(chain, p["d"]), p["d"])
+        point = point_of_application(chain, p)
+        return with_force(chain, -p["c"] * velocity_of_point(chain, point), point)
 
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
         """Points along the tip."""
@@ -46,26 +54,28 @@ class ViscousDrag(Effect):
 
 @dataclass(frozen=True)
 class QuadraticDrag(ViscousDrag):
-    """A force against the velocity of the point at distance d, proportional to its square: F = -c |v| v (N).
+    """A force against the velocity of a point of the tool, proportional to its square: F = -c |v| v (N).
 
-    c in N s²/m² is positive, d in m; |v| is smoothed below 1e-6 m/s.
+    c in N s²/m² is positive; |v| is smoothed below 1e-6 m/s. The point r is at the distance d (m) along the tip; in six
+    axes it is (x, y, d) in the sensor frame. The torque about the sensor is r x F.
     """
 
     id = "quadratic_drag"
     title = "drag proportional to speed squared"
-    equation = "F = -c |v(d)| v(d)"
+    equation = "F = -c |v(r)| v(r)"
     advice = "run the same path at half and double speed: a quarter and four times the force; look for a large plate"
     confused_with = "viscous_drag, in a narrow range of speeds"
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """c in N s²/m², d in m."""
-        return (Parameter(name="c", unit="N s²/m²", bounds=(0.0, inf)), TIP_DISTANCE)
+        """c in N s²/m², the point in m."""
+        return (Parameter(name="c", unit="N s²/m²", bounds=(0.0, inf)), *self.point_parameters(space))
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the quadratic drag force to the tool."""
-        velocity = velocity_on_tip(chain, p["d"])
+        point = point_of_application(chain, p)
+        velocity = velocity_of_point(chain, point)
         speed = sp.sqrt(velocity.dot(velocity) + SMOOTHING_SPEED**2)
-        return with_tip_force(chain, -p["c"] * speed * velocity, p["d"])
+        return with_force(chain, -p["c"] * speed * velocity, point)
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from fractions import Fraction
 from itertools import combinations, product
 
 from modeling import symbolic as sp
-from modeling.chain.chain import Chain, Stage, point_on_tip
+from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, GridSuperposition, NuisanceValues, SearchDomain
-from modeling.effects.tip_force import TIP_DISTANCE
+from modeling.effects.point_effect import PointEffect, point_of_application
 from modeling.parameter import Parameter, Role
 from modeling.space import Space, signals
 from modeling.tool.rigid_body import RigidBody
@@ -23,11 +23,12 @@ NO_END = 1e9
 
 
 @dataclass(frozen=True)
-class PayloadChange(Effect):
-    """A point mass is added to the tool at an onset time, at distance d along the tip; negative when it is removed.
+class PayloadChange(PointEffect):
+    """A point mass is added to the tool at an onset time; it is negative when the mass is removed.
 
-    mass in kg, d in m, time in s; with the point r = d along the tip, mass adds to m, mass r to the first moment and
-    mass (r·r - r r') to the inertia about the sensor. The ramp takes 10 ms.
+    mass in kg, time in s. The point r is at the distance d (m) along the tip; in six axes it is (x, y, d) in the sensor
+    frame. mass adds to m, mass r to the first moment and mass (r·r - r r') to the inertia about the sensor. The ramp
+    takes 10 ms.
     """
 
     id = "payload_change"
@@ -39,17 +40,17 @@ class PayloadChange(Effect):
     per_recording = True
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """mass in kg, d in m, time in s."""
+        """mass in kg, the point in m, time in s."""
         return (
             Parameter(name="mass", unit="kg"),
-            TIP_DISTANCE,
+            *self.point_parameters(space),
             Parameter(name="time", unit="s", role=Role.ONSET),
         )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the mass to the tool."""
         (time,) = signals("time")
-        mass, r = p["mass"] * ramp(time - p["time"]), point_on_tip(chain, p["d"])
+        mass, r = p["mass"] * ramp(time - p["time"]), point_of_application(chain, p)
         inertia = mass * (r.dot(r) * sp.eye(3) - r * r.T)
         body = chain.body
         heavier = RigidBody(body.mass + mass, body.first_moment + mass * r, body.inertia + inertia)

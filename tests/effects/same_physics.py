@@ -44,6 +44,15 @@ STRONG: Mapping[str, simulated.HiddenEffect] = {
 }
 """Larger than what a rig hides, so that what is of second order in them shows."""
 
+OFF_AXIS: Mapping[str, simulated.HiddenEffect] = {
+    "viscous_drag": simulated.ViscousDrag(x=0.03, y=-0.02),
+    "quadratic_drag": simulated.QuadraticDrag(x=0.03, y=-0.02),
+    "cable_spring": simulated.CableSpring(x=0.03, y=-0.02),
+    "payload_change": simulated.PayloadChange(x=0.03, y=-0.02),
+    "contact_event": simulated.ContactEvent(x=0.03, y=-0.02, d=0.12),
+}
+"""In six axes, beside the tip axis."""
+
 EXACTLY = 1e-10
 """Of the largest reading. Accelerations come from recorded positions, rounded to 1e-12 rad: 1e-12 times the square of
 the highest of 5 harmonics, 6 rad/s, and less."""
@@ -95,7 +104,8 @@ def recorded(space: Space, *hidden: simulated.HiddenEffect) -> tuple[Recording, 
 
 def simulation(case: Case) -> Simulated:
     """The simulated rig with the case's effect."""
-    effect = STRONG.get(case.effect.id, simulated.HIDDEN_EFFECTS[case.effect.id])
+    usual = STRONG.get(case.effect.id, simulated.HIDDEN_EFFECTS[case.effect.id])
+    effect = OFF_AXIS.get(case.effect.id, usual) if case.space is Space.SPACE else usual
     recording, (hidden,) = recorded(case.space, effect)
     return Simulated(case, recording, hidden)
 
@@ -144,7 +154,7 @@ def truth_of(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
         case simulated.JointBacklash():
             return numbered("width", hidden.width)
         case simulated.ViscousDrag() | simulated.QuadraticDrag():
-            return {"c": hidden.c, "d": hidden.d}
+            return {"c": hidden.c} | point_of(hidden, space)
         case simulated.CoulombFriction():
             return {"level": hidden.level}
         case simulated.TipFlexibility():
@@ -185,16 +195,26 @@ def truth_of_event(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
     match hidden:
         case simulated.CableSpring(anchor=(x, y, z), length=float(length)):
             anchor = {"x": x, "y": z} if space is Space.PLANE else {"x": x, "y": y, "z": z}
-            return {"k": hidden.k, "length": length, "d": hidden.d} | {f"anchor_{a}": v for a, v in anchor.items()}
+            tether = {"k": hidden.k, "length": length} | {f"anchor_{a}": v for a, v in anchor.items()}
+            return tether | point_of(hidden, space)
         case simulated.PayloadChange(time=float(time)):
-            return {"mass": hidden.mass, "d": hidden.d, "time": time}
+            return {"mass": hidden.mass, "time": time} | point_of(hidden, space)
         case simulated.ContactEvent(start=float(start), end=float(end)):
-            force, torque = hidden.force, hidden.torque
+            force, point = hidden.force, SIMULATED[space].scene.point(hidden.x, hidden.y, hidden.d)
+            torque = hidden.torque + np.cross(point, force)
             wrench = (force[0], -force[1], torque[2]) if space is Space.PLANE else (*force, *torque)
             names = ("fcx", "fcy", "tauc") if space is Space.PLANE else ("fcx", "fcy", "fcz", "tcx", "tcy", "tcz")
             return {"start": start, "end": end, **dict(zip(names, wrench, strict=True))}
         case _:
             raise AssertionError(f"{hidden.id}: say here what the simulated effect is in the catalogue's parameters")
+
+
+PointEffect = simulated.ViscousDrag | simulated.QuadraticDrag | simulated.CableSpring | simulated.PayloadChange
+
+
+def point_of(hidden: PointEffect, space: Space) -> Amounts:
+    """Where it acts: along the tip in the plane, in the sensor frame in six axes."""
+    return {"d": hidden.d} if space is Space.PLANE else {"x": hidden.x, "y": hidden.y, "d": hidden.d}
 
 
 # ------------------------------------------------------------------------------------------- check

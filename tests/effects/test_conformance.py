@@ -74,8 +74,8 @@ class WrongUnit(ViscousDrag):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """c in the wrong unit."""
-        c, d = super().parameters(space)
-        return (replace(c, unit="N s²/m²"), d)
+        c, *point = super().parameters(space)
+        return (replace(c, unit="N s²/m²"), *point)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.effects import named
+from modeling.effects.point_effect import OFFSETS
 from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.kinematics.arm import Arm
@@ -263,7 +264,7 @@ Variance = float | None
 
 class _Effect(StrictTable):
     id: str
-    options: dict[str, int] = Field(default_factory=dict)
+    options: dict[str, bool | int] = Field(default_factory=dict)
     definition: dict[str, Any] | None = None
 
 
@@ -319,20 +320,28 @@ def _model(table: _Model, where: str, arm: Arm | None) -> WrenchModel:
         mounting=_mounting(table.mounting, where),
     ).with_arm(arm)
     try:
-        model = reduce(add, (_effect(effect, len(table.parameters)) for effect in table.effects), bare)
+        model = reduce(add, (_effect(effect, table, space) for effect in table.effects), bare)
     except InputError as error:
         place = "" if error.where in ("effects", "effect id") else f"{error.where}: "
         raise InputError(what=f"effects: {place}{error.what}", where=where, remedy=error.remedy) from None
     if arm is None and any(effect.needs_joints for effect in model.effects):
         raise InputError(what="effects: one of them needs joints, and rig has no arm", where=where, remedy=REMEDY)
-    _require_names(table.parameters, [p.name for p in model.parameters], "parameters", where)
+    known = {**_omitted(table, model), **table.parameters}
+    _require_names(known, [p.name for p in model.parameters], "parameters", where)
     return model
 
 
-def _effect(table: _Effect, most: int) -> Effect:
-    """Effect of that id with its options, each an integer from 1 to the number of parameters of the file.
+def _omitted(table: _Model, model: WrenchModel) -> dict[str, _Estimate]:
+    """The fixed parameters that are not in a file: it was written before effects had them."""
+    fixed = [p for p in model.parameters if p.fixed and p.name not in table.parameters]
+    return {p.name: _Estimate(value=p.nominal, std=0.0, unit=p.unit) for p in fixed}
 
-    A custom effect has its definition, whose formulas are parsed like those of an effects file.
+
+def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
+    """Effect of that id with its options, each true or an integer from 1 to the number of parameters of the file.
+
+    A custom effect has its definition, whose formulas are parsed like those of an effects file. An effect at a point
+    whose x and y are not in the file is on the tip axis: it was written before these were estimated.
     """
     if table.definition is not None:
         custom = CustomEffect.from_data(table.definition, where=table.id[:40])
@@ -344,20 +353,23 @@ def _effect(table: _Effect, most: int) -> Effect:
     for name, value in table.options.items():
         if name not in known:
             raise InputError(what=f"{table.id} has no option '{name[:40]}'", where="effects", remedy=REMEDY)
-        if not 0 < value <= most:
-            raise InputError(what=f"{table.id} cannot have {name} = {value:.3g}", where="effects", remedy=REMEDY)
-    return type(effect)(**table.options)
+        if not 0 < value <= len(model.parameters) or type(value) is not type(known[name]):
+            raise InputError(what=f"{table.id} cannot have {name} = {value}"[:80], where="effects", remedy=REMEDY)
+    found = type(effect)(**table.options)
+    if not {f"{table.id}.{p.name}" for p in OFFSETS} & model.parameters.keys():
+        return found.restricted(space)
+    return found
 
 
 def _effect_data(effect: Effect) -> dict[str, Any]:
     """Id with options, or with the definition of a custom effect."""
     if isinstance(effect, CustomEffect):
         return {"id": effect.id, "definition": effect.to_data()}
-    return {"id": effect.id, "options": _options(effect)}
+    return {"id": effect.id, "options": {name: value for name, value in _options(effect).items() if value}}
 
 
-def _options(effect: Effect) -> dict[str, int]:
-    """Its options, integers; the other fields follow from the arm."""
+def _options(effect: Effect) -> dict[str, bool | int]:
+    """Its options, integers and flags; the other fields follow from the arm."""
     return {name: value for name, value in asdict(effect).items() if isinstance(value, int)}
 
 
@@ -376,14 +388,15 @@ def _require_names(names: Iterable[str], expected: Iterable[str], what: str, whe
 def _numbers(table: _Model, model: WrenchModel, where: str) -> tuple[dict[str, Estimate], Array]:
     """Estimates and covariance in the model's order."""
     found = {}
+    known = {**_omitted(table, model), **table.parameters}
     for parameter in model.parameters:
-        entry = table.parameters[parameter.name]
+        entry = known[parameter.name]
         if entry.unit != parameter.unit:
             what = f"parameters.{parameter.name}: expected the unit {parameter.unit}; got {entry.unit[:40]!r}"
             raise InputError(what=what, where=where, remedy=REMEDY)
         std = np.inf if entry.std is None else entry.std
         found[parameter.name] = Estimate(parameter.name, entry.value, std, parameter.unit)
-    covariance = _covariance(table.covariance, list(found), where)
+    covariance = _covariance(table.covariance, list(table.parameters), list(found), where)
     for name, variance in zip(found, np.diag(covariance), strict=True):
         if not isclose(found[name].std, np.sqrt(variance), rel_tol=ROUNDING):
             what = f"parameters.{name}: std is not the square root of its variance in covariance"
@@ -391,14 +404,18 @@ def _numbers(table: _Model, model: WrenchModel, where: str) -> tuple[dict[str, E
     return found, covariance
 
 
-def _covariance(table: _Covariance, names: list[str], where: str) -> Array:
-    """The matrix in the order of `names`; None is an infinite variance on the diagonal, and zero off it."""
-    _require_names(table.parameters, names, "covariance", where)
-    if [len(row) for row in table.matrix] != [len(names)] * len(names):
-        what = f"covariance: a matrix of {len(names)} x {len(names)} numbers was expected"
+def _covariance(table: _Covariance, known: list[str], names: list[str], where: str) -> Array:
+    """The matrix in the order of `names`, with zeros for those that are not `known` to the file.
+
+    None is an infinite variance on the diagonal, and zero off it.
+    """
+    _require_names(table.parameters, known, "covariance", where)
+    if [len(row) for row in table.matrix] != [len(known)] * len(known):
+        what = f"covariance: a matrix of {len(known)} x {len(known)} numbers was expected"
         raise InputError(what=what, where=where, remedy=REMEDY)
-    order = [table.parameters.index(name) for name in names]
-    matrix = np.array(table.matrix, dtype=np.float64)[np.ix_(order, order)]
+    order = [names.index(name) for name in table.parameters]
+    matrix = np.zeros((len(names), len(names)))
+    matrix[np.ix_(order, order)] = np.array(table.matrix, dtype=np.float64)
     unknown = np.isnan(matrix)
     matrix[unknown] = np.where(np.eye(len(names), dtype=bool), np.inf, 0.0)[unknown]
     variance = np.diag(matrix)

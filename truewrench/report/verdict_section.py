@@ -20,6 +20,7 @@ from truewrench.report.effect_row import EffectRow
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,
+    fixed_point_sentence,
     noise_notes,
     verdict_headline,
     weaker_verdict_warning,
@@ -79,7 +80,8 @@ def _sentences(diagnosis: Diagnosis) -> list[str]:
         found.append(
             _error_reduction_sentence(held_out, channel, f"On {held_out[0].recording.name} (validation, not fitted): ")
         )
-    return found + disturbance_sentences(diagnosis)
+    points = filter(None, map(fixed_point_sentence, diagnosis.findings))
+    return [*found, *points, *disturbance_sentences(diagnosis)]
 
 
 def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:

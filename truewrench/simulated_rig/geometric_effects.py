@@ -98,11 +98,13 @@ class SensorRotation(SceneChange):
 
 @dataclass(frozen=True, kw_only=True)
 class PayloadChange(SceneChange, TransientEffect):
-    """A point mass (kg) appears on the tool at `d` (m) at `time` (s; default: 40 % of the record)."""
+    """A point mass (kg) appears on the tool at (x, y, d) (m) at `time` (s; default: 40 % of the record)."""
 
     id = "payload_change"
     mass: float = 0.05
     d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
     time: float | None = None
 
     def placed(self, track: Track) -> Self:
@@ -111,7 +113,7 @@ class PayloadChange(SceneChange, TransientEffect):
 
     def changed(self, scene: Scene) -> Scene:
         """Attach the mass to the tool."""
-        return replace(scene, payloads=(*scene.payloads, (self.mass, self.d)))
+        return replace(scene, payloads=(*scene.payloads, (self.mass, scene.point(self.x, self.y, self.d))))
 
     def active(self, time: Array) -> npt.NDArray[np.bool_]:
         """From `time` on."""

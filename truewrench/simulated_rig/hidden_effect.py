@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from truewrench.simulated_rig.mujoco_scene import Array, Scene, Track
+from truewrench.simulated_rig.mujoco_scene import Array, Scene, Track, Vector
 
 
 class HiddenEffect(ABC):
@@ -39,9 +39,15 @@ class SceneChange(HiddenEffect):
 
 
 class ToolLoad(HiddenEffect):
-    """A force and a torque on the tool at the distance `d` (m) along the tip."""
+    """A force and a torque on the tool at the distance `d` (m) along the tip, in six axes `x` and `y` beside it."""
 
     d: float
+    x: float = 0.0
+    y: float = 0.0
+
+    def point(self, scene: Scene) -> Vector:
+        """The point of application in the tool's frame, m."""
+        return scene.point(self.x, self.y, self.d)
 
     @abstractmethod
     def push(self, track: Track) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ class Scene:
     gravity         in the world, m/s²
     mass, first_moment, inertia   of the tool about the sensor origin, in its frame: kg, kg m, kg m²
     sensor_turn     rotation from the sensor's true axes to its nominal ones
-    payloads        (mass, distance along the tip) of point masses on the tool
+    payloads        (mass, point in the tool's frame) of point masses on the tool, kg and m
     tip_axis        unit vector in the tool's frame
     flexible        whether the tool is on a ball joint at the sensor origin; the sensor is on the robot's side of it
     """
@@ -38,7 +38,7 @@ class Scene:
     inertia: Array
     tip_axis: Array
     sensor_turn: Rotation = field(default_factory=Rotation.identity)
-    payloads: tuple[tuple[float, float], ...] = ()
+    payloads: tuple[tuple[float, Vector], ...] = ()
     flexible: bool = False
 
     @property
@@ -46,12 +46,19 @@ class Scene:
         """Whether the rig moves in the plane only."""
         return bool(self.links)
 
-    def xml(self, points: Sequence[float], frames: Sequence[tuple[str, str]] = ()) -> str:
-        """The MuJoCo model, with a site at each of `points`, distances along the tip in m.
+    def point(self, x: float, y: float, d: float) -> Vector:
+        """The point (m) at `d` along the tip and, in six axes, `x` and `y` beside it, in the tool's frame."""
+        if self.planar and (x or y):
+            raise ValueError(f"in the plane a point is on the tip axis; got x = {x}, y = {y}")
+        along = d * self.tip_axis
+        return float(along[0]) + x, float(along[1]) + y, float(along[2])
+
+    def xml(self, points: Sequence[Vector], frames: Sequence[tuple[str, str]] = ()) -> str:
+        """The MuJoCo model, with a site at each of `points`, in m in the tool's frame.
 
         `frames` adds sensors of position, velocity and acceleration of (kind, object).
         """
-        sites = "".join(f'<site name="p{i}" pos="{_numbers(d * self.tip_axis)}"/>' for i, d in enumerate(points))
+        sites = "".join(f'<site name="p{i}" pos="{_numbers(point)}"/>' for i, point in enumerate(points))
         sensors = "".join(
             f'<framepos objtype="site" objname="p{i}"/><framelinvel objtype="site" objname="p{i}"/>'
             for i in range(len(points))
@@ -92,9 +99,9 @@ class Scene:
         about_centre = self.inertia - self.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         entries = about_centre[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         payloads = "".join(
-            f'<body name="payload{i}" pos="{_numbers(distance * self.tip_axis)}">'
+            f'<body name="payload{i}" pos="{_numbers(point)}">'
             f'<inertial pos="0 0 0" mass="{float(mass)!r}" diaginertia="1e-12 1e-12 1e-12"/></body>'
-            for i, (mass, distance) in enumerate(self.payloads)
+            for i, (mass, point) in enumerate(self.payloads)
         )
         mount = f'pos="{_numbers(position)}" quat="{_quaternion(turn)}"'
         sensor = f'<site name="sensor" quat="{_quaternion(self.sensor_turn)}"/>'
@@ -157,7 +164,7 @@ class Track:
         return float(share * (self.time[-1] - self.time[0]))
 
 
-def mujoco_rows(scene: Scene, points: Sequence[float], states: States, pushes: Array | None) -> Array:
+def mujoco_rows(scene: Scene, points: Sequence[Vector], states: States, pushes: Array | None) -> Array:
     """MuJoCo's sensor data, a row per sample, for prescribed q, dq, ddq and external wrenches (N, 6) on the tool."""
     return _sensor_rows(scene.xml(points), states, pushes)
 

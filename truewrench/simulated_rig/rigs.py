@@ -199,7 +199,7 @@ class SpatialRig(SimulatedRig):
         continuous.
         """
         track = Track.of(
-            mujoco_rows(self.scene, (0.0,), (q, np.zeros_like(q), np.zeros_like(q)), None), np.zeros(len(q))
+            mujoco_rows(self.scene, ((0.0, 0.0, 0.0),), (q, np.zeros_like(q), np.zeros_like(q)), None), np.zeros(len(q))
         )
         quaternions = track.turn.as_quat()
         flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(axis=1))

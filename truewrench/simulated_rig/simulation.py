@@ -218,7 +218,7 @@ def _checked(rig: SimulatedRig, effect: HiddenEffect) -> HiddenEffect:
 
 def _path(rig: SimulatedRig, effect: HiddenEffect, time: Array, states: States) -> Track:
     """Path of the effect's point of application, or of the sensor origin."""
-    point = effect.d if isinstance(effect, ToolLoad) else 0.0
+    point = effect.point(rig.scene) if isinstance(effect, ToolLoad) else (0.0, 0.0, 0.0)
     return Track.of(mujoco_rows(rig.scene, (point,), states, None), time)
 
 

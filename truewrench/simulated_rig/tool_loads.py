@@ -17,12 +17,14 @@ CONTACT_EDGE = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class ViscousDrag(ToolLoad):
-    """-c v at d: c in N s/m, d in m."""
+    """-c v at (x, y, d): c in N s/m, the point in m."""
 
     id = "viscous_drag"
     needs_motion = True
     c: float = 0.15
     d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
 
     def push(self, track: Track) -> tuple[Array, Array]:
         """Against the velocity of the point."""
@@ -31,12 +33,14 @@ class ViscousDrag(ToolLoad):
 
 @dataclass(frozen=True, kw_only=True)
 class QuadraticDrag(ToolLoad):
-    """-c |v| v at d: c in N s²/m², d in m."""
+    """-c |v| v at (x, y, d): c in N s²/m², the point in m."""
 
     id = "quadratic_drag"
     needs_motion = True
     c: float = 0.08
     d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
 
     def push(self, track: Track) -> tuple[Array, Array]:
         """Against the velocity of the point, with the square of the speed."""
@@ -62,7 +66,7 @@ class CoulombFriction(ToolLoad):
 
 @dataclass(frozen=True, kw_only=True)
 class CableSpring(ToolLoad):
-    """Tether: pulls the point at d towards an anchor with k (distance - length), slack below `length`.
+    """Tether: pulls the point (x, y, d) towards an anchor with k (distance - length), slack below `length`.
 
     k in N/m, the others in m; the anchor is x, y, z of MuJoCo's world (x, 0, y of a point in the plane).
     By default the anchor lies beyond the path and the tether is taut in half of the samples.
@@ -73,6 +77,8 @@ class CableSpring(ToolLoad):
     anchor: Vector | None = None
     length: float | None = None
     d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
 
     def placed(self, track: Track) -> Self:
         """Beyond the path's far end by half of its length."""
@@ -97,8 +103,8 @@ class ContactEvent(ToolLoad, TransientEffect):
     """Contact wrench on the tool from `start` to `end` (s).
 
     By default it lasts a tenth of the record, from 55 % of it on.
-    force (N) and torque (N m, about the sensor origin) are the environment's on the tool in the sensor's
-    nominal axes: in the plane (fcx, -fcy, 0) and (0, 0, tauc). They rise and fall over 10 ms, half of it
+    force (N) and torque (N m, about the point, by default the sensor origin) are the environment's on the tool in the
+    sensor's nominal axes: in the plane (fcx, -fcy, 0) and (0, 0, tauc). They rise and fall over 10 ms, half of it
     before `start`.
     """
 
@@ -108,6 +114,8 @@ class ContactEvent(ToolLoad, TransientEffect):
     start: float | None = None
     end: float | None = None
     d: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
 
     def placed(self, track: Track) -> Self:
         """A tenth of the record, from 55 % of it on."""
@@ -125,7 +133,7 @@ class ContactEvent(ToolLoad, TransientEffect):
         return self._envelope(time) > 0
 
     def wrench(self, time: Array) -> Array:
-        """Contact wrench (N, 6) in the tool's axes: force and torque about the sensor origin."""
+        """Contact wrench (N, 6) in the tool's axes: force and torque about the point."""
         return np.asarray(self._envelope(time)[:, None] * np.array([*self.force, *self.torque]))
 
     def _envelope(self, time: Array) -> Array:
@@ -151,6 +159,8 @@ class Buoyancy(ToolLoad):
     level: float | None = None
     depth: float = 0.2
     d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
 
     def placed(self, track: Track) -> Self:
         """The surface at the median height."""
@@ -178,6 +188,8 @@ class Magnet(ToolLoad):
     place: Vector | None = None
     clearance: float = 0.15
     d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
 
     def placed(self, track: Track) -> Self:
         """Beyond the far end of the path."""
@@ -205,6 +217,8 @@ class MagnusForce(ToolLoad):
     needs_motion = True
     c: float = 0.06
     d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
 
     def push(self, track: Track) -> tuple[Array, Array]:
         """Perpendicular to the velocity: it does no work."""

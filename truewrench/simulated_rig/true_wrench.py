@@ -50,7 +50,7 @@ def rigid_tool_wrench(scene: Scene, loads: Sequence[ToolLoad], time: Array, stat
     The first run gives the states of the points of application, the second the wrench with the loads. MuJoCo
     applies an external wrench at the body's centre of mass.
     """
-    points = [load.d for load in loads]
+    points = [load.point(scene) for load in loads]
     actual = (states[0] + scene.joint_offsets, states[1], states[2])
     rows = mujoco_rows(scene, points, actual, None)
     if not loads:

@@ -15,6 +15,7 @@ from truewrench.text.step_names import step_names
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,
+    fixed_point_sentence,
     noise_notes,
     verdict_headline,
     weaker_verdict_warning,
@@ -58,6 +59,8 @@ def effect_text(finding: Finding) -> str:
     """An effect added: estimates, effects indistinguishable from it, and what to check on the rig."""
     effect = finding.effect
     lines = [f"Added {effect.id}: {effect.title}, {effect.equation}", *_estimate_lines(finding.parameters)]
+    if sentence := fixed_point_sentence(finding):
+        lines.append(f"  {sentence}")
     if finding.confusable_with:
         lines.append(f"  Indistinguishable in these recordings from: {', '.join(finding.confusable_with)}.")
     return "\n".join([*lines, f"  On the rig: {effect.advice}."])

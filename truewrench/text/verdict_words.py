@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from diagnosis.diagnosis import Diagnosis
+from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.recording import Recording
@@ -39,6 +40,16 @@ def verdict_headline(diagnosis: Diagnosis) -> str:
     if missing:
         return f"Significant residual; adding {missing} removes less than half of the systematic error"
     return "Significant residual, and no candidate effect explains it"
+
+
+def fixed_point_sentence(finding: Finding) -> str:
+    """That the point of an added effect is on the tip axis, as none beside it is significantly better; else empty."""
+    fixed = [name for name, estimate in finding.parameters.items() if estimate.std == 0]
+    if finding.verdict is not EffectVerdict.SUPPORTED or not fixed:
+        return ""
+    return (
+        f"{' and '.join(fixed)} of {finding.effect.id} are fixed at 0: a point beside the tip axis is not significant."
+    )
 
 
 def noise_notes(diagnosis: Diagnosis) -> list[str]:

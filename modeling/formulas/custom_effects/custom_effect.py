@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from modeling import symbolic as sp
-from modeling.chain.chain import Chain, Stage, world_vector
+from modeling.chain.chain import Chain, Stage, point_on_tip, world_vector
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
 from modeling.chain.stages.bias_stage import Bias
 from modeling.chain.stages.calibration_stage import Gain
-from modeling.effects.tip_force import with_tip_force
+from modeling.effects.point_effect import with_force
 from modeling.formulas.custom_effects.definition import EffectDefinition
 from modeling.formulas.custom_effects.definition_parser import parse_definition
 from modeling.formulas.custom_effects.effect_check import require_identifiable
@@ -99,4 +99,4 @@ def _with_contact_wrench(chain: Chain, added: Mapping[str, sp.Expr], at: sp.Expr
     )
     chain = replace(chain, force=chain.force + force, torque=chain.torque + torque)
     world = world_vector(chain.space, *(added.get(f"force_{a}", sp.S.Zero) for a in chain.space.axes))
-    return with_tip_force(chain, chain.motion.rotation.T * world, at)
+    return with_force(chain, chain.motion.rotation.T * world, point_on_tip(chain, at))

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 
 from modeling import symbolic as sp
-from modeling.chain.chain import Chain, Stage, point_on_tip, velocity_on_tip
+from modeling.chain.chain import Chain, Stage, point_on_tip, velocity_of_point
 from modeling.effects.calibration import gain_unit
 from modeling.space import FORCE_UNIT, Space
 from modeling.tool.rigid_body import inertial_parameters
@@ -51,9 +51,9 @@ def tip_units(space: Space) -> Mapping[str, str]:
 
 def tip_values(chain: Chain, at: sp.Expr) -> dict[str, sp.Expr]:
     """Their expressions for the point at the distance `at` (m) along the tip."""
-    motion = chain.motion
-    position = motion.position + motion.rotation * point_on_tip(chain, at)
-    velocity = motion.rotation * velocity_on_tip(chain, at)
+    motion, point = chain.motion, point_on_tip(chain, at)
+    position = motion.position + motion.rotation * point
+    velocity = motion.rotation * velocity_of_point(chain, point)
     axes = chain.space.axes
     return {f"tip_{a}": position[i] for i, a in enumerate(axes)} | {
         f"tip_v{a}": velocity[i] for i, a in enumerate(axes)
