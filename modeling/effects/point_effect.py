@@ -26,8 +26,8 @@ class PointEffect(Effect):
     """An effect that acts at a point of the tool: at d along the tip in the plane, at (x, y, d) in six axes.
 
     With `on_axis`, x and y are fixed at 0 in six axes, too; in the plane it has no meaning. A diagnosis searches on the
-    axis: there every such effect has nearly the forces that it has beside it, with fewer parameters. x and y are then
-    tested given all others.
+    axis: there an effect has the forces that it has 3 cm beside it, nearly, and a test of one amplitude needs less of
+    it than one of three. x and y are then tested given all others.
     """
 
     on_axis: bool = False
