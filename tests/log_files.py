@@ -190,21 +190,23 @@ def pose_fields(prefix: str, separator: str = ".") -> dict[str, str]:
     return fields | {separator.join((prefix, "orientation", c[1])): c for c in QUATERNION}
 
 
-def poses_at(frame: Frame, instants: Array) -> Frame:
+def poses_at(frame: Frame, instants: Array, motion_seed: int = 3) -> Frame:
     """The noise-free motion of the same run at other instants: by the simulator, not by interpolation."""
     rig = SpatialRig()
-    motion = rig.random_motion(seed=3, period=10.0)
+    motion = rig.random_motion(seed=motion_seed, period=10.0)
     return Frame(rig.motion_columns(rig.quantised(motion.evaluate(instants)[0])))
 
 
-def two_clocks(frame: Frame, folder: Path, offset: float = 0.037, seed: int = 1) -> list[Path]:
+def two_clocks(
+    frame: Frame, folder: Path, offset: float = 0.037, seed: int = 1, motion_seed: int = 3
+) -> list[Path]:
     """Wrench and pose in a file each: the wrench's stamps are late and jitter, 3 samples are lost, rates differ."""
     rng = np.random.default_rng(seed)
     lost = rng.choice(np.arange(100, len(frame) - 100), 3, replace=False)
     wrench = frame[["time", *CHANNELS]].drop(index=lost.tolist())
     wrench["time"] += offset + rng.normal(0, 2e-4, len(wrench))
     instants = np.arange(0.0013, frame["time"].iloc[-1], 1 / 200)
-    pose = poses_at(frame, instants).assign(time=instants)
+    pose = poses_at(frame, instants, motion_seed).assign(time=instants)
     paths = [folder / "force.csv", folder / "robot.csv"]
     wrench.to_csv(paths[0], index=False)
     pose.to_csv(paths[1], index=False, sep=";")

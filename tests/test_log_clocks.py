@@ -188,7 +188,7 @@ def test_a_long_gap_cuts(tmp_path: Path) -> None:
     found = imported(path)
     assert found.report.samples == 1800
     np.testing.assert_allclose(found.columns["fx"], original()["fx"][700:], atol=1e-12)
-    assert any("1 gaps of up to 0.404 s: the longest piece is kept" in step for step in steps(path))
+    assert any("1 gap of up to 0.404 s: the longest piece is kept" in step for step in steps(path))
 
 
 def test_time_that_restarts(tmp_path: Path) -> None:

@@ -293,3 +293,18 @@ def test_the_commands_presets_are_the_librarys() -> None:
     assert tuple(PRESETS) == LISTED
     with pytest.raises(InputError, match="no preset 'kuka'"):
         imported("x.csv", preset="kuka")
+
+
+@pytest.mark.parametrize("preset", ["ur_rtde", "franka", "plotjuggler", "ros_bag", "ros_csv", "kinova"])
+def test_a_preset_that_does_not_fit_is_refused(preset: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    original().iloc[:100].rename(columns={"time": "stamp"}).to_csv(path, index=False)
+    with pytest.raises(InputError, match=f"the preset {preset} .* does not fit: the columns are stamp, "):
+        imported(path, preset=preset)
+
+
+def test_a_time_that_decreases_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    original().iloc[99::-1].rename(columns={"time": "stamp"}).to_csv(path, index=False)
+    with pytest.raises(InputError, match="column stamp decreases from row to row"):
+        imported(path)

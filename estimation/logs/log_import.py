@@ -15,11 +15,11 @@ from estimation.logs.ambiguity import require_decided_order, require_plausible_s
 from estimation.logs.clocks.one_clock import on_one_clock
 from estimation.logs.clocks.sample_hold import held_rows, note_suspicious_channels
 from estimation.logs.clocks.sample_mending import Stream, mended, mended_runs
-from estimation.logs.clocks.table_joining import joined_by_rows, with_preset_names
+from estimation.logs.clocks.table_joining import joined_by_rows, require_preset, with_preset_names
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_pattern import PRESETS, Quantity
 from estimation.logs.columns.column_recognition import ColumnGroup, ColumnMapping, column_mapping
-from estimation.logs.columns.time_column import TimeColumn, time_column
+from estimation.logs.columns.time_column import TimeColumn, decreasing_time, time_column
 from estimation.logs.frame_evidence import W_FIRST, frame_evidence
 from estimation.logs.log_reader import tables_of
 from estimation.logs.log_table import Array, LogTable
@@ -109,6 +109,8 @@ class _Reading:
     def imported(self) -> ImportedRecording:
         tables = self._tables()
         sources = tuple((t.name, t.kind, t.rows, len(t.columns) + len(t.texts)) for t in tables)
+        if self.options.preset is not None:
+            require_preset(tables, self.options.preset)
         tables = with_preset_names(tables, self.options.preset, self.log)
         tables = joined_by_rows(tables, self.stated.columns.get("time"), self.log)
         arm = None if self.rig is None else self.rig.arm
@@ -197,6 +199,11 @@ class _Reading:
     def _on_one_clock(self, mapping: ColumnMapping, groups: Groups, base_axes: bool) -> tuple[dict[str, Array], Clocks]:
         tables = list({id(group.table): group.table for group, _ in groups}.values())
         timed = [self._time(table) for table in tables]
+        for table, time in zip(tables, timed, strict=True):
+            falling = decreasing_time(table) if time is None else None
+            if falling is not None:
+                what = f"column {falling} decreases from row to row, and time increases"
+                raise InputError(what=what, where=table.name, remedy="give the rows in the order of time")
         if all(time is None for time in timed):
             return self._poses(mapping, groups, base_axes), ((), None, None, None)
         for table, time in zip(tables, timed, strict=True):

@@ -46,8 +46,10 @@ def tables_of(source: SourceFile) -> list[LogTable]:
         found = [table for table in reader.tables(source) if table.columns and table.rows]
     except (TruewrenchError, KeyboardInterrupt):
         raise
+    except MemoryError:
+        raise source.error("larger than the memory that is free", "cut the log into parts") from None
     except Exception as error:  # a library's own, of a damaged file: there is no common base class
-        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        reason = " ".join(str(error).split())[:160] or "it is damaged"
         raise source.error(f"cannot be read as {reader.title}: {reason}", "give a file that is whole") from None
     if not found:
         raise source.error(f"{reader.title} without samples", "give a log with rows of numbers")

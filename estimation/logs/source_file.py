@@ -103,6 +103,17 @@ class SourceFile:
             yield copy
             shutil.rmtree(folder, ignore_errors=True)
 
+    def require_members(self, largest: int) -> None:
+        """InputError when the members of a format that is a zip file itself say that they are larger together."""
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                size = sum(member.file_size for member in archive.infolist())
+        except DAMAGED:
+            return  # the format's own library says what is wrong
+        if size > largest:
+            what = f"decompresses to {size / 2**30:.3g} GiB, and at most {largest / 2**30:.3g} GiB are read"
+            raise self.error(what, "save the log in parts, or as CSV or Parquet")
+
     def _raw_start(self) -> bytes:
         try:
             with self.path.open("rb") as stream:

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from modeling.errors import InputError
+from modeling.errors import InputError, quoted
 from truewrench.commands.options import Subcommands, positive
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ PRESETS = (
     *("xyz_quaternion_wrench", "joints_deg_wrench"),
 )
 ROWS_AT_ONCE, ROWS_OF_GROUP = 100_000, 500_000
+WRITTEN = (".csv", ".parquet", ".pq")
 LONGEST_CHECKED = 2_000_000
 """Samples up to which the recording is also made, as `diagnose` will make it; more would be in memory twice."""
 
@@ -52,6 +53,13 @@ def _require_other_file(out: Path, sources: list[str]) -> None:
         raise InputError(what=what, where=str(out), remedy=remedy)
 
 
+def _require_known_suffix(out: Path) -> None:
+    """A recording is CSV or Parquet, by its suffix; a device has none. Raises InputError."""
+    if out.suffix.lower() not in WRITTEN and not (out.exists() and not out.is_file()):
+        what = f"recordings are not written as {quoted(out.suffix)}" if out.suffix else "its suffix names no format"
+        raise InputError(what=what, where=str(out), remedy=f"give --out a name with one of {', '.join(WRITTEN)}")
+
+
 def run(arguments: argparse.Namespace) -> None:
     """Import, write the recording, print the reading report."""
     from estimation.logs.log_reading import imported
@@ -59,6 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
     from truewrench.files.output import atomic_write, progress_line, require_writable_folder
 
     if arguments.out is not None:
+        _require_known_suffix(arguments.out)
         require_writable_folder(arguments.out.parent)
         _require_other_file(arguments.out, arguments.sources)
     rig = None if arguments.rig is None else Rig.read(arguments.rig)

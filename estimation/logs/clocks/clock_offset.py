@@ -5,7 +5,8 @@ velocity, all in the sensor frame. A drag would look like a delay, so that it is
 a point of the tool, v + omega x d, linear and quadratic; and so are a tilted gravity and a tether's spring, as forces
 that are constant in the world or grow with the position. In the force channels the coefficients on the specific force
 are free (gains, mounting, signs), all others shared, as one vector turned by the mounting; in the torque channels all
-are free. With all these regressors Phi(t),
+are free. A lag or delay inside the sensor shifts the wrench like its clock does, and is a part of the offset. With all
+these regressors Phi(t),
 
     y(t_i) = Phi(t_i - offset) b + e,      dy/d(offset) = -Phi'(t_i - offset) b.
 
@@ -36,6 +37,11 @@ SCAN_STEP = 0.02
 SCAN_ROWS = 2500
 REFINE_ROWS = 20_000
 BLOCKS = 20
+ITERATIONS = 25
+WEIGHT_WINDOW = 0.2
+"""Seconds over which a row's residual is averaged for its weight."""
+USUAL_VARIANCE = 3.0
+"""Times the median variance of the residual, up to which a row has its full weight."""
 LEAST_CORRELATION = 0.3
 LARGEST_STD = 0.02
 """Seconds; an offset that is known no better is not applied."""
@@ -186,10 +192,15 @@ def _nearest_minimum(scan: Array, costs: Array) -> int:
 
 
 def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float) -> tuple[float, float]:
-    """Gauss-Newton on the coefficients and the offset, and the offset's std by a sandwich over blocks."""
-    std = np.inf
-    for _ in range(10):
-        late, residual = _linearised(motion, stamps, wrench, offset)
+    """Gauss-Newton on the coefficients and the offset, and the offset's std by a sandwich over blocks.
+
+    Rows are weighted anew in each iteration, so that a push or a tether that is taut at times counts little.
+    """
+    std, weights = np.inf, np.ones(len(stamps))
+    window = max(int(WEIGHT_WINDOW / max(float(np.median(np.diff(stamps))), 1e-6)), 1)
+    for _ in range(ITERATIONS):
+        late, residual = _linearised(motion, stamps, wrench, offset, np.sqrt(weights))
+        weights = _row_weights(residual / np.sqrt(weights)[:, None], window)
         weight = 1 / np.maximum((residual**2).mean(axis=0), TINY)
         information = float(((late**2) * weight).sum())
         if information <= 0:
@@ -206,10 +217,30 @@ def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: flo
     return offset, float(np.hypot(std, floor))
 
 
-def _linearised(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float) -> tuple[Array, Array]:
-    """Derivative of the prediction by the offset, and the residual, (n, p), without what coefficients explain."""
-    d = motion.dimension
-    (free, vectors, every), (free_rate, vectors_rate, every_rate) = (motion.at(stamps - offset, i) for i in (0, 1))
+def _row_weights(residual: Array, window: int) -> Array:
+    """Weights (n,) of rows, 1 at most: the usual variance over that of the residual (n, p) near the row.
+
+    The variance is a mean over a window, so that noise alone leaves the weights near 1.
+    """
+    from scipy.ndimage import uniform_filter1d  # slow to import
+
+    near = uniform_filter1d(residual**2, window, axis=0)
+    size = (near / np.maximum(np.median(near, axis=0), TINY)).max(axis=1)
+    return np.asarray(np.minimum(1.0, USUAL_VARIANCE / np.maximum(size, TINY)))
+
+
+def _linearised(
+    motion: MotionRegressors, stamps: Array, wrench: Array, offset: float, roots: Array
+) -> tuple[Array, Array]:
+    """Derivative of the prediction by the offset, and the residual, (n, p), without what coefficients explain.
+
+    Both are multiplied by the roots (n,) of the rows' weights.
+    """
+    d, root = motion.dimension, roots[:, None]
+    (free, vectors, every), (free_rate, vectors_rate, every_rate) = (
+        (root * a, root[:, :, None] * b, root * c) for a, b, c in (motion.at(stamps - offset, i) for i in (0, 1))
+    )
+    wrench = root * wrench
     late, residual = np.empty_like(wrench), np.empty_like(wrench)
     forces, torques = wrench[:, :d], wrench[:, d:]
     mounting = _mounting(_coefficients(free, forces)[:d].T)
@@ -234,9 +265,13 @@ def _linearised(motion: MotionRegressors, stamps: Array, wrench: Array, offset: 
 
 
 def _misfit(residual: Array) -> float:
-    """Root of the residual's variance over that of its white part, at least 1: missing physics errs one way."""
+    """At least 1, by the root r of the residual's variance over that of its white part: missing physics errs one way.
+
+    2 r - 1, as the blocks of the sandwich are not independent then: simulated tethers err by about twice their std.
+    """
     white = np.var(np.diff(residual, axis=0), axis=0) / 2
-    return float(np.sqrt(np.maximum(np.var(residual, axis=0) / np.maximum(white, TINY), 1.0)).max())
+    ratio = np.sqrt(np.maximum(np.var(residual, axis=0) / np.maximum(white, TINY), 1.0)).max()
+    return float(2 * ratio - 1)
 
 
 def _mounting(force: Array) -> Array:

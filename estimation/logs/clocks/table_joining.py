@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimation.logs.columns.column_pattern import PRESET_COLUMNS, PRESETS
 from estimation.logs.columns.time_column import EPOCH, time_column
 from estimation.logs.log_table import Array, LogTable
 from estimation.logs.step_log import StepLog
@@ -22,6 +23,22 @@ WRENCH_FILE = re.compile(r"wrench|force|torque|(?:^|[^a-z])ft(?:[^a-z]|$)|load",
 def is_headerless(table: LogTable) -> bool:
     """Whether no column has a name of its own."""
     return all(UNNAMED.fullmatch(name) for name in table.columns)
+
+
+def require_preset(tables: Sequence[LogTable], preset: str) -> None:
+    """InputError when no table looks as the preset says."""
+    names = [name for table in tables for name in table.columns]
+    if preset in PRESET_COLUMNS:
+        fits = any(re.search(PRESET_COLUMNS[preset], name, re.IGNORECASE) for name in names)
+    elif preset == "ros_bag":
+        fits = any(table.kind in ("ROS topic", "tf chain") for table in tables)
+    else:
+        fits = any(map(is_headerless, tables))
+        fits |= preset == "ros_csv" and any(name == "%time" or name.startswith("field.") for name in names)
+    if not fits:
+        shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+        what = f"the preset {preset} ({PRESETS[preset]}) does not fit: the columns are {shown}"
+        raise InputError(what=what, where=tables[0].name, remedy="leave out --preset, or name the columns by --map")
 
 
 def with_preset_names(tables: Sequence[LogTable], preset: str | None, log: StepLog) -> list[LogTable]:

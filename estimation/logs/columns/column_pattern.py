@@ -129,3 +129,10 @@ PRESETS: Mapping[str, str] = {
     "joints_deg_wrench": "headerless: joints in degrees, then force and torque",
 }
 """Names of the presets and what each is for."""
+PRESET_COLUMNS: Mapping[str, str] = {
+    "ur_rtde": r"actual_(tcp|q)|ft_raw_wrench",
+    "franka": r"O_T_EE|_F_ext_hat_K",
+    "plotjuggler": r"^__time$",
+    "orocos": r"^TimeStamp$|\.\d+$",
+}
+"""What a column's name has where a preset fits; presets of bags and of files without header are known otherwise."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,12 +47,9 @@ def time_column(
     pair = _pair(table)
     if pair is not None:
         return pair
-    for pattern in TIME_NAMES:
-        for name in table.columns:
-            bare = name_and_unit(name)[0]
-            called = any(re.fullmatch(pattern, part, re.IGNORECASE) for part in (bare, re.split(r"[./:]", bare)[-1]))
-            if called and _increases(table.columns[name]):
-                return _undisputed(table, _one(table, name, factor, milliseconds), milliseconds)
+    for name in _called_time(table):
+        if _increases(table.columns[name]):
+            return _undisputed(table, _one(table, name, factor, milliseconds), milliseconds)
     unnamed = [name for name in table.columns if re.fullmatch(r"column_\d+", name)]
     regular = [name for name in unnamed if _increases(table.columns[name]) and _is_regular(table.columns[name])]
     if len(unnamed) == len(table.columns) and regular:
@@ -84,6 +82,20 @@ def _undisputed(table: LogTable, found: TimeColumn, milliseconds: bool) -> TimeC
                 remedy=f'state it in a map: time = "{found.columns[0]}", or "{name}"',
             )
     return found
+
+
+def _called_time(table: LogTable) -> Iterator[str]:
+    """Columns with a name of the time, the best name first."""
+    for pattern in TIME_NAMES:
+        for name in table.columns:
+            bare = name_and_unit(name)[0]
+            if any(re.fullmatch(pattern, part, re.IGNORECASE) for part in (bare, re.split(r"[./:]", bare)[-1])):
+                yield name
+
+
+def decreasing_time(table: LogTable) -> str | None:
+    """The column that is called like a time and decreases from row to row; None without one."""
+    return next((name for name in _called_time(table) if _increases(-table.columns[name])), None)
 
 
 def _pair(table: LogTable) -> TimeColumn | None:

@@ -14,6 +14,8 @@ from estimation.logs.source_file import SourceFile
 
 HEADER_ROWS = 30
 """Rows from the top among which the header is looked for."""
+LARGEST_BOOK = 256 << 20
+"""Bytes of a workbook's XML: its cells as Python objects take several times as much memory."""
 
 
 class Excel(LogReader):
@@ -29,6 +31,7 @@ class Excel(LogReader):
         """The sheets that hold numbers."""
         import openpyxl  # slow to import
 
+        source.require_members(LARGEST_BOOK)
         with source.path.open("rb") as stream:
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
             sheets = [(sheet.title, _rows(sheet, str(source.path))) for sheet in book.worksheets]

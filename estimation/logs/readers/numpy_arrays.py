@@ -15,6 +15,8 @@ from estimation.logs.source_file import SourceFile
 from modeling.errors import InputError
 
 MAGIC = b"\x93NUMPY"
+LARGEST_ARCHIVE = 1 << 30
+"""Bytes of all arrays of an .npz together."""
 
 
 class NumpyArrays(LogReader):
@@ -29,6 +31,8 @@ class NumpyArrays(LogReader):
     def tables(self, source: SourceFile) -> list[LogTable]:
         """The arrays; a single one has columns without names."""
         with source.on_disk() as path:
+            if source.compression is None and not source.head.startswith(MAGIC):
+                source.require_members(LARGEST_ARCHIVE)
             arrays = self._arrays(path, single=source.head.startswith(MAGIC))
             return tables_of_arrays(arrays, name=source.name, kind="NumPy array", where=str(source.path))
 
