@@ -71,6 +71,9 @@ def test_options_and_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (["--period", "70"], "give the period of a motion that ran at least twice"),
         (["--rig", tmp_path / "none.toml"], "No such file"),
         (["--out", source / "x.csv"], "is not a folder"),
+        (["--out", tmp_path / "run.xyz"], 'not written as ".xyz"; give --out a name with one of .csv, .parquet, .pq'),
+        (["--out", tmp_path / "run"], "its suffix names no format"),
+        (["--preset", "franka"], "the preset franka"),
         (["--out", tmp_path / "." / source.name], "would replace the log"),
     ):
         code, text, error = run(capsys, "import", source, *argv)
@@ -156,9 +159,10 @@ def test_a_hidden_drag_is_found_in_what_was_imported(name: str, tmp_path: Path) 
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["two clocks", "ros 2 bag mcap"])
+@pytest.mark.parametrize("name", ["two clocks", "ros 2 bag mcap", "ur_rtde", "plotjuggler"])
 def test_two_commands_to_the_verdict(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write = two_clocks if name == "two clocks" else FORMATS[name]
+    """Of formats that give the same rows one: `test_log_formats` compares the others' with the original."""
+    write = SOURCES.get(name) or FORMATS[name]
     out = tmp_path / "run.csv"
     assert (
         run(capsys, "import", *write(original(5000 if name == "two clocks" else 2500), tmp_path), "--out", out)[0] == 0

@@ -73,6 +73,19 @@ def bomb(folder: Path) -> Path:
     return path
 
 
+def zip_of_blanks(name: str, member: str, megabytes: int) -> Make:
+    """A format that is a zip file itself, with a member of blanks that hardly takes room."""
+
+    def make(folder: Path) -> Path:
+        with zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            with archive.open(member, "w", force_zip64=True) as stream:
+                for _ in range(megabytes // 4):
+                    stream.write(b" " * (4 << 20))
+        return folder / name
+
+    return make
+
+
 def two_in_a_zip(folder: Path) -> Path:
     with zipfile.ZipFile(folder / "logs.zip", "w") as archive:
         archive.writestr("a.csv", "1,2\n")
@@ -135,6 +148,7 @@ REFUSED: dict[str, Make] = {
     "sparse.h5": sparse("sparse.h5", b"\x89HDF\r\n\x1a\n"),
     "sparse.mat": sparse("sparse.mat", b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"),
     "gzip bomb": bomb,
+    "bomb.xlsx": zip_of_blanks("bomb.xlsx", "xl/worksheets/sheet1.xml", 260),
     "zip of two": two_in_a_zip,
     "pickle": file_of(pickle.dumps({"time": [1, 2]}), "log.pkl"),
     "pickle in an array": object_array,
@@ -193,6 +207,17 @@ def test_one_clear_line_or_a_reading(case: str, tmp_path: Path) -> None:
     path = SURVIVED[case](tmp_path)
     with suppress(InputError):
         assert imported(path).report.samples > 10
+
+
+def test_an_archive_that_says_its_size_is_not_unpacked(tmp_path: Path) -> None:
+    assert "decompresses to 0.254 GiB" in refusal(REFUSED["bomb.xlsx"](tmp_path))
+
+
+def test_a_damaged_bag_is_called_damaged(tmp_path: Path) -> None:
+    for case in ("noise rosbag", "noise.mcap", "sparse.bag", "cut sqlite3"):
+        folder = tmp_path / case
+        folder.mkdir()
+        assert "AssertionError" not in refusal(REFUSED[case](folder))
 
 
 def test_a_pickle_is_named_and_not_opened(tmp_path: Path) -> None:
