@@ -197,9 +197,7 @@ def poses_at(frame: Frame, instants: Array, motion_seed: int = 3) -> Frame:
     return Frame(rig.motion_columns(rig.quantised(motion.evaluate(instants)[0])))
 
 
-def two_clocks(
-    frame: Frame, folder: Path, offset: float = 0.037, seed: int = 1, motion_seed: int = 3
-) -> list[Path]:
+def two_clocks(frame: Frame, folder: Path, offset: float = 0.037, seed: int = 1, motion_seed: int = 3) -> list[Path]:
     """Wrench and pose in a file each: the wrench's stamps are late and jitter, 3 samples are lost, rates differ."""
     rng = np.random.default_rng(seed)
     lost = rng.choice(np.arange(100, len(frame) - 100), 3, replace=False)

@@ -71,7 +71,7 @@ def test_options_and_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (["--period", "70"], "give the period of a motion that ran at least twice"),
         (["--rig", tmp_path / "none.toml"], "No such file"),
         (["--out", source / "x.csv"], "is not a folder"),
-        (["--out", tmp_path / "run.xyz"], 'not written as ".xyz"; give --out a name with one of .csv, .parquet, .pq'),
+        (["--out", tmp_path / "run.xyz"], "not written as '.xyz'; give --out a name with one of .csv, .parquet, .pq"),
         (["--out", tmp_path / "run"], "its suffix names no format"),
         (["--preset", "franka"], "the preset franka"),
         (["--out", tmp_path / "." / source.name], "would replace the log"),
