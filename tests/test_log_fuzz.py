@@ -77,10 +77,10 @@ def zip_of_blanks(name: str, member: str, megabytes: int) -> Make:
     """A format that is a zip file itself, with a member of blanks that hardly takes room."""
 
     def make(folder: Path) -> Path:
-        with zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-            with archive.open(member, "w", force_zip64=True) as stream:
-                for _ in range(megabytes // 4):
-                    stream.write(b" " * (4 << 20))
+        archive = zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
+        with archive, archive.open(member, "w", force_zip64=True) as stream:
+            for _ in range(megabytes // 4):
+                stream.write(b" " * (4 << 20))
         return folder / name
 
     return make
@@ -211,6 +211,16 @@ def test_one_clear_line_or_a_reading(case: str, tmp_path: Path) -> None:
 
 def test_an_archive_that_says_its_size_is_not_unpacked(tmp_path: Path) -> None:
     assert "decompresses to 0.254 GiB" in refusal(REFUSED["bomb.xlsx"](tmp_path))
+
+
+def test_too_little_memory_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind the readers too: ten million rows of 14 columns do not fit into 2 GiB."""
+
+    def exhausted(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("estimation.logs.log_import.column_mapping", exhausted)
+    assert "larger than the memory that is free" in refusal(edited(lambda lines: lines)(tmp_path))
 
 
 def test_a_damaged_bag_is_called_damaged(tmp_path: Path) -> None:

@@ -92,7 +92,11 @@ def import_recording(
     if options.preset is not None and options.preset not in PRESETS:
         what = f"there is no preset {quoted(options.preset)}"
         raise InputError(what=what, where="--preset", remedy=f"use one of {', '.join(PRESETS)}")
-    return _Reading([Path(source) for source in sources], options, rig).imported()
+    try:
+        return _Reading([Path(source) for source in sources], options, rig).imported()
+    except MemoryError:
+        what = "larger than the memory that is free"
+        raise InputError(what=what, where=str(sources[0]), remedy="cut the log into parts") from None
 
 
 class _Reading:

@@ -201,7 +201,9 @@ def _longest_piece(stamps: Array, ticks: Index, where: str, log: StepLog) -> tup
     piece = int(np.argmax(np.diff(bounds)))
     begin, end = int(bounds[piece]), int(bounds[piece + 1])
     longest = float(np.diff(stamps)[cuts - 1].max())
-    what = f"{len(cuts)} gap{'s' if len(cuts) > 1 else ''} of up to {longest:.3g} s: the longest piece is kept, {stamps[end - 1] - stamps[begin]:.4g} s"
+    gaps = "1 gap" if len(cuts) == 1 else f"{len(cuts)} gaps"
+    kept = f"the longest piece is kept, {stamps[end - 1] - stamps[begin]:.4g} s"
+    what = f"{gaps} of up to {longest:.3g} s: {kept}"
     log.mended(what, where, len(ticks) - (end - begin), len(ticks))
     return begin, end
 
