@@ -19,6 +19,7 @@ from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.fit import Estimate, fit
+from estimation.recordings.decimation import min_max_decimated
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
@@ -30,7 +31,7 @@ from modeling.space import Space
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual, std_of_interval_means
 from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum
-from truewrench.plots.residuals.time_series_plot import min_max_decimated, running_mean
+from truewrench.plots.residuals.time_series_plot import running_mean
 from truewrench.report import report_page, write_report
 from truewrench.report.effect_row import effect_row
 from truewrench.simulated_rig import (

@@ -58,6 +58,7 @@ from truewrench.emitted import emit as emit
 from truewrench.files.effects_file import read_effects as read_effects
 from truewrench.files.model_file import load as load
 from truewrench.files.model_file import save as save
+from truewrench.plots.reading.reading_plot import plot_reading as plot_reading
 from truewrench.surveying.survey import survey as survey
 
 __version__: str

@@ -79,10 +79,14 @@ class FrameReading:
         return self.fit.mass
 
 
+def sampled_rows(columns: Mapping[str, Array]) -> slice:
+    """The rows of a recording's columns that the evidence is taken from."""
+    return slice(0, min(len(columns["fx"]), LONGEST), _stride(columns))
+
+
 def frame_evidence(columns: Mapping[str, Array]) -> FrameEvidence | None:
     """The evidence in a recording's columns (n,); None of a sensor that never turns."""
-    samples = min(len(columns["fx"]), LONGEST)
-    every = slice(0, samples, _stride(columns))
+    every = sampled_rows(columns)
     force = np.stack([columns[name][every] for name in ("fx", "fy", "fz")], axis=1)
     quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
     as_read, *others = _readings(force, quaternion, _acceleration(columns, every) / GRAVITY)
@@ -96,7 +100,7 @@ def quaternion_orders(columns: Mapping[str, Array]) -> tuple[FrameReading, Frame
     """The orientation as read, and as a quaternion w first, however few directions gravity takes."""
     from scipy.spatial.transform import Rotation  # slow to import
 
-    every = slice(0, min(len(columns["fx"]), LONGEST), _stride(columns))
+    every = sampled_rows(columns)
     force = np.stack([columns[name][every] for name in ("fx", "fy", "fz")], axis=1)
     quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
     up = _acceleration(columns, every) / GRAVITY + np.array([0.0, 0.0, 1.0])

@@ -11,24 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 import estimation.logs.readers  # registers the readers  # noqa: F401
-from estimation.logs.ambiguity import require_decided_order, require_plausible_speed
+from estimation.logs.checks.ambiguity import require_plausible_speed
+from estimation.logs.checks.frame_check import FrameCheck
+from estimation.logs.checks.recording_check import note_columns
 from estimation.logs.clocks.one_clock import on_one_clock
 from estimation.logs.clocks.sample_hold import held_rows, note_suspicious_channels
-from estimation.logs.clocks.sample_mending import Stream, mended, mended_runs
+from estimation.logs.clocks.sample_mending import STAMP, Stream, mended, mended_runs
 from estimation.logs.clocks.table_joining import joined_by_rows, require_preset, with_preset_names
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_pattern import PRESETS, Quantity
 from estimation.logs.columns.column_recognition import ColumnGroup, ColumnMapping, column_mapping
 from estimation.logs.columns.time_column import TimeColumn, decreasing_time, time_column
-from estimation.logs.frame_evidence import W_FIRST, frame_evidence
+from estimation.logs.log_picture import picture_of
 from estimation.logs.log_reader import tables_of
 from estimation.logs.log_table import Array, LogTable
 from estimation.logs.motion_streams import QUATERNION, SiColumns, in_sensor_axes
-from estimation.logs.recording_check import note_columns
 from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
+from estimation.recordings.reading_curves import IntervalHistogram, Span, spans
 from estimation.recordings.reading_report import ClockReading, OffsetReading, PeriodReading, ReadingReport
 from estimation.recordings.recording import MotionForm, Recording, motion_columns
 from modeling.errors import InputError, quoted
@@ -48,6 +50,7 @@ RESERVED = {
 }
 
 Mask: TypeAlias = NDArray[np.bool_]
+Index: TypeAlias = NDArray[np.int64]
 Groups: TypeAlias = Sequence[tuple[ColumnGroup, dict[str, Array]]]
 """Groups of columns, the wrench's first, each with what it becomes, in SI units."""
 Clocks: TypeAlias = tuple[tuple[ClockReading, ...], OffsetReading | None, PeriodReading | None, float | None]
@@ -125,43 +128,23 @@ class _Reading:
         groups += [(group, si.motion(group)) for group in mapping.groups[1:]]
         columns, report_parts = self._on_one_clock(mapping, groups, si.base_axes)
         clocks, offset, period, rate = report_parts
+        stamps = columns.pop(STAMP, None)
         if mapping.joints and arm is None and rate is not None and self.stated.factor("angle") is None:
             require_plausible_speed(columns, rate, mapping.joints[0])
+        wrench, samples = mapping.wrench.table.name, len(columns[mapping.wrench.targets[0]])
         if {"fz", "qw"} <= set(columns):
-            columns = self._frames_checked(columns, mapping, offset)
+            is_moved = offset is not None and offset.applied
+            columns = FrameCheck(mapping, self.stated, self.log).checked(columns, stamps, is_moved=is_moved)
         else:
-            note_columns(columns, mapping.wrench.table.name, self.rig, self.log)
-        note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, mapping.wrench.table.name, self.log)
+            note_columns(columns, wrench, self.rig, self.log)
+        instants = np.arange(1.0, samples + 1) if stamps is None else stamps
+        note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, instants, wrench, self.log)
+        curves, steps = picture_of(columns, stamps, self.log.steps, wrench, offset, self.rig)
         report = ReadingReport(
-            sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, period=period,
-            steps=tuple(self.log.steps),
-            samples=len(columns[mapping.wrench.targets[0]]), rate=rate, columns=tuple(columns),
+            sources=sources, used=tuple(si.used), clocks=clocks, offset=offset, period=period, steps=steps,
+            samples=samples, rate=rate, columns=tuple(columns), curves=curves,
         )  # fmt: skip
         return ImportedRecording(name=self.paths[0].name, columns=columns, report=report)
-
-    def _frames_checked(
-        self, columns: dict[str, Array], mapping: ColumnMapping, offset: OffsetReading | None
-    ) -> dict[str, Array]:
-        """A clearly better reading of the orientation is named; it is taken where no name stated the order."""
-        found, group = frame_evidence(columns), mapping.orientation
-        if group is None:
-            return columns
-        unstated = self.stated.form is None and all(name[-1:].isdigit() or name.endswith("]") for name in group.columns)
-        unstated &= len(group.columns) == 4
-        if unstated and (found is None or not found.is_better):
-            require_decided_order(columns, group)
-        if found is None:
-            return columns
-        if found.shows_no_weight:
-            self.log.suspicious(found.weight_sentence, mapping.wrench.table.name)
-        if not found.is_better:
-            return columns
-        better, what = found.best, found.sentence
-        if better.meaning != W_FIRST or not unstated or (offset is not None and offset.applied):
-            self.log.suspicious(f"{what}; {better.advice}", group.table.name)
-            return columns
-        self.log.mended(f"no name states the quaternion's order, and {what}; taken so", group.table.name)
-        return columns | {new: columns[old] for new, old in (("qx", "qy"), ("qy", "qz"), ("qz", "qw"), ("qw", "qx"))}
 
     # ------------------------------------------------------------------------------------- sources
 
@@ -217,16 +200,20 @@ class _Reading:
         streams = self._streams(groups)
         mend = mended_runs if len(streams) == 1 else mended
         series = [mend(stream, self.log) for stream in streams]
+        stamped = {**series[0].columns, STAMP: series[0].instants}
+        series[0] = replace(series[0], columns=stamped)
         stated, options = self.stated, self.options
         clock = on_one_clock(series, stated.offset, options.period, self.rig, self.log, self.one_clock, options.one_run)
         columns = self._turned(clock.columns, base_axes)
-        return columns, (tuple(s.reading for s in series), clock.offset, clock.period, clock.rate)
+        intervals = [IntervalHistogram.of(stream.stamps) for stream in streams]
+        clocks = tuple(replace(s.reading, intervals=own) for s, own in zip(series, intervals, strict=True))
+        return columns, (clocks, clock.offset, clock.period, clock.rate)
 
     def _streams(self, groups: Groups) -> list[Stream]:
         """Groups that were sampled together as one stream each, with the auxiliary columns of their table."""
         streams: list[tuple[LogTable, dict[str, Array], Mask]] = []
         for group, columns in groups:
-            rows = self._own_rows(group, columns)
+            rows = self._own_rows(group, columns, groups)
             # Rows of one table share a clock, unless each is of one topic only.
             self.one_clock &= all(table is group.table and bool((known & rows).any()) for table, _, known in streams)
             for place, (table, members, known) in enumerate(streams):
@@ -237,7 +224,7 @@ class _Reading:
                 streams.append((group.table, dict(columns), rows))
         return [self._stream(*stream, groups) for stream in streams]
 
-    def _own_rows(self, group: ColumnGroup, columns: Mapping[str, Array]) -> Mask:
+    def _own_rows(self, group: ColumnGroup, columns: Mapping[str, Array], groups: Groups) -> Mask:
         """Mask of the rows in which a group has a new sample: all its cells filled, and none held from before."""
         rows = np.ones(group.table.rows, dtype=bool)
         for column in columns.values():
@@ -255,35 +242,46 @@ class _Reading:
         total = len(known)
         if held:
             what = f"{group.quantity.value} held for {held} rows each: only its new values are used"
-            self.log.mended(what, group.table.name, total - int(changed.sum()), total)
+            at = self._spans(group.table, known[~changed], groups)
+            self.log.mended(what, group.table.name, total - int(changed.sum()), total, at, columns)
             rows = np.zeros(group.table.rows, dtype=bool)
             rows[known[changed]] = True
         elif share > (0.02 if group.quantity is Quantity.WRENCH else 0.5):
-            self.log.suspicious(
-                f"{group.quantity.value} repeats its last value", group.table.name, total - int(changed.sum()), total
+            what, at = (
+                f"{group.quantity.value} repeats its last value",
+                self._spans(group.table, known[~changed], groups),
             )
+            self.log.suspicious(what, group.table.name, total - int(changed.sum()), total, at, columns)
         return rows
+
+    def _stamps(self, table: LogTable, groups: Groups) -> Array:
+        """Stamps (n,) of a table's rows, s since the epoch of all."""
+        time = self._time(table)
+        assert time is not None  # checked before
+        return time.stamps + (time.epoch - self._epoch(groups))
+
+    def _spans(self, table: LogTable, rows: Index, groups: Groups) -> tuple[Span, ...]:
+        return spans(self._stamps(table, groups), rows)
 
     def _stream(self, table: LogTable, columns: Mapping[str, Array], rows: Mask, groups: Groups) -> Stream:
         """The rows of a stream; those where it has no sample are left out, the auxiliary columns with them."""
-        time = self._time(table)
-        assert time is not None  # checked before
         holder = next(set(own) for group, own in groups if group.table is table)
         full = {**columns, **(self._auxiliary(table, groups) if holder <= set(columns) else {})}
-        stamps = time.stamps + (time.epoch - self._epoch(groups))
+        stamps = self._stamps(table, groups)
         if not rows.all():
             kept = np.flatnonzero(rows | ~np.isfinite(stamps))
-            self._note_rows(table, rows, len(kept))
+            self._note_rows(table, rows, len(kept), stamps)
             stamps, full = stamps[kept], {name: column[kept] for name, column in full.items()}
         return Stream(where=table.name, stamps=stamps, columns=full, essential=tuple(columns))
 
-    def _note_rows(self, table: LogTable, rows: Mask, kept: int) -> None:
+    def _note_rows(self, table: LogTable, rows: Mask, kept: int, stamps: Array) -> None:
         """Log rows in which a group has no sample, as missing cells or as those of other topics in one table."""
         without = len(rows) - kept
         if without > 0.2 * len(rows):
             self.log.taken("rows without a sample of its own", table.name, without, len(rows))
         elif without:
-            self.log.mended("rows with empty or held cells left out", table.name, without, len(rows))
+            what = "rows with empty or held cells left out"
+            self.log.mended(what, table.name, without, len(rows), spans(stamps, ~rows))
 
     def _epoch(self, groups: Groups) -> float:
         """The epoch that stamps are counted from: the smallest of those since 1970, else 0."""

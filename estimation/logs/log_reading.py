@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from estimation.logs.checks.recording_check import checked
 from estimation.logs.clocks.repeat_cutting import cut_into_repeats
 from estimation.logs.clocks.repeat_length import differ_slightly, repeat_lengths
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.log_import import ImportedRecording, ReadingOptions, import_recording
-from estimation.logs.recording_check import checked
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable, header_names, table_from_file
 from estimation.recordings.reading import read as read_recording

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from estimation.recordings.reading_curves import Span
 from estimation.recordings.reading_report import ReadingStep, StepKind
 from modeling.errors import InputError
 
@@ -19,9 +21,19 @@ class StepLog:
         """Something was read as it stands, or converted as stated."""
         self.steps.append(ReadingStep(kind=StepKind.TAKEN, what=what, where=where, count=count, total=total))
 
-    def mended(self, what: str, where: str, count: int | None = None, total: int | None = None) -> None:
-        """Samples were changed, moved or left out. Raises InputError in a strict reading."""
-        step = ReadingStep(kind=StepKind.MENDED, what=what, where=where, count=count, total=total)
+    def mended(
+        self,
+        what: str,
+        where: str,
+        count: int | None = None,
+        total: int | None = None,
+        at: tuple[Span, ...] = (),
+        channels: Iterable[str] = (),
+    ) -> None:
+        """Samples were changed, moved or left out, `at` these stamps. Raises InputError in a strict reading."""
+        step = ReadingStep(
+            kind=StepKind.MENDED, what=what, where=where, count=count, total=total, at=at, channels=tuple(channels)
+        )
         if self.strict:
             what = str(step).removeprefix(f"{where}: ")
             raise InputError(
@@ -29,6 +41,17 @@ class StepLog:
             )
         self.steps.append(step)
 
-    def suspicious(self, what: str, where: str, count: int | None = None, total: int | None = None) -> None:
-        """Something is left as it is, and may be wrong."""
-        self.steps.append(ReadingStep(kind=StepKind.SUSPICIOUS, what=what, where=where, count=count, total=total))
+    def suspicious(
+        self,
+        what: str,
+        where: str,
+        count: int | None = None,
+        total: int | None = None,
+        at: tuple[Span, ...] = (),
+        channels: Iterable[str] = (),
+    ) -> None:
+        """Something is left as it is, and may be wrong, `at` these stamps."""
+        step = ReadingStep(
+            kind=StepKind.SUSPICIOUS, what=what, where=where, count=count, total=total, at=at, channels=tuple(channels)
+        )
+        self.steps.append(step)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
 import numpy as np
 
+from estimation.recordings.reading_curves import IntervalHistogram, OffsetCurves, ReadingCurves, Span
 from modeling.table import Column, Table, Tabular
 
 
@@ -22,13 +23,19 @@ class StepKind(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingStep:
-    """One thing that was done or noticed; `count` of `total` samples where it concerns samples."""
+    """One thing that was done or noticed; `count` of `total` samples where it concerns samples.
+
+    at        when, as intervals, s from the recording's first sample; none where it concerns all of the time
+    channels  which of the recording's columns it concerns; none where it concerns all of the source
+    """
 
     kind: StepKind
     what: str
     where: str
     count: int | None = None
     total: int | None = None
+    at: tuple[Span, ...] = ()
+    channels: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         share = (
@@ -50,7 +57,7 @@ class UsedColumns:
 
 @dataclass(frozen=True, kw_only=True)
 class ClockReading:
-    """A clock: samples read, rate (Hz), first stamp and length (s), std of the stamps about it (s)."""
+    """A clock: samples read, rate (Hz), first stamp and length (s), std of the stamps about it (s), their intervals."""
 
     where: str
     samples: int
@@ -58,6 +65,7 @@ class ClockReading:
     start: float
     seconds: float
     jitter: float
+    intervals: IntervalHistogram | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +77,7 @@ class OffsetReading:
     applied: bool
     correlation: float
     alternatives: tuple[float, ...] = ()
+    curves: OffsetCurves | None = field(default=None, compare=False)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -115,7 +124,10 @@ def _percent(share: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingReport(Tabular):
-    """How sources became a recording of `samples` rows at `rate` Hz (None for static poses)."""
+    """How sources became a recording of `samples` rows at `rate` Hz (None for static poses).
+
+    `curves` are what `tw.plot_reading` draws of the recording; text and JSON are without them.
+    """
 
     sources: tuple[tuple[str, str, int, int], ...]
     used: tuple[UsedColumns, ...]
@@ -126,20 +138,27 @@ class ReadingReport(Tabular):
     rate: float | None
     columns: tuple[str, ...]
     period: PeriodReading | None = None
+    curves: ReadingCurves | None = field(default=None, compare=False)
 
     def of(self, kind: StepKind) -> tuple[ReadingStep, ...]:
         """The steps of one kind, in their order."""
         return tuple(step for step in self.steps if step.kind is kind)
+
+    @property
+    def size(self) -> str:
+        """Samples, length and rate, in words."""
+        rate = "static poses" if self.rate is None else f"{self.samples / self.rate:.4g} s at {self.rate:.6g} Hz"
+        return f"{self.samples} samples, {rate}"
 
     def to_data(self) -> dict[str, Any]:
         """The report as plain data, s and Hz."""
         data: dict[str, Any] = {
             "sources": [dict(zip(("name", "kind", "rows", "columns"), s, strict=True)) for s in self.sources],
             "columns": [{**vars(u), "columns": list(u.columns), "targets": list(u.targets)} for u in self.used],
-            "clocks": [dict(vars(clock)) for clock in self.clocks],
+            "clocks": [_without(clock, "intervals") for clock in self.clocks],
             "offset": None if self.offset is None else _offset_data(self.offset),
             "period": None if self.period is None else {**vars(self.period), "interval": list(self.period.interval)},
-            "steps": [{**vars(step), "kind": step.kind.value} for step in self.steps],
+            "steps": [_without(step, "at", "channels") | {"kind": step.kind.value} for step in self.steps],
             "recording": {"samples": self.samples, "rate": self.rate, "columns": list(self.columns)},
         }
         return data
@@ -152,8 +171,7 @@ class ReadingReport(Tabular):
 
     def printed(self) -> list[Table | str]:
         """Sources, columns, clocks, the offset between them, and every step by its kind."""
-        rate = "static poses" if self.rate is None else f"{self.samples / self.rate:.4g} s at {self.rate:.6g} Hz"
-        parts: list[Table | str] = [f"Recording: {self.samples} samples, {rate}; {', '.join(self.columns)}"]
+        parts: list[Table | str] = [f"Recording: {self.size}; {', '.join(self.columns)}"]
         parts.append(
             Table.of(("source", "kind", "rows", "columns"), [(n, k, str(r), str(c)) for n, k, r, c in self.sources])
         )
@@ -183,8 +201,13 @@ _TITLES: Mapping[StepKind, str] = {
 }
 
 
+def _without(part: object, *names: str) -> dict[str, Any]:
+    return {name: value for name, value in vars(part).items() if name not in names}
+
+
 def _offset_data(offset: OffsetReading) -> dict[str, Any]:
-    return {**vars(offset), "interval": list(offset.interval), "alternatives": list(offset.alternatives)}
+    lists = {"interval": list(offset.interval), "alternatives": list(offset.alternatives)}
+    return _without(offset, "curves") | lists
 
 
 def _offset_sentence(offset: OffsetReading) -> str:

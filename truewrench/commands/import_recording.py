@@ -15,11 +15,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from estimation.logs.log_table import Array
+    from estimation.recordings.reading_report import ReadingReport
 
 PRESETS = (
     *("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova"),
     *("xyz_quaternion_wrench", "joints_deg_wrench"),
 )
+PICTURES, PICTURE_DPI = (".png", ".svg", ".pdf"), 144
 ROWS_AT_ONCE, ROWS_OF_GROUP = 100_000, 500_000
 WRITTEN = (".csv", ".parquet", ".pq")
 LONGEST_CHECKED = 2_000_000
@@ -42,6 +44,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     period.add_argument("--no-period", action="store_true", help="one run, even if a column counts repeats")
     command.add_argument("--strict", action="store_true", help="refuse whatever would have to be mended")
     command.add_argument("--out", type=Path, metavar="REC", help="recording to write (.csv or .parquet)")
+    command.add_argument("--plot", type=Path, metavar="FILE", help="picture of the reading (.png, .svg or .pdf)")
     command.add_argument("--json", action="store_true", help="print the reading report as JSON alone")
     command.set_defaults(run=run)
 
@@ -60,16 +63,38 @@ def _require_known_suffix(out: Path) -> None:
         raise InputError(what=what, where=str(out), remedy=f"give --out a name with one of {', '.join(WRITTEN)}")
 
 
+def _require_picture(path: Path) -> None:
+    """Raises InputError for a name that is no picture's."""
+    if path.suffix.lower() not in PICTURES:
+        what = "no format of a picture that is drawn"
+        raise InputError(what=what, where=str(path), remedy=f"give --plot a name that ends in {', '.join(PICTURES)}")
+
+
+def write_picture(report: ReadingReport, path: Path) -> None:
+    """Draw the reading as PNG, SVG or PDF, by the name's ending."""
+    from matplotlib import rc_context
+
+    from truewrench.files.output import atomic_write
+    from truewrench.plots.reading.reading_plot import plot_reading
+
+    figure = plot_reading(report)
+    with atomic_write(path) as temporary, rc_context({"svg.fonttype": "none"}):
+        figure.savefig(temporary, format=path.suffix.lower()[1:], dpi=PICTURE_DPI, facecolor="white")
+
+
 def run(arguments: argparse.Namespace) -> None:
     """Import, write the recording, print the reading report."""
     from estimation.logs.log_reading import imported
     from modeling.rig.rig import Rig
     from truewrench.files.output import atomic_write, progress_line, require_writable_folder
 
+    for written in filter(None, (arguments.out, arguments.plot)):
+        require_writable_folder(written.parent)
+        _require_other_file(written, arguments.sources)
     if arguments.out is not None:
         _require_known_suffix(arguments.out)
-        require_writable_folder(arguments.out.parent)
-        _require_other_file(arguments.out, arguments.sources)
+    if arguments.plot is not None:
+        _require_picture(arguments.plot)
     rig = None if arguments.rig is None else Rig.read(arguments.rig)
     with progress_line() as progress:
         progress("read")
@@ -88,11 +113,15 @@ def run(arguments: argparse.Namespace) -> None:
             progress("write")
             with atomic_write(arguments.out) as path:
                 write_table(found.columns, path, parquet=arguments.out.suffix.lower() in (".parquet", ".pq"))
+        if arguments.plot is not None:
+            progress("draw")
+            write_picture(found.report, arguments.plot)
     if arguments.json:
         print(json.dumps(found.report.to_data(), indent=2, allow_nan=False))
         return
     print(found.report)
-    print(f"\nWritten: {arguments.out}" if arguments.out is not None else "\nNothing is written without --out REC.")
+    written = ", ".join(str(path) for path in (arguments.out, arguments.plot) if path is not None)
+    print(f"\nWritten: {written}" if written else "\nNothing is written without --out REC.")
 
 
 def write_table(columns: Mapping[str, Array], path: Path, *, parquet: bool) -> None:

@@ -91,6 +91,26 @@ class PanelGrid:
         return figure, panels
 
 
+@dataclass(frozen=True)
+class PixelLayout:
+    """An empty figure whose panels are placed in CSS pixels from its top left corner."""
+
+    height: float
+    figure: Figure
+
+    @classmethod
+    def of(cls, height: float) -> PixelLayout:
+        """An empty figure of the common width."""
+        figure = Figure(figsize=(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH))
+        figure.patch.set_alpha(0.0)
+        return cls(height, figure)
+
+    def panel(self, left: float, top: float, width: float, height: float) -> Axes:
+        """Styled axes."""
+        place = (left / WIDTH, 1 - (top + height) / self.height, width / WIDTH, height / self.height)
+        return style_axes(self.figure.add_axes(place))
+
+
 def style_axes(axes: Axes) -> Axes:
     """The axes with two thin spines, small ticks and no frame."""
     for side in ("top", "right"):

@@ -23,7 +23,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimation.logs.clocks.alignment_curves import AlignmentCurves
 from estimation.logs.log_table import Array
+from estimation.recordings.reading_curves import OffsetCurves
 from estimation.recordings.reading_report import OffsetReading
 
 if TYPE_CHECKING:
@@ -45,6 +47,9 @@ USUAL_VARIANCE = 3.0
 LEAST_CORRELATION = 0.3
 LARGEST_STD = 0.02
 """Seconds; an offset that is known no better is not applied."""
+NEAR = np.linspace(-5, 5, 13)
+"""Offsets about the estimate, in its std, of which the picture shows chi-square."""
+NEAR_ROWS = 2000
 QUARTER_TURN_TOLERANCE = 0.35
 """Radians."""
 TINY = 1e-12
@@ -143,7 +148,7 @@ def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around:
     inside = (stamps - around > motion.instants[0] + reach) & (stamps - around < motion.instants[-1] - reach)
     if inside.sum() < 100 or np.ptp(stamps[inside]) < SHORTEST:
         return None
-    size = wrench[inside].std(axis=0)
+    readings, size = wrench, wrench[inside].std(axis=0)
     size[: motion.dimension] = size[: motion.dimension].max()  # forces share coefficients
     wrench = wrench / np.maximum(size, TINY)
     coarse = _averaged(stamps[inside], wrench[inside])
@@ -151,11 +156,18 @@ def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around:
     costs = np.array([_cost(motion, *coarse, offset) for offset in scan])
     best = _nearest_minimum(scan - around, costs)
     known = np.abs(stamps - scan[best] - motion.instants.mean()) < 0.5 * np.ptp(motion.instants) - SCAN_STEP
-    offset, std = _refined(motion, stamps[known][:REFINE_ROWS], wrench[known][:REFINE_ROWS], float(scan[best]))
+    refined = stamps[known][:REFINE_ROWS], wrench[known][:REFINE_ROWS]
+    offset, std, weights = _refined(motion, *refined, float(scan[best]))
     share = 1 - float(np.exp(_cost(motion, *coarse, offset) - _cost(motion, *coarse, None)))
     sure = std < LARGEST_STD and share > LEAST_CORRELATION and 0 < best < len(scan) - 1
     others = tuple(float(scan[i]) for i in _deep_minima(costs) if abs(i - best) * SCAN_STEP > 0.1)
-    return OffsetReading(offset=offset, std=std, applied=sure, correlation=share, alternatives=others)
+    shares = 1 - np.exp(costs - _cost(motion, *coarse, None))
+    forces = readings[known, : motion.dimension]
+    aligned = AlignmentCurves.of(lambda t: motion.at(t)[0], stamps[known], forces, offset, around)
+    near = offset + std * NEAR if np.isfinite(std) else np.zeros(0)
+    chi_square = _chi_square(motion, *refined, near, weights)
+    curves = OffsetCurves(offsets=scan, share=shares, near=near, chi_square=chi_square, **vars(aligned))
+    return OffsetReading(offset=offset, std=std, applied=sure, correlation=share, alternatives=others, curves=curves)
 
 
 def _averaged(stamps: Array, wrench: Array) -> tuple[Array, Array]:
@@ -191,8 +203,8 @@ def _nearest_minimum(scan: Array, costs: Array) -> int:
     return min(minima, key=lambda i: abs(float(scan[i]))) if minima else int(np.argmin(costs))
 
 
-def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float) -> tuple[float, float]:
-    """Gauss-Newton on the coefficients and the offset, and the offset's std by a sandwich over blocks.
+def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float) -> tuple[float, float, Array]:
+    """Gauss-Newton on the coefficients and the offset, the offset's std by a sandwich over blocks, rows' weights (n,).
 
     Rows are weighted anew in each iteration, so that a push or a tether that is taut at times counts little.
     """
@@ -204,7 +216,7 @@ def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: flo
         weight = 1 / np.maximum((residual**2).mean(axis=0), TINY)
         information = float(((late**2) * weight).sum())
         if information <= 0:
-            return offset, np.inf
+            return offset, np.inf, weights
         change = float(np.clip((late * residual * weight).sum() / information, -SCAN_STEP, SCAN_STEP))
         scores = (late * (residual - late * change) * weight).sum(axis=1)
         blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
@@ -214,7 +226,7 @@ def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: flo
             break
     # A motion known at discrete instants, and stamps on a fitted clock: a fiftieth of the coarser step.
     floor = 0.02 * max(float(np.median(np.diff(motion.instants))), float(np.median(np.diff(stamps))))
-    return offset, float(np.hypot(std, floor))
+    return offset, float(np.hypot(std, floor)), weights
 
 
 def _row_weights(residual: Array, window: int) -> Array:
@@ -227,6 +239,21 @@ def _row_weights(residual: Array, window: int) -> Array:
     near = uniform_filter1d(residual**2, window, axis=0)
     size = (near / np.maximum(np.median(near, axis=0), TINY)).max(axis=1)
     return np.asarray(np.minimum(1.0, USUAL_VARIANCE / np.maximum(size, TINY)))
+
+
+def _chi_square(motion: MotionRegressors, stamps: Array, wrench: Array, offsets: Array, weights: Array) -> Array:
+    """Chi-square of the whole model at these offsets (k,) above its smallest, all else fitted, of some of the rows.
+
+    Rows count by the weights (n,) that they have at the estimate.
+    """
+    if not len(offsets):
+        return np.zeros(0)
+    every = slice(None, None, max(len(stamps) // NEAR_ROWS, 1))
+    roots = np.sqrt(weights[every])
+    fits = [_linearised(motion, stamps[every], wrench[every], float(offset), roots)[1] for offset in offsets]
+    sums = np.array([(residual**2).sum(axis=0) for residual in fits])
+    found = (sums / np.maximum(sums.min(axis=0) / len(stamps), TINY)).sum(axis=1)
+    return np.asarray(found - found.min())
 
 
 def _linearised(
@@ -245,7 +272,7 @@ def _linearised(
     forces, torques = wrench[:, :d], wrench[:, d:]
     mounting = _mounting(_coefficients(free, forces)[:d].T)
     shared, shared_rate = vectors @ mounting.T, vectors_rate @ mounting.T
-    basis = np.linalg.svd(free, full_matrices=False)[0]
+    basis = _basis(free)
     design = (
         _cleared(basis, shared.reshape(len(stamps), -1))
         .reshape(shared.shape)
@@ -258,7 +285,7 @@ def _linearised(
     coefficients = _coefficients(free, forces - np.einsum("nrd,r->nd", shared, amounts))
     slope = _cleared(basis, -free_rate @ coefficients - np.einsum("nrd,r->nd", shared_rate, amounts)).reshape(-1)
     late[:, :d] = (slope - design @ _coefficients(design, slope)).reshape(-1, d)
-    basis = np.linalg.svd(every, full_matrices=False)[0]
+    basis = _basis(every)
     residual[:, d:] = _cleared(basis, torques)
     late[:, d:] = _cleared(basis, -every_rate @ _coefficients(every, torques))
     return late, residual
@@ -288,6 +315,12 @@ def _mounting(force: Array) -> Array:
 
 def _coefficients(regressors: Array, series: Array) -> Array:
     return np.asarray(np.linalg.lstsq(regressors, series, rcond=1e-10)[0])
+
+
+def _basis(regressors: Array) -> Array:
+    """Orthonormal basis (n, r) of the span of regressors (n, k), of which some may be collinear."""
+    left, values, _ = np.linalg.svd(regressors, full_matrices=False)
+    return np.asarray(left[:, values > 1e-10 * values[0]])
 
 
 def _cleared(basis: Array, columns: Array) -> Array:

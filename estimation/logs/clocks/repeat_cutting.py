@@ -10,9 +10,11 @@ import numpy as np
 
 from estimation.logs.clocks.repeat_length import Index, differ_slightly, repeat_lengths, slight_difference
 from estimation.logs.clocks.resampling import band_limited, interpolated_position, interpolated_quaternion
+from estimation.logs.clocks.sample_mending import STAMP
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.motion_period import MotionPeriod, motion_period, whole_repeats
+from estimation.recordings.reading_curves import Span, spans
 from estimation.recordings.reading_report import PeriodReading
 from modeling.errors import InputError
 from modeling.rig.rig import SPATIAL_CHANNELS
@@ -140,7 +142,7 @@ def _cut(columns: dict[str, Array], dt: float, found: MotionPeriod, where: str, 
     left = first + max(samples - first - round(count * step / dt), 0)
     if left:
         what = f"samples outside the whole repeats left out: {before:.4g} s before, {after:.4g} s after them"
-        log.mended(what, where, left, samples)
+        log.mended(what, where, left, samples, _outside(columns, first, first + round(count * step / dt)))
     log.taken(f"cut into {found.repeats} repeats of {per_repeat} samples", where)
     reading = PeriodReading(
         period=found.period, std=found.std, repeats=found.repeats, samples=per_repeat, deviation=found.deviation,
@@ -148,6 +150,14 @@ def _cut(columns: dict[str, Array], dt: float, found: MotionPeriod, where: str, 
     )  # fmt: skip
     head = {"time": _ticks(count, step), "repeat": _numbers(found.repeats, per_repeat)}
     return CutSeries(columns={**head, **_without_repeat(kept)}, dt=step, period=reading)
+
+
+def _outside(columns: Mapping[str, Array], begin: int, end: int) -> tuple[Span, ...]:
+    """Intervals of the stamps of rows that are none of begin .. end - 1; none where the stamps are not known."""
+    if STAMP not in columns:
+        return ()
+    rows = np.arange(len(columns[STAMP]))
+    return spans(columns[STAMP], (rows < begin) | (rows >= end))
 
 
 def _readings_are_identical(cut: CutSeries) -> bool:
@@ -206,7 +216,8 @@ def _whole_repeats(columns: dict[str, Array], lengths: Index, where: str, log: S
     begin = int(lengths[0]) if lengths[0] < usual else 0
     end = total - (int(lengths[-1]) if lengths[-1] < usual else 0)
     if end - begin < total:
-        log.mended("samples of incomplete repeats left out", where, total - (end - begin), total)
+        at = _outside(columns, begin, end)
+        log.mended("samples of incomplete repeats left out", where, total - (end - begin), total, at)
     return {name: column[begin:end] for name, column in columns.items()}
 
 

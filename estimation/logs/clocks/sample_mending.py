@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from estimation.logs.clocks.repeat_length import differ_slightly
 from estimation.logs.clocks.resampling import interpolated_position
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
+from estimation.recordings.reading_curves import Span, merged, spans
 from estimation.recordings.reading_report import ClockReading
 from estimation.recordings.sample_clock import JITTER_WINDOW, missing_samples
 from modeling.errors import InputError
@@ -21,6 +23,8 @@ LONGEST_FILL = 5
 NEIGHBOURS = 6
 """Samples on either side of a filled gap that its cubic goes through."""
 FEWEST = 20
+STAMP = " stamp"
+"""Column, under a name that no log has, that takes the stamps through all that is done to the rows."""
 Index = NDArray[np.int64]
 
 
@@ -67,7 +71,8 @@ def mended_runs(stream: Stream, log: StepLog) -> Series:
     starts = np.flatnonzero(np.diff(stream.stamps) < 0) + 1
     if repeat is None or not starts.size or not (repeat[starts] != repeat[starts - 1]).all():
         return mended(stream, log)
-    pieces = [_piece(stream, part) for part in np.split(np.arange(len(repeat)), starts)]
+    laid = replace(stream, stamps=_end_to_end(stream.stamps, starts))
+    pieces = [_piece(laid, part) for part in np.split(np.arange(len(repeat)), starts)]
     if min(len(piece.stamps) for piece in pieces) < FEWEST:
         return mended(stream, log)
     attempt = StepLog(strict=log.strict)
@@ -80,6 +85,14 @@ def mended_runs(stream: Stream, log: StepLog) -> Series:
     log.taken(f"time restarts: {len(runs)} runs of one motion", stream.where)
     columns = {name: np.concatenate([run.columns[name] for run in runs]) for name in runs[0].columns}
     return replace(runs[0], columns=columns, lengths=tuple(run.samples for run in runs))
+
+
+def _end_to_end(stamps: Array, starts: Index) -> Array:
+    """Stamps of which each run, from these rows on, begins one usual step after the end of the one before."""
+    steps = np.diff(stamps)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    steps[starts - 1] = usual
+    return np.asarray(stamps[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def _piece(stream: Stream, rows: Index) -> Stream:
@@ -107,7 +120,10 @@ def mended(stream: Stream, log: StepLog) -> Series:
     columns = {name: column if whole else column[rows] for name, column in stream.columns.items()}
     if ticks[-1] + 1 > len(ticks):
         missing = int(ticks[-1] + 1 - len(ticks))
-        log.mended("missing samples interpolated", stream.where, missing, int(ticks[-1] + 1))
+        is_missing = np.ones(int(ticks[-1]) + 1, dtype=bool)
+        is_missing[ticks] = False
+        at = spans(start + dt * np.arange(len(is_missing), dtype=np.float64), is_missing)
+        log.mended("missing samples interpolated", stream.where, missing, len(is_missing), at, stream.columns)
         columns = {name: _filled(column, ticks) for name, column in columns.items()}
     return Series(where=stream.where, start=start, dt=dt, columns=columns, reading=reading)
 
@@ -132,7 +148,8 @@ def _increasing_rows(stream: Stream, rows: Index, log: StepLog) -> Index:
     stamps = stream.stamps[rows]
     back = int((np.diff(stamps) < 0).sum())
     if back:
-        log.mended("rows put in the order of time", stream.where, back, len(rows))
+        at = spans(stamps[1:], np.diff(stamps) < 0)
+        log.mended("rows put in the order of time", stream.where, back, len(rows), at, stream.columns)
         rows = rows[np.argsort(stamps, kind="stable")]
         stamps = stream.stamps[rows]
     same = np.flatnonzero(np.diff(stamps) == 0) + 1
@@ -150,9 +167,11 @@ def _increasing_rows(stream: Stream, rows: Index, log: StepLog) -> Index:
         )
         same = same[~differs]
     elif differs.any():
-        log.mended("samples with the stamp of the one before left out", stream.where, int(differs.sum()), len(rows))
+        what, at = "samples with the stamp of the one before left out", spans(stamps, same[differs])
+        log.mended(what, stream.where, int(differs.sum()), len(rows), at, stream.columns)
     if int((~differs).sum()):
-        log.mended("doubled rows left out", stream.where, int((~differs).sum()), len(rows))
+        at = spans(stamps, same[~differs])
+        log.mended("doubled rows left out", stream.where, int((~differs).sum()), len(rows), at, stream.columns)
     return np.delete(rows, same)
 
 
@@ -204,7 +223,10 @@ def _longest_piece(stamps: Array, ticks: Index, where: str, log: StepLog) -> tup
     gaps = "1 gap" if len(cuts) == 1 else f"{len(cuts)} gaps"
     kept = f"the longest piece is kept, {stamps[end - 1] - stamps[begin]:.4g} s"
     what = f"{gaps} of up to {longest:.3g} s: {kept}"
-    log.mended(what, where, len(ticks) - (end - begin), len(ticks))
+    left_out: list[Span] = [
+        (float(stamps[first]), float(stamps[last - 1])) for first, last in pairwise(bounds) if first != begin
+    ]
+    log.mended(what, where, len(ticks) - (end - begin), len(ticks), merged(left_out))
     return begin, end
 
 
@@ -242,7 +264,11 @@ def _regular(stream: Stream, rows: Index, stamps: Array, log: StepLog) -> Series
 
 
 def _filled(column: Array, ticks: Index) -> Array:
-    """The column on all ticks; a local cubic spline through its neighbours fills each gap."""
+    """The column on all ticks; a local cubic spline through its neighbours fills each gap.
+
+    No filled sample lies beyond all others: of a channel that clips it would hide the level.
+    """
+    low, high = (float(bound(column)) for bound in (np.fmin.reduce, np.fmax.reduce))
     full = np.full(int(ticks[-1]) + 1, np.nan)
     full[ticks] = column
     for i in np.flatnonzero(np.diff(ticks) > 1):
@@ -251,5 +277,6 @@ def _filled(column: Array, ticks: Index) -> Array:
         known = np.isfinite(column[near])
         if known.any():
             at = (ticks[near][known]).astype(np.float64)
-            full[gap] = interpolated_position(at, column[near][known][:, None], gap.astype(np.float64))[:, 0]
+            filled = interpolated_position(at, column[near][known][:, None], gap.astype(np.float64))[:, 0]
+            full[gap] = np.clip(filled, low, high)
     return full

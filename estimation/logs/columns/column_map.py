@@ -76,6 +76,7 @@ class ColumnMap:
             columns |= {f"q{i}": column for i, column in enumerate(given.texts("joints", None), 1)}
         form = OrientationForm.parsed(given.text("orientation"), where) if "orientation" in data else None
         orientation = tuple(columns.pop(name) for name in VECTORS["quaternion"] if name in columns)
+        form = OrientationForm("xyzw") if orientation and form is None else form  # qx .. qw state the order
         if "orientation_columns" in data:
             orientation = tuple(given.texts("orientation_columns", (3, 4, 9, 12, 16)))
         if orientation and len(orientation) not in (form or OrientationForm("xyzw")).columns:

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from estimation.noise.recording_noise import NoiseSource, sample_step
+from estimation.recordings.decimation import extremes
 from modeling.number_format import axis_label
 from modeling.significance import LEVELS
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
-from truewrench.plots.residuals.time_series_plot import extremes
 from truewrench.plots.style import FAINT, INK, LEGEND, MEASURED, PanelGrid, label_y_axis, panel_title
 
 Array = NDArray[np.float64]

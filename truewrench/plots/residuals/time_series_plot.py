@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from estimation.recordings.decimation import min_max_decimated
 from modeling.number_format import axis_label
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
 from truewrench.plots.style import (
@@ -26,24 +26,6 @@ from truewrench.plots.style import (
 )
 
 Array = NDArray[np.float64]
-
-
-PIXEL_COLUMNS = 360
-"""Width of a panel in pixels, for decimation."""
-
-
-def min_max_decimated(x: Array, y: Array, bins: int = PIXEL_COLUMNS) -> tuple[Array, Array]:
-    """The smallest and the largest y in each of `bins` equal intervals of samples, in order."""
-    if len(y) <= 2 * bins:
-        return x, y
-    return extremes(x, y, np.linspace(0, len(y), bins + 1).astype(int))
-
-
-def extremes(x: Array, y: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
-    """The smallest and the largest y between consecutive indices, in order."""
-    parts = [(start, y[start:end]) for start, end in pairwise(edges)]
-    index = np.unique([start + i for start, part in parts for i in (int(part.argmin()), int(part.argmax()))])
-    return x[index], y[index]
 
 
 def running_mean(y: Array, length: int) -> Array:

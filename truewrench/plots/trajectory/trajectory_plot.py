@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -13,7 +11,7 @@ from design.trajectories.trajectory import Trajectory
 from modeling.kinematics.arm import Arm
 from modeling.kinematics.planar_arm import PlanarArm
 from modeling.rig.rig import Limits, Workspace
-from truewrench.plots.style import PIXELS_PER_INCH, WIDTH, panel_title, style_axes
+from truewrench.plots.style import WIDTH, PixelLayout, panel_title
 from truewrench.plots.trajectory.information_plot import (
     ROW_HEIGHT,
     draw_colour_bar,
@@ -33,26 +31,6 @@ LEFT, TIME, USES, RIGHT = 78, 374, 266, 10
 """CSS pixels: axis labels, panels over time, text to their right, right margin."""
 TOP, SHARES, TOTAL, BETWEEN, HEAD, BOTTOM = 26, 104, 78, 14, 34, 40
 """CSS pixels: margins, panel heights, the space between panels and above a heading."""
-
-
-@dataclass(frozen=True)
-class PixelLayout:
-    """An empty figure whose panels are placed in CSS pixels from its top left corner."""
-
-    height: float
-    figure: Figure
-
-    @classmethod
-    def of(cls, height: float) -> PixelLayout:
-        """An empty figure of the common width."""
-        figure = Figure(figsize=(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH))
-        figure.patch.set_alpha(0.0)
-        return cls(height, figure)
-
-    def panel(self, left: float, top: float, width: float, height: float) -> Axes:
-        """Styled axes."""
-        place = (left / WIDTH, 1 - (top + height) / self.height, width / WIDTH, height / self.height)
-        return style_axes(self.figure.add_axes(place))
 
 
 def trajectory_figure(

@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from estimation.logs.clocks.sample_hold import note_suspicious_channels
 from estimation.logs.log_table import Array
 from estimation.logs.motion_evidence import angle_names, impossible_speed, motion_evidence
@@ -23,7 +25,10 @@ BY_IMPORT = ", and bring the recording in by `truewrench import --map`"
 def checked(recording: Recording) -> Recording:
     """The recording, with a report of its reading where anything in it is suspicious."""
     log = StepLog()
-    note_suspicious_channels(dict(zip(recording.channels, recording.wrench.T, strict=True)), recording.name, log)
+    instants: Array = np.asarray((recording.dt or 1.0) * np.arange(recording.samples), dtype=np.float64)
+    note_suspicious_channels(
+        dict(zip(recording.channels, recording.wrench.T, strict=True)), instants, recording.name, log
+    )
     note_motion(recording, log, BY_IMPORT)
     if not log.steps:
         return recording

@@ -1,0 +1,1 @@
+"""Picture of a reading: how a log became a recording."""
