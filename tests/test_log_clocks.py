@@ -11,7 +11,7 @@ import pytest
 
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.log_reading import imported, read
-from estimation.recordings.reading_report import StepKind
+from estimation.recordings.reports.reading_report import StepKind
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
 from tests.log_files import CHANNELS, POSITION, QUATERNION, Frame, original, poses_at, two_clocks

@@ -20,7 +20,7 @@ from estimation.logs.frame_evidence import FrameEvidence, frame_evidence, sample
 from estimation.logs.log_import import ImportedRecording
 from estimation.logs.log_reading import imported
 from estimation.logs.log_table import Array
-from estimation.recordings.reading_report import StepKind
+from estimation.recordings.reports.reading_report import StepKind
 from modeling.chain.model import spatial
 from modeling.errors import InputError
 from tests.log_files import CHANNELS, QUATERNION, Frame, original

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.log_reading import imported, read
 from estimation.logs.log_table import Array
-from estimation.recordings.reading_report import ReadingReport, StepKind
+from estimation.recordings.reports.reading_report import ReadingReport, StepKind
 from estimation.recordings.sign_convention import decide_convention
 from modeling.errors import InputError
 from modeling.rig.rig import Rig

@@ -17,7 +17,7 @@ from design.trajectories.trajectory import Trajectory
 from estimation.logs.clocks.resampling import band_limited
 from estimation.logs.log_reading import imported
 from estimation.recordings.motion_period import motion_period
-from estimation.recordings.reading_report import PeriodReading, StepKind
+from estimation.recordings.reports.reading_report import PeriodReading, StepKind
 from modeling.rig.rig import Rig
 from truewrench.command_line import main
 from truewrench.simulated_rig import HiddenEffect, PlanarRig, SpatialRig, ViscousDrag, simulate

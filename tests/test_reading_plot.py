@@ -23,8 +23,8 @@ from estimation.logs.clocks.sample_mending import STAMP
 from estimation.logs.log_import import ImportedRecording
 from estimation.logs.log_reading import imported
 from estimation.logs.step_log import StepLog
-from estimation.recordings.reading_curves import MOST_SPANS, IntervalHistogram, merged, spans
-from estimation.recordings.reading_report import ReadingReport
+from estimation.recordings.reports.reading_curves import MOST_SPANS, IntervalHistogram, merged, spans
+from estimation.recordings.reports.reading_report import ReadingReport
 from modeling.rig.rig import Rig
 from tests.log_files import QUATERNION, original, two_clocks
 from truewrench.command_line import main

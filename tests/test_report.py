@@ -19,9 +19,9 @@ from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.fit import Estimate, fit
-from estimation.recordings.decimation import min_max_decimated
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
+from estimation.recordings.reports.decimation import min_max_decimated
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
 from modeling.effects import catalogue, com_offset, sensor_crosstalk, thermal_drift, time_delay, viscous_drag

@@ -30,9 +30,9 @@ from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.reading_curves import IntervalHistogram, Span, spans
-from estimation.recordings.reading_report import ClockReading, OffsetReading, PeriodReading, ReadingReport
 from estimation.recordings.recording import MotionForm, Recording, motion_columns
+from estimation.recordings.reports.reading_curves import IntervalHistogram, Span, spans
+from estimation.recordings.reports.reading_report import ClockReading, OffsetReading, PeriodReading, ReadingReport
 from modeling.errors import InputError, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 

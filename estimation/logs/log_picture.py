@@ -10,8 +10,8 @@ import numpy as np
 from estimation.logs.log_table import Array
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import MIN_POSES, recording_from_table
-from estimation.recordings.reading_curves import ReadingCurves
-from estimation.recordings.reading_report import OffsetReading, ReadingStep
+from estimation.recordings.reports.reading_curves import ReadingCurves
+from estimation.recordings.reports.reading_report import OffsetReading, ReadingStep
 from estimation.recordings.signal_unit import signal_unit
 from modeling.errors import InputError
 from modeling.rig.rig import Rig

@@ -14,8 +14,8 @@ from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable, header_names, table_from_file
 from estimation.recordings.reading import read as read_recording
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.reading_report import ReadingReport
 from estimation.recordings.recording import QUATERNION, Recording
+from estimation.recordings.reports.reading_report import ReadingReport
 from modeling.errors import InputError
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 

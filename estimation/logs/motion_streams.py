@@ -13,7 +13,7 @@ from estimation.logs.columns.column_units import KINDS, name_and_unit
 from estimation.logs.columns.orientation_form import OrientationForm, matrix_form, matrix_positions
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
-from estimation.recordings.reading_report import UsedColumns
+from estimation.recordings.reports.reading_report import UsedColumns
 from modeling.errors import InputError
 
 QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from estimation.recordings.reading_curves import Span
-from estimation.recordings.reading_report import ReadingStep, StepKind
+from estimation.recordings.reports.reading_curves import Span
+from estimation.recordings.reports.reading_report import ReadingStep, StepKind
 from modeling.errors import InputError
 
 

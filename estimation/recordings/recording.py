@@ -15,7 +15,7 @@ from modeling.rig.rig import PLANAR_CHANNELS, Rig
 
 if TYPE_CHECKING:
     from estimation.recordings.differentiation import Derivatives
-    from estimation.recordings.reading_report import ReadingReport
+    from estimation.recordings.reports.reading_report import ReadingReport
     from modeling.kinematics.arm import Arm
 
 

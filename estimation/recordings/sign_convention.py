@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import polar
 
 from estimation.evidence.weight_fit import WeightFit, weight_fit
-from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
+from estimation.recordings.reports.reading_report import StepKind
 from estimation.recordings.sensor_frame import in_sensor_frame
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.errors import InputError

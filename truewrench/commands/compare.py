@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from truewrench.commands.options import Subcommands, print_result
+from truewrench.command_options.options import Subcommands, print_result
 
 
 def add_to(commands: Subcommands[Any]) -> None:

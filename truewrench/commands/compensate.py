@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from modeling.significance import LEVELS
-from truewrench.commands.options import Subcommands, positive, print_result
+from truewrench.command_options.options import Subcommands, positive, print_result
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands
+from truewrench.command_options.options import Subcommands
 
 if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.options import Subcommands, add_workers, positive, print_result
+from truewrench.command_options.options import Subcommands, add_workers, positive, print_result
 
 if TYPE_CHECKING:
     from design.discrimination import DiscriminationDesign

@@ -10,13 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.effect_choice import (
+from truewrench.command_options.effect_choice import (
     add_candidate_choice,
     candidate_effects,
     custom_effects,
     with_effects_changed,
 )
-from truewrench.commands.options import (
+from truewrench.command_options.options import (
     Subcommands,
     add_custom_effects,
     add_no_period,

@@ -9,7 +9,7 @@ from typing import Any
 
 from modeling.codegen.code_target import target_names
 from modeling.codegen.payload.payload_format import FORMATS
-from truewrench.commands.options import Subcommands, positive
+from truewrench.command_options.options import Subcommands, positive
 
 
 def add_to(commands: Subcommands[Any]) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.commands.effect_choice import add_effect_changes, custom_effects, with_effects_changed
-from truewrench.commands.options import (
+from truewrench.command_options.effect_choice import add_effect_changes, custom_effects, with_effects_changed
+from truewrench.command_options.options import (
     Subcommands,
     add_custom_effects,
     add_no_period,

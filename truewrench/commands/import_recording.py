@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from modeling.errors import InputError, quoted
-from truewrench.commands.options import Subcommands, positive
+from truewrench.command_options.options import Subcommands, positive
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from estimation.logs.log_table import Array
-    from estimation.recordings.reading_report import ReadingReport
+    from estimation.recordings.reports.reading_report import ReadingReport
 
 PRESETS = (
     *("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova"),

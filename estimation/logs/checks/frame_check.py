@@ -15,7 +15,7 @@ from estimation.logs.columns.orientation_form import OrientationForm
 from estimation.logs.frame_evidence import W_FIRST, FrameEvidence, frame_evidence, quaternion_orders, sampled_rows
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
-from estimation.recordings.reading_curves import spans
+from estimation.recordings.reports.reading_curves import spans
 
 FORCES = ("fx", "fy", "fz")
 XYZW = OrientationForm("xyzw")

@@ -14,8 +14,8 @@ from estimation.logs.motion_evidence import angle_names, impossible_speed, motio
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.reading_report import ReadingReport
 from estimation.recordings.recording import Recording
+from estimation.recordings.reports.reading_report import ReadingReport
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
 

@@ -25,8 +25,8 @@ import numpy as np
 
 from estimation.logs.clocks.alignment_curves import AlignmentCurves
 from estimation.logs.log_table import Array
-from estimation.recordings.reading_curves import OffsetCurves
-from estimation.recordings.reading_report import OffsetReading
+from estimation.recordings.reports.reading_curves import OffsetCurves
+from estimation.recordings.reports.reading_report import OffsetReading
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -15,7 +15,7 @@ from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.reading_report import OffsetReading, PeriodReading
+from estimation.recordings.reports.reading_report import OffsetReading, PeriodReading
 from modeling.errors import InputError
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, STANDARD_GRAVITY, Rig
 

@@ -14,8 +14,8 @@ from estimation.logs.clocks.sample_mending import STAMP
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.motion_period import MotionPeriod, motion_period, whole_repeats
-from estimation.recordings.reading_curves import Span, spans
-from estimation.recordings.reading_report import PeriodReading
+from estimation.recordings.reports.reading_curves import Span, spans
+from estimation.recordings.reports.reading_report import PeriodReading
 from modeling.errors import InputError
 from modeling.rig.rig import SPATIAL_CHANNELS
 

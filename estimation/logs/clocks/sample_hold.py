@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimation.evidence.channel_faults import clipped_rows, longest_stop
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
-from estimation.recordings.reading_curves import spans
+from estimation.recordings.reports.reading_curves import spans
 
 REGULAR_SHARE = 0.8
 """Share of holds of nearly the same length from which a lower rate, and no standstill, is behind them."""

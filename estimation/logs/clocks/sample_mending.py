@@ -13,8 +13,8 @@ from estimation.logs.clocks.repeat_length import differ_slightly
 from estimation.logs.clocks.resampling import interpolated_position
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
-from estimation.recordings.reading_curves import Span, merged, spans
-from estimation.recordings.reading_report import ClockReading
+from estimation.recordings.reports.reading_curves import Span, merged, spans
+from estimation.recordings.reports.reading_report import ClockReading
 from estimation.recordings.sample_clock import JITTER_WINDOW, missing_samples
 from modeling.errors import InputError
 

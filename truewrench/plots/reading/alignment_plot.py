@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.axes import Axes
 
-from estimation.recordings.reading_report import OffsetReading, ReadingReport
+from estimation.recordings.reports.reading_report import OffsetReading, ReadingReport
 from modeling.number_format import axis_label
 from modeling.rig.rig import SPATIAL_CHANNELS
 from truewrench.plots.style import ADEQUATE_COLOUR, LEGEND, MEASURED, MISFIT_COLOUR, MUTED, SMALL, panel_title

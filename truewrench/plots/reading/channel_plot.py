@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from estimation.recordings.reading_curves import ReadingCurves, Span
-from estimation.recordings.reading_report import ReadingReport, ReadingStep, StepKind
+from estimation.recordings.reports.reading_curves import ReadingCurves, Span
+from estimation.recordings.reports.reading_report import ReadingReport, ReadingStep, StepKind
 from modeling.number_format import axis_label
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 from truewrench.plots.reading.step_plot import COLOURS

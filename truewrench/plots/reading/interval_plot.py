@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from estimation.recordings.reading_report import ClockReading
+from estimation.recordings.reports.reading_report import ClockReading
 from truewrench.plots.style import ADEQUATE_COLOUR, INK, SMALL, panel_title
 
 LONGEST_NAME = 30

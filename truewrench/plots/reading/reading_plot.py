@@ -5,9 +5,9 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from estimation.recordings.reading_curves import ReadingCurves
-from estimation.recordings.reading_report import ReadingReport
 from estimation.recordings.recording import Recording
+from estimation.recordings.reports.reading_curves import ReadingCurves
+from estimation.recordings.reports.reading_report import ReadingReport
 from modeling.errors import InputError
 from truewrench.plots.reading.alignment_plot import draw_alignment, draw_chi_square, draw_scan
 from truewrench.plots.reading.channel_plot import channel_columns, draw_channels, draw_colour_key, time_limits

@@ -7,8 +7,8 @@ from textwrap import wrap
 
 from matplotlib.axes import Axes
 
-from estimation.recordings.reading_curves import Span
-from estimation.recordings.reading_report import ReadingStep, StepKind
+from estimation.recordings.reports.reading_curves import Span
+from estimation.recordings.reports.reading_report import ReadingStep, StepKind
 from truewrench.plots.style import HELD_OUT, INK, MISFIT_COLOUR, MUTED, NOISE, SMALL, panel_title
 
 LINE, BAR = 13.0, 14.0

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from estimation.noise.recording_noise import NoiseSource, sample_step
-from estimation.recordings.decimation import extremes
+from estimation.recordings.reports.decimation import extremes
 from modeling.number_format import axis_label
 from modeling.significance import LEVELS
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truewrench.commands.options import add_repeatable
+from truewrench.command_options.options import add_repeatable
 
 if TYPE_CHECKING:
     from modeling.chain.effect import Effect

@@ -9,7 +9,7 @@ from typing import Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.decimation import Array, min_max_decimated
+from estimation.recordings.reports.decimation import Array, min_max_decimated
 
 MOST_SPANS = 400
 """Intervals that a picture can tell apart; nearer ones are one."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.recordings.reading_curves import IntervalHistogram, OffsetCurves, ReadingCurves, Span
+from estimation.recordings.reports.reading_curves import IntervalHistogram, OffsetCurves, ReadingCurves, Span
 from modeling.table import Column, Table, Tabular
 
 

@@ -83,7 +83,7 @@ def print_result(
 @contextmanager
 def suspicions_named(recordings: Sequence[Recording]) -> Iterator[None]:
     """Name what was suspicious when these recordings were read: a line each on stderr, in an InputError the first."""
-    from estimation.recordings.reading_report import StepKind
+    from estimation.recordings.reports.reading_report import StepKind
     from modeling.errors import InputError
 
     said = [

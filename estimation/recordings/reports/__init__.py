@@ -1,0 +1,1 @@
+"""What is reported of reading a recording: steps, clocks, and curves for a picture."""
