@@ -12,7 +12,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, TypeAlias
 
 from modeling.number_format import NO_VALUE, format_unit, plain_number, typeset_number
-from modeling.presentation import presenter
+from modeling.presenter import presenter
 
 if TYPE_CHECKING:
     import pandas as pd

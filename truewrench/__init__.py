@@ -25,7 +25,7 @@ def _modules() -> dict[str, str]:
 @cache
 def _register() -> None:
     """Say who presents results: `fit.summary()` asks the module named here."""
-    import_module("modeling.presentation").register_presenter("truewrench.presentation")
+    import_module("modeling.presenter").register_presenter("truewrench.presentation")
 
 
 def __getattr__(name: str) -> Any:
