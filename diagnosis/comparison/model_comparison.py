@@ -387,7 +387,7 @@ def _error(comparison: Comparison) -> Mapping[str, float]:
 
 
 def _recording_label(prediction: ModelOnRecording) -> str:
-    return f"{prediction.comparison.recording.name} ({'fitted' if prediction.fitted else 'held out'})"
+    return f"{prediction.comparison.recording.name} ({'fitted' if prediction.fitted else 'biases fitted'})"
 
 
 def _model_data(model: ComparedModel) -> dict[str, Any]:
