@@ -35,7 +35,7 @@ noise = { fx = 0.2, fy = 0.3, tau = 0.02 }
 RIG = Rig.from_data(
     {"robot": {"tip_length": 0.2}, "sensor": {"noise": dict(zip(("fx", "fy", "tau"), STD, strict=True))}}
 )
-SEEDS = 50
+SEEDS = 30
 LEVEL = 0.05
 TAIL = 1e-3
 """Probability of a calibration test to fail although the level holds: at most so many of the seeds may be below it."""

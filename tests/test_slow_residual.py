@@ -26,7 +26,7 @@ from truewrench.simulated_rig import ViscousDrag
 Array = NDArray[np.float64]
 Noise = Callable[[np.random.Generator, int], Array]
 
-SEEDS = 400
+SEEDS = 200
 TAIL = 1e-3
 """Probability of a calibration test to fail although the stated level holds."""
 
