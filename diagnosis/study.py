@@ -177,6 +177,9 @@ class Study(Tabular):
     def compare(self, *steps: int) -> ModelComparison:
         """Compare steps by number (by default the first and the last): on the held-out recordings, else the fitted."""
         chosen = steps or (0, len(self.steps) - 1)
+        if missing := [i for i in chosen if not 0 <= i < len(self.steps)]:
+            remedy = f"use 0 to {len(self.steps) - 1}"
+            raise InputError(what=f"there is no step {missing[0]}", where="compare", remedy=remedy)
         several = {f"{i}: {self.steps[i].change}": self.steps[i].fit for i in dict.fromkeys(chosen)}
         return compare_models(several, [h.recording for h in self._held_out] or list(self.fit.recordings))
 

@@ -87,6 +87,17 @@ def test_diagnosis_goes_on_from_where_one_is(begun: Study) -> None:
     assert len(begun.stairs().rows) == 1 + 2 * (1 + 3)
 
 
+def test_diagnosis_starts_from_no_worse_a_fit(begun: Study) -> None:
+    for effect in ("cable_spring", "gain_nonlinearity"):
+        begun.add(effect)
+    by_hand = begun.steps[-1].training[0].misfit
+    found = diagnose(begun.model, begun.fit.recordings, effects=[])
+    again = found.steps[0].training[0].misfit
+    assert by_hand is not None
+    assert again is not None
+    assert again < 1.05 * by_hand
+
+
 def test_where_it_fails_is_told_until_it_does_not(begun: Study) -> None:
     assert begun.where().comparison.lack_of_fit < 1e-6
     assert "resembles" in str(begun.where())
@@ -111,6 +122,8 @@ REFUSED = {
     "moisture: it is not identifiable from these recordings": lambda s: s.add(MOISTURE),
     "'sensor_lag' is not in the model; the model is the rigid tool alone": lambda s: s.drop("sensor_lag"),
     "nothing to undo": lambda s: s.undo(),
+    "there is no step 9; use 0 to 0": lambda s: s.compare(0, 9),
+    "there is no step -1; use 0 to 0": lambda s: s.compare(-1),
 }
 
 

@@ -18,7 +18,8 @@ def model_initial_values(model: WrenchModel, recordings: Sequence[Recording]) ->
     """Initial values by name for fitting a model to recordings; {} where the nominal values suffice.
 
     The effects are added to the rigid tool one after the other, in the model's order; each starts at the best point of
-    its score test given those before it. An effect that the recordings do not excite is skipped.
+    its score test given those before it, and everything before it where it was fitted: far from there, effects that
+    are not linear have other minima. An effect that the recordings do not excite is skipped.
     """
     several = tuple(recordings)
     searched = [e for e in model.effects if _needs_search(e, model)]
@@ -34,7 +35,7 @@ def model_initial_values(model: WrenchModel, recordings: Sequence[Recording]) ->
         if effect in searched:
             found |= refit_initial_values(fitted, screening, cache)
         fitted = _refit_with(fitted, effect, found) if effect not in model.effects[-1:] else fitted
-    return found
+    return {**fitted.values, **found}
 
 
 def _needs_search(effect: Effect, model: WrenchModel) -> bool:
