@@ -130,7 +130,11 @@ class Fit(Estimates):
         pandas.DataFrame
             Readings in N and N m, one row a sample: the index is the time in s, of static poses their number.
         """
-        number = next((i for i, r in enumerate(self.recordings) if r is (recording or self.recordings[0])), None)
+        given: object = recording
+        if not isinstance(given, Recording | None):
+            what = f"a recording is needed, not a {type(given).__name__}"
+            raise InputError(what=what, where="predict", remedy="read it: tw.read(path), tw.from_dataframe(frame)")
+        number = next((i for i, r in enumerate(self.recordings) if r is recording), None)
         if recording is None or number is not None:
             return reading_frame(self.recordings[number or 0], self.response(number or 0).value)
         shared = self.model.without_recording_specific

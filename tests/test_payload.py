@@ -248,6 +248,11 @@ def test_what_cannot_be_written_is_one_line(message: str, tmp_path: Path, capsys
     assert not out.exists()
 
 
+def test_a_pose_in_degrees_is_refused(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["emit", str(saved), "--to", "ur", "--sensor-pose", "0", "0", "0.05", "0", "0", "90"]) == 2
+    assert "more than a turn: degrees?" in capsys.readouterr().err
+
+
 def test_mass_and_centre_do_without_inertia(tmp_path: Path) -> None:
     path = tmp_path / "poses.json"
     path.write_text(model_file(theta(), WITHOUT_INERTIA).to_text())

@@ -168,6 +168,11 @@ def test_results_are_drawn(name: str) -> None:
     assert "<svg" in figure._repr_svg_()
 
 
+def test_a_wrong_argument_is_a_sentence() -> None:
+    with pytest.raises(tw.InputError, match="a recording is needed, not a DataFrame"):
+        fitted().predict(pd.DataFrame())  # type: ignore[arg-type]
+
+
 def test_a_wrong_figure_is_a_sentence() -> None:
     with pytest.raises(tw.InputError, match="did you mean spectrum"):
         fitted().plot(kind="spectrumm")

@@ -88,19 +88,22 @@ class ModelDifference:
     better   the name of the one with the smaller criterion, and `worse` the other's
     gain     difference of their information criteria
     p_value  of "both predict equally well", two-sided, Holm-adjusted over the pairs compared
+    fitted   whether either was fitted to the compared recordings: it then describes them, and predicts nothing
     """
 
     better: str
     worse: str
     gain: float
     p_value: float
+    fitted: bool = False
 
     @property
     def sentence(self) -> str:
         """The result in words."""
         p_value = f"p = {self.p_value:.2g}" if self.p_value > SMALLEST_P_VALUE else f"p < {SMALLEST_P_VALUE:g}"
         if self.p_value < LEVELS.effect:
-            return f"{self.better} predicts better than {self.worse} ({p_value})"
+            verb = "describes these recordings, which were fitted," if self.fitted else "predicts"
+            return f"{self.better} {verb} better than {self.worse} ({p_value})"
         return f"no significant difference between {self.better} and {self.worse} ({p_value})"
 
 
@@ -124,7 +127,8 @@ class ModelComparison(Tabular):
         for (a, b), p_value in zip(pairs, adjusted, strict=True):
             gain = a.information_criterion - b.information_criterion
             better, worse = (b, a) if gain > 0 else (a, b)
-            found.append(ModelDifference(better.name, worse.name, abs(gain), p_value))
+            fitted = any(p.fitted for model in (a, b) for p in model.predictions)
+            found.append(ModelDifference(better.name, worse.name, abs(gain), p_value, fitted))
         return tuple(found)
 
     @property

@@ -71,8 +71,12 @@ class ToolInertia:
     def seen_from(self, pose: Sequence[float]) -> ToolInertia:
         """The same tool in a frame in which the sensor has this pose: x, y, z (m), roll, pitch, yaw (rad).
 
-        The angles turn about the fixed axes x, y, z in that order, as URDF has them.
+        The angles turn about the fixed axes x, y, z in that order, as URDF has them. Raises InputError for an angle of
+        more than a turn.
         """
+        if max(abs(angle) for angle in pose[3:]) > 2 * np.pi:
+            what = f"an angle of {max(map(abs, pose[3:])):g} rad is more than a turn: degrees?"
+            raise InputError(what=what, where="sensor pose", remedy="give m, and roll, pitch and yaw in rad")
         turn, place = Rotation.from_euler("xyz", pose[3:]).as_matrix(), np.asarray(pose[:3], dtype=np.float64)
         turned = None if self.inertia is None else turn @ self.inertia @ turn.T
         where = f"frame in which the sensor is at {' '.join(f'{v:g}' for v in pose)} (m, rad: x y z roll pitch yaw)"
