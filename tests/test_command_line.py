@@ -350,7 +350,11 @@ BAD_RECORDINGS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[st
 
 @pytest.mark.parametrize(
     ("name", "command"),
-    [(name, command) for name in BAD_RECORDINGS for command in ("diagnose", "fit")],
+    [
+        pytest.param(name, command, marks=[pytest.mark.long] * ((name, command) == ("other sign", "diagnose")))
+        for name in BAD_RECORDINGS
+        for command in ("diagnose", "fit")
+    ],
 )
 def test_a_bad_recording_is_refused(name: str, command: str, bench: Bench, run: Runner, tmp_path: Path) -> None:
     change, said = BAD_RECORDINGS[name]

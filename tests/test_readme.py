@@ -72,6 +72,7 @@ def test_the_commands_run(rig_folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert (rig_folder / "model.json").exists()
 
 
+@pytest.mark.long
 def test_the_code_runs(rig_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     script = rig_folder / "example.py"
     script.write_text("\n".join(blocks("python")), encoding="utf-8")
