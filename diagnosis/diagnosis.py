@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from diagnosis.acceptance.acceptance import accept
 from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.acceptance.recording_disturbance import RecordingDisturbance, disturbances_of, with_disturbances
+from diagnosis.calibration.calibration import Calibration
 from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.comparison.validation import zero_shift
@@ -61,6 +62,7 @@ class Diagnosis(Tabular):
     zero_shift    change of each channel's bias on the first held-out recording, None without one
     disturbances  recording-specific disturbances of the held-out recordings: drift, contact
     unexplained   the unexplained residual and where it is significant, None when the recordings are explained
+    calibration   of one of the training recordings, None unless it was given (`calibrated`)
     """
 
     model: WrenchModel
@@ -71,6 +73,7 @@ class Diagnosis(Tabular):
     disturbances: tuple[RecordingDisturbance, ...]
     tolerance: Mapping[str, float]
     unexplained: UnexplainedResidual | None
+    calibration: Calibration | None = None
 
     @property
     def fit(self) -> Fit:
@@ -91,6 +94,21 @@ class Diagnosis(Tabular):
     def lack_of_fit(self) -> float:
         """Bonferroni-corrected p-value of the final model's lack of fit over the training recordings."""
         return bonferroni_p_value([c.lack_of_fit for c in self.steps[-1].training])
+
+    @property
+    def stated_lack_of_fit(self) -> float | None:
+        """The p-value of the final model's lack of fit; None where p-values do not hold."""
+        return None if self.calibration is not None and not self.calibration.holds else self.lack_of_fit
+
+    def calibrated(self, calibration: Calibration) -> Diagnosis:
+        """The same diagnosis with a calibration of one of its training recordings.
+
+        p-values are withheld where false alarms are shown to be more than twice as frequent as stated. Raises
+        InputError for a calibration of another recording.
+        """
+        calibration.require_of(self.fit.recordings)
+        findings = self.findings if calibration.holds else tuple(replace(f, p_value=None) for f in self.findings)
+        return replace(self, calibration=calibration, findings=findings)
 
     @cached_property
     def slow_residuals(self) -> tuple[SlowResidual, ...]:
@@ -126,7 +144,7 @@ class Diagnosis(Tabular):
             "noise_source": first.noise.source.value,
             "given": list(self.given),
             "added": list(self.added),
-            "lack_of_fit_p": self.lack_of_fit,
+            "lack_of_fit_p": self.stated_lack_of_fit,
             "converged": self.fit.converged,
             "slow_residual": [s.to_data() for s in self.slow_residuals],
             "steps": [step_data(s) for s in self.steps],
@@ -135,6 +153,7 @@ class Diagnosis(Tabular):
             "zero_shift": None if self.zero_shift is None else dict(self.zero_shift),
             "validation_own": [disturbance_data(d) for d in self.disturbances] if self.steps[0].validation else None,
             "unexplained": None if self.unexplained is None else unexplained_data(self.unexplained),
+            "calibration": None if self.calibration is None else self.calibration.to_data(),
         }
         plain: dict[str, Any] = finite(data)
         return plain

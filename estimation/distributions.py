@@ -85,3 +85,16 @@ def inverse_trigamma(value: float) -> float:
         step = trigamma * (1 - trigamma / value) / (2 * scipy.special.zeta(3, x))
         x -= step
     return float(x)
+
+
+def binomial_sf(count: int, total: int, probability: float) -> float:
+    """P(X >= count) of so many trials with that probability each."""
+    return 1.0 if count <= 0 else float(scipy.special.betainc(count, total - count + 1, probability))
+
+
+def binomial_interval(count: int, total: int, level: float) -> tuple[float, float]:
+    """Exact two-sided confidence interval of the probability (Clopper and Pearson, 1934)."""
+    tail = (1.0 - level) / 2.0
+    low = 0.0 if count == 0 else float(scipy.special.betaincinv(count, total - count + 1, tail))
+    high = 1.0 if count == total else float(scipy.special.betaincinv(count + 1, total - count, 1.0 - tail))
+    return low, high

@@ -81,6 +81,9 @@ class DecisionLevels:
     misread: float = 0.01
     """Another reading of a recording's columns (order of a quaternion, axes, units) than their names say, family-wise
     over the readings: a false alarm costs a line of the reading report, or a map."""
+    miscalibrated: float = 0.05
+    """Rejection, one-sided, that false alarms are at most twice as frequent as stated: it takes the p-values of one
+    recording away. A false alarm leaves the verdict, with its reasons, and the advice to repeat the motion."""
     confidence: float = 0.95
     """Coverage of confidence intervals, each: the usual convention."""
 

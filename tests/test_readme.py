@@ -21,7 +21,7 @@ pytest.importorskip("mujoco")
 
 README = Path(__file__).parents[1] / "README.md"
 TEXT = README.read_text(encoding="utf-8")
-COMMANDS = {"compare", "compensate", "design", "diagnose", "effects", "emit", "fit", "survey"}
+COMMANDS = {"calibrate", "compare", "compensate", "design", "diagnose", "effects", "emit", "fit", "survey"}
 PUSH = ContactEvent(start=6.0, end=8.0)
 
 

@@ -11,6 +11,7 @@ from design.trajectories.fourier import PaperSeries as PaperSeries
 from design.trajectories.rest_to_rest import RestToRest as RestToRest
 from design.trajectories.spline import SplineSeries as SplineSeries
 from design.trajectory_design import design as design
+from diagnosis.calibrate import calibrate as calibrate
 from diagnosis.comparison.model_comparison import compare as compare
 from diagnosis.diagnosis import diagnose as diagnose
 from diagnosis.study import Study as Study

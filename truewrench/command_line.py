@@ -19,6 +19,7 @@ from typing import NoReturn
 
 from modeling.errors import InputError, TruewrenchError
 from truewrench.commands import (
+    calibrate,
     compare,
     compensate,
     demo,
@@ -31,6 +32,9 @@ from truewrench.commands import (
     survey,
 )
 
+COMMANDS = (
+    demo, import_recording, diagnose, calibrate, fit, compare, survey, design, compensate, emit, effects,
+)  # fmt: skip
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 GC_THRESHOLDS = (50_000, 20, 50)
@@ -66,7 +70,19 @@ def parser() -> Parser:
     )
     top.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for command in (demo, import_recording, diagnose, fit, compare, survey, design, compensate, emit, effects):
+    for command in (
+        demo,
+        import_recording,
+        diagnose,
+        calibrate,
+        fit,
+        compare,
+        survey,
+        design,
+        compensate,
+        emit,
+        effects,
+    ):
         command.add_to(commands)
     return top
 

@@ -28,6 +28,7 @@ from truewrench.command_options.options import (
 )
 
 if TYPE_CHECKING:
+    from diagnosis.calibration.calibration import Calibration
     from diagnosis.diagnosis import Diagnosis
     from modeling.chain.effect import Effect
     from truewrench.files.data_set import DataSet
@@ -44,6 +45,8 @@ def add_to(commands: Subcommands[Any]) -> None:
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
     add_candidate_choice(command)
     add_custom_effects(command)
+    text = "calibration of REC, by `calibrate --out`: quoted, and p-values withheld where they do not hold"
+    command.add_argument("--calibration", type=Path, metavar="FILE", help=text)
     command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
     add_workers(command)
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
@@ -63,11 +66,13 @@ def run(arguments: argparse.Namespace) -> None:
     case = DataSet.read(
         arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
     )
+    calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
     with suspicions_named((*case.training, *case.validation)):
         found = diagnosed(case, candidates, arguments.workers)
+    found = found if calibration is None else found.calibrated(calibration)
     out = None if arguments.out is None else make_folder(arguments.out)
     data = found.to_data() | ({} if case.sign is None else {"sign": convention_data(case.sign)})
     if out is not None:
@@ -75,6 +80,15 @@ def run(arguments: argparse.Namespace) -> None:
     sign = "" if case.sign is None else f"\n\n{convention_sentence(case.sign)}"
     written = [] if out is None else [out / name for name in FILES]
     print_result(arguments, lambda: diagnosis_text(found) + sign, lambda: data, written)
+
+
+def _calibration_of(case: DataSet, path: Path) -> Calibration:
+    """The calibration in a file; InputError, before any work, unless it is of one of the training recordings."""
+    from truewrench.files.calibration_file import read_calibration
+
+    calibration = read_calibration(path)
+    calibration.require_of(case.training)
+    return calibration
 
 
 def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers: int | None = 1) -> Diagnosis:

@@ -85,6 +85,8 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
         shifts = zip(diagnosis.zero_shift.items(), last.training[0].space.units, strict=True)
         texts = ", ".join(f"{c} {s:.3g} {u}" for (c, s), u in shifts)
         lines.append(f"Zero shift of the validation recording: {texts}.")
+    if diagnosis.calibration is not None:
+        lines.append(f"Calibration: {'; '.join(diagnosis.calibration.sentences)}.")
     return lines + disturbance_sentences(diagnosis)
 
 

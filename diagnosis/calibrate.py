@@ -1,0 +1,225 @@
+"""Calibrate: diagnose surrogates of a recording, in which nothing is missing or one effect is hidden."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.calibration.calibration import Calibration, EffectPower, readings_digest
+from diagnosis.calibration.rate import Rate
+from diagnosis.calibration.surrogate import surrogate_noise
+from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.parallel.progress import Progress, count_progress, silent
+from diagnosis.parallel.workers import Workers, run_spmd
+from diagnosis.screening.score_test import ScoreTest, screen
+from diagnosis.verdict.verdict import RecordVerdict
+from estimation.fit import Fit, refit
+from estimation.model_response import predicted_readings
+from estimation.multiplicity import bonferroni_level
+from estimation.recordings.recording import Recording, with_readings
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel
+from modeling.effects import catalogue
+from modeling.errors import InputError
+from modeling.parameter import Parameter
+
+Array = NDArray[np.float64]
+
+DRAWS = 100
+"""Surrogates by default: a rate of 1 % is then known within -1 and +4.4 %."""
+POWER_DRAWS = 20
+"""Surrogates by default in which each effect is hidden."""
+REFUSED = "refused"
+
+
+def calibrate(
+    model: WrenchModel,
+    recording: Recording,
+    *,
+    effects: Sequence[Effect] | None = None,
+    draws: int = DRAWS,
+    power_draws: int = POWER_DRAWS,
+    seed: int = 0,
+    progress: Progress = silent,
+    workers: int = 1,
+) -> Calibration:
+    """False-alarm rate and power of the diagnosis of a recording, by diagnosing surrogates of it.
+
+    The recording is diagnosed; a surrogate is the prediction of the model found, with noise resampled from what that
+    model leaves of the readings, so that it has this recording's motion, rate and noise, and no missing effect.
+
+    Parameters
+    ----------
+    model : WrenchModel
+        The rigid tool, `planar(rig)` or `spatial(rig)`, or a model with effects.
+    recording : Recording
+        The recording, of one run or with repeats.
+    effects : sequence of Effect, optional
+        The candidate effects; by default the whole catalogue.
+    draws : int, optional
+        Surrogates without a missing effect that are diagnosed, by default 100.
+    power_draws : int, optional
+        Surrogates for each effect, hidden at its detectable amount, by default 20; 0 for none.
+    seed : int, optional
+        Seed of the surrogates, by default 0.
+    progress : callable, optional
+        Called with one line of text as the work goes on; by default silent.
+    workers : int, optional
+        Number of processes, by default 1. The result does not depend on it.
+
+    Returns
+    -------
+    Calibration
+        Rates with exact 95 % intervals, and whether the stated false-alarm rate holds.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be diagnosed, or no surrogate is asked for.
+
+    Notes
+    -----
+    Local bootstrap of the periodogram (Paparoditis and Politis, 1999), exact binomial intervals (Clopper and Pearson,
+    1934). Surrogates are stationary: what bursts or contact in the noise would do, they do not show.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> drag = [tw.effects.named("viscous_drag")]
+    >>> found = tw.calibrate(tw.planar(rig), tw.read("train.csv", rig=rig), effects=drag, draws=4, power_draws=0)
+    >>> found.alarms.count, found.alarms.total, found.holds
+    (0, 4, True)
+    """
+    if draws < 1 or power_draws < 0:
+        what = f"{draws} surrogates, and {power_draws} of each effect, are no calibration"
+        raise InputError(what=what, where="calibrate", remedy="ask for at least one, and for no negative number")
+    candidates = None if effects is None else tuple(effects)
+    found = diagnose(model, recording, effects=candidates, progress=progress, workers=workers)
+    source = _Source.of(found, candidates or catalogue(model.space), seed)
+    return run_spmd(workers, lambda team: _calibrated(found, source, draws, power_draws, progress, team))
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """What surrogates are made of: a fit of one recording, the candidates that it lacks, the residual."""
+
+    fit: Fit
+    candidates: tuple[Effect, ...]
+    residual: Array
+    seed: int
+
+    @classmethod
+    def of(cls, found: Diagnosis, candidates: Iterable[Effect], seed: int) -> _Source:
+        fit = found.fit
+        present = {e.id for e in fit.model.effects}
+        (residual,) = fit.residuals
+        used = int(fit.identifiable.sum()) / residual.size
+        return cls(
+            fit, tuple(e for e in candidates if e.id not in present), residual / np.sqrt(1 - min(used, 0.5)), seed
+        )
+
+    @property
+    def recording(self) -> Recording:
+        return self.fit.recordings[0]
+
+    def surrogate(self, prediction: Array, number: tuple[int, ...]) -> Recording:
+        """The recording with predicted readings (n, p) and noise of its own; `number` is that of the surrogate."""
+        rng = np.random.default_rng([self.seed, *number])
+        return with_readings(self.recording, prediction + surrogate_noise(self.recording, self.residual, rng))
+
+
+def _calibrated(
+    found: Diagnosis, source: _Source, draws: int, power_draws: int, progress: Progress, workers: Workers
+) -> Calibration:
+    """`calibrate` as run by each process."""
+    verdicts: list[tuple[str, tuple[str, ...]]] = workers.map(
+        lambda number: _diagnosed(source, number),
+        range(draws),
+        announce=count_progress(progress, "diagnose surrogates"),
+    )
+    diagnosed = [(verdict, added) for verdict, added in verdicts if verdict != REFUSED]
+    doubted = {RecordVerdict.UNEXPLAINED.value, RecordVerdict.PARTLY_EXPLAINED.value}
+    return Calibration(
+        recording=source.recording.name,
+        digest=readings_digest(source.recording),
+        model=tuple(e.id for e in source.fit.model.effects),
+        verdict=found.verdict,
+        alarms=Rate(sum(bool(added) for _, added in diagnosed), len(diagnosed)),
+        misfits=Rate(sum(verdict in doubted for verdict, _ in diagnosed), len(diagnosed)),
+        refused=draws - len(diagnosed),
+        named=Counter(effect for _, added in diagnosed for effect in added),
+        power=_power(source, power_draws, progress, workers) if power_draws else (),
+    )
+
+
+def _diagnosed(source: _Source, number: int) -> tuple[str, tuple[str, ...]]:
+    """Verdict on a surrogate without a missing effect, and the effects named."""
+    fit = source.fit
+    try:
+        found = diagnose(
+            fit.model, source.surrogate(fit.response().value, (0, number)), effects=source.candidates or None
+        )
+    except InputError:
+        return REFUSED, ()
+    return found.verdict.value, found.added
+
+
+def _power(source: _Source, draws: int, progress: Progress, workers: Workers) -> tuple[EffectPower, ...]:
+    """The power for every effect that is identifiable and that changes the readings at its detectable amount."""
+    found = [_HiddenEffect.of(source.fit, test) for test in screen(source.fit, source.candidates) if test.detectable]
+    hidden = sorted((h for h in found if h.changes_readings), key=lambda h: h.test.effect.id)
+    detected: list[int] = workers.map(
+        lambda place: sum(_detected(source, hidden[place], (place + 1, number)) for number in range(draws)),
+        range(len(hidden)),
+        announce=count_progress(progress, "power for each effect"),
+    )
+    return tuple(h.power(Rate(count, draws)) for h, count in zip(hidden, detected, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class _HiddenEffect:
+    """An effect of which only the first amplitude is not nominal, but detectable.
+
+    prediction  readings (n, p) of the fitted model with it, `without` of the fitted model
+    """
+
+    test: ScoreTest
+    parameter: Parameter
+    prediction: Array
+    without: Array
+
+    @classmethod
+    def of(cls, fit: Fit, test: ScoreTest) -> _HiddenEffect:
+        own = {p.name: p for p in test.effect.qualified(fit.model.space)}
+        name, amount = next(iter(test.detectable.items()))
+        nominal = {name: p.nominal for name, p in own.items()}
+        values = nominal | dict(test.start) | {amplitude: nominal[amplitude] for amplitude in test.detectable}
+        # the amount is the value itself where the effect vanishes at infinity
+        values[name] = nominal[name] + amount if np.isfinite(nominal[name]) else amount
+        model, recording = fit.model + test.effect, fit.recordings[0]
+        theta = np.array([(values | dict(fit.values))[p.name] for p in model.parameters])
+        return cls(test, own[name], predicted_readings(model, recording, theta), fit.response().value)
+
+    @property
+    def changes_readings(self) -> bool:
+        """False for a range that no reading reaches."""
+        return not np.allclose(self.prediction, self.without, rtol=1e-9, atol=0)
+
+    def power(self, detected: Rate) -> EffectPower:
+        name = self.parameter.name
+        return EffectPower(
+            self.test.effect.id, name.split(".", 1)[1], self.test.detectable[name], self.parameter.unit, detected
+        )
+
+
+def _detected(source: _Source, hidden: _HiddenEffect, number: tuple[int, int]) -> bool:
+    """Whether the effect is significant in a surrogate that it is hidden in."""
+    fit, candidates = source.fit, len(source.candidates)
+    again = refit(fit.model, (source.surrogate(hidden.prediction, number),), start=fit.values)
+    (tested,) = screen(again, [hidden.test.effect], candidates=candidates)
+    return tested.excited and tested.p_value < bonferroni_level(candidates)
