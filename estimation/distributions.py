@@ -10,9 +10,15 @@ from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Numbers = Any
 """A number, or an array of them."""
+QUANTILES = 50
+"""Of a distribution over which another is averaged."""
+NONCENTRALITY_TOLERANCE = 1e-3
+"""Relative, of a noncentrality found by bisection: half as much of an amount."""
 NEWTON_TOLERANCE = 1e-8
 """Relative to x: convergence is quadratic, so the step after one this short is below rounding."""
 
@@ -35,6 +41,30 @@ def noncentrality(statistic: Numbers, freedom: Numbers, probability: Numbers) ->
 def f_sf(ratio: Numbers, above: Numbers, below: Numbers) -> Numbers:
     """P(X > ratio) of Fisher's F with `above` (numerator) and `below` (denominator) degrees of freedom."""
     return scipy.special.fdtrc(above, below, ratio)
+
+
+def f_isf(probability: Numbers, above: Numbers, below: Numbers) -> Numbers:
+    """The value that Fisher's F exceeds with that probability, accurate for small ones."""
+    share = scipy.special.betaincinv(np.asarray(below) / 2, np.asarray(above) / 2, probability)
+    return below * (1.0 / np.maximum(share, np.finfo(float).tiny) - 1.0) / above
+
+
+def f_noncentrality(ratio: Array, above: float, below: Array, probability: float) -> Array:
+    """The noncentrality (n,) with which noncentral F (`below` (n,)) exceeds each `ratio` (n,) with that probability.
+
+    Averaged over quantiles of the denominator; the numerator, noncentral chi-square, by the cube root that is nearly
+    normal (Abdel-Aty, Biometrika 41, 1954), which holds at any noncentrality.
+    """
+    middles = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    needed = above * ratio[:, None] * 2 * scipy.special.gammaincinv(below[:, None] / 2, middles) / below[:, None]
+    low, high = np.full(len(ratio), -10.0), np.log(above * ratio + above) + 10.0
+    while (high - low).max() > NONCENTRALITY_TOLERANCE:
+        middle = (low + high) / 2
+        mean = above + np.exp(middle)[:, None]
+        spread = 2 * (2 * mean - above) / (9 * mean**2)
+        power = scipy.special.ndtr((1 - spread - np.cbrt(needed / mean)) / np.sqrt(spread)).mean(axis=1)
+        low, high = np.where(power < probability, middle, low), np.where(power < probability, high, middle)
+    return np.asarray(np.exp((low + high) / 2))
 
 
 def gamma_isf(probability: Numbers, shape: Numbers) -> Numbers:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.distributions import chi2_isf, chi2_sf, noncentrality
+from estimation.distributions import chi2_isf, chi2_sf, f_isf, f_noncentrality, inverse_trigamma, noncentrality
 from modeling.chain.model import WrenchModel
 from modeling.significance import LEVELS
 
@@ -60,9 +60,17 @@ def bonferroni_threshold(parameters: int, candidates: int) -> float:
     return float(chi2_isf(bonferroni_level(candidates), parameters))
 
 
-def detectable_noncentrality(freedom: int, significance: float) -> float:
-    """Noncentrality that a chi-square test of these degrees of freedom and significance detects with 80 % power."""
-    return float(noncentrality(chi2_isf(significance, freedom), freedom, LEVELS.power))
+def detectable_noncentrality(freedom: int, significance: float, log_power_variance: Array) -> Array:
+    """Noncentrality (n,) that a score test of these degrees of freedom and significance detects with 80 % power.
+
+    The test is `chi_square_p_value`: chi-square where the noise is known (`log_power_variance` (n,) zero), else F.
+    """
+    known = log_power_variance <= 0
+    found = np.full(len(known), float(noncentrality(chi2_isf(significance, freedom), freedom, LEVELS.power)))
+    if not known.all():
+        below = np.array([2 * inverse_trigamma(float(v)) for v in log_power_variance[~known]])
+        found[~known] = f_noncentrality(f_isf(significance, freedom, below), freedom, below, LEVELS.power)
+    return found
 
 
 def effective_number_of_tests(noise_scores: Array, rank: int) -> float:

@@ -16,7 +16,7 @@ from diagnosis.screening.projection import PointScore, ProjectedColumns, Whitene
 from diagnosis.screening.row_selection import RowChoice, RowSet
 from diagnosis.screening.whitened_sensitivity import MAX_EXACT_POINTS, sensitivity_of
 from estimation.model_response import signals_are_periodic
-from estimation.multiplicity import effective_number_of_frequencies, effective_number_of_tests
+from estimation.multiplicity import detectable_noncentrality, effective_number_of_frequencies, effective_number_of_tests
 from estimation.parameter_layout import parameter_layout
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
@@ -130,6 +130,7 @@ class GridSearch:
     best                the score test there
     std                 standard deviations (g, a) of the amounts at each point
     log_power_variance  variance of the estimated log power spectral density where the best score comes from
+    amplitude_variance  the same (a,) where the score of each amplitude alone comes from
     effective_tests     effective number of tests over the grid
     nonzero             whether the effect changes any row
     samples             of the longest recording
@@ -142,6 +143,7 @@ class GridSearch:
     best: PointScore
     std: Array
     log_power_variance: float
+    amplitude_variance: Array
     effective_tests: float
     nonzero: bool
     samples: int
@@ -154,6 +156,7 @@ class GridSearch:
         projected = projected_columns(null_model, model, effect, grid)
         place = _best_point(projected)
         best = projected.trial(place)
+        variance, of_each = projected.log_power_variance(place)
         return cls(
             effect=effect,
             space=model.space,
@@ -161,7 +164,8 @@ class GridSearch:
             best_index=place,
             best=best,
             std=projected.std,
-            log_power_variance=projected.log_power_variance(place),
+            log_power_variance=variance,
+            amplitude_variance=of_each,
             effective_tests=effective_number_of_tests(projected.noise_scores(), best.rank)
             if len(grid) > 1 and best.rank
             else 1.0,
@@ -207,13 +211,13 @@ class GridSearch:
                 found[p.name] = (unit, float(abs(unit) * std))
         return found
 
-    def detectable(self, separation: float) -> Mapping[str, float]:
-        """Change of each amplitude from nominal that has this noncentrality (whitened separation from no effect).
+    def detectable(self, level: float) -> Mapping[str, float]:
+        """Change of each amplitude from nominal that the test at this level detects with 80 % power.
 
         Where the nominal value is infinite, the effect decreases with the value: the value within the grid range, from
         the grid point whose own noncentrality is nearest.
         """
-        needed = np.sqrt(separation) * self.std
+        needed = np.sqrt(detectable_noncentrality(self.best.rank, level, self.amplitude_variance)) * self.std
         found = {}
         for i, p in enumerate(self.point.amplitudes):
             if isfinite(p.nominal):

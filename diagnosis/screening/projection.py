@@ -191,11 +191,15 @@ class ProjectedColumns:
         blocks = self.whitened.columns[:, self._index[place]]
         return np.asarray(np.einsum("s,rsa->ra", self._weights[place], blocks))
 
-    def log_power_variance(self, place: int) -> float:
-        """Variance of the estimated log power spectral density where a point's score comes from."""
+    def log_power_variance(self, place: int) -> tuple[float, Array]:
+        """Variance of the estimated log power spectral density where a point's score comes from, and each column's.
+
+        A float, and (a,) for the amplitudes, each alone.
+        """
         _, amounts = self.found
-        scale = self.scale[place]
-        known = np.isfinite(scale)
-        fitted = self.columns(place)[:, known] @ amounts[place, known]
-        free = self.null_model.project_out(self.null_model.spread(fitted[:, None], self.whitened.choice))
-        return float(self.null_model.log_power_variance_of(free)[0])
+        known = np.isfinite(self.scale[place])
+        columns = self.columns(place)
+        columns = np.column_stack([columns[:, known] @ amounts[place, known], columns])
+        free = self.null_model.project_out(self.null_model.spread(columns, self.whitened.choice))
+        found = self.null_model.log_power_variance_of(free)
+        return float(found[0]), found[1:]

@@ -14,7 +14,7 @@ from diagnosis.screening.search_domain import search_domain
 from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit, shared_objects
 from estimation.model_response import missing_inputs
-from estimation.multiplicity import bonferroni_level, detectable_noncentrality, holm_adjusted
+from estimation.multiplicity import bonferroni_level, holm_adjusted
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
@@ -163,6 +163,6 @@ def _score_test(search: GridSearch, candidates: int) -> ScoreTest:
         p_value=min(1.0, search.number_of_tests * chi_square_p_value(best.score, best.rank, search.log_power_variance)),
         start=search.start,
         amounts=search.amounts(),
-        detectable=search.detectable(detectable_noncentrality(best.rank, level)),
+        detectable=search.detectable(level),
         point=search.point,
     )

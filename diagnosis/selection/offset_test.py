@@ -69,7 +69,7 @@ def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> floa
     whitened = WhitenedColumns(whitened_sensitivities(null_model, model, [{}], names, choice), choice)
     projected = ProjectedColumns(null_model, whitened, GridSuperposition.plain([{}]), -np.inf)
     found = projected.trial(0)
-    return chi_square_p_value(found.score, found.rank, projected.log_power_variance(0)) if found.rank else 1.0
+    return chi_square_p_value(found.score, found.rank, projected.log_power_variance(0)[0]) if found.rank else 1.0
 
 
 def _freed(fit: Fit, effect: Effect) -> Fit:
