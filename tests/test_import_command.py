@@ -159,9 +159,10 @@ def test_a_hidden_drag_is_found_in_what_was_imported(name: str, tmp_path: Path) 
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["two clocks", "ros 2 bag mcap", "ur_rtde", "plotjuggler"])
+@pytest.mark.parametrize(
+    "name", ["two clocks", "ros 1 bag", "ros 2 bag mcap", "ros 2 bag sqlite3", "franka", "ur_rtde", "plotjuggler"]
+)
 def test_two_commands_to_the_verdict(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of formats that give the same rows one: `test_log_formats` compares the others' with the original."""
     write = SOURCES.get(name) or FORMATS[name]
     out = tmp_path / "run.csv"
     assert (
