@@ -39,6 +39,8 @@ from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
 from estimation.fit import Fit, check_channels, initial_noise, refit, require_positive_fitted_mass
+from estimation.gravity.gravity_direction import with_gravity_direction
+from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
@@ -63,6 +65,7 @@ class Diagnosis(Tabular):
     disturbances  recording-specific disturbances of the held-out recordings: drift, contact
     unexplained   the unexplained residual and where it is significant, None when the recordings are explained
     calibration   of one of the training recordings, None unless it was given (`calibrated`)
+    gravity       gravity's direction in base axes where the data decided it, None where it is stated or points down
     """
 
     model: WrenchModel
@@ -74,6 +77,7 @@ class Diagnosis(Tabular):
     tolerance: Mapping[str, float]
     unexplained: UnexplainedResidual | None
     calibration: Calibration | None = None
+    gravity: GravityEstimate | None = None
 
     @property
     def fit(self) -> Fit:
@@ -123,9 +127,10 @@ class Diagnosis(Tabular):
         return Table.of(("effect", "verdict", *numbers, "reason"), rows)
 
     def remarks(self) -> list[str]:
-        """Recording-specific disturbances, and where the residual is significant."""
+        """Gravity's direction, recording-specific disturbances, and where the residual is significant."""
+        gravity = [] if self.gravity is None else [self.gravity.sentence]
         unexplained = [f"residual: {self.unexplained.where}"] if self.unexplained else []
-        return [*map(str, self.disturbances), *unexplained]
+        return [*gravity, *map(str, self.disturbances), *unexplained]
 
     def printed(self) -> list[Table | str]:
         """Verdict, comparison with the first recording, candidate effects."""
@@ -155,6 +160,7 @@ class Diagnosis(Tabular):
             "unexplained": None if self.unexplained is None else unexplained_data(self.unexplained),
             "calibration": None if self.calibration is None else self.calibration.to_data(),
         }
+        data |= {} if self.gravity is None else {"gravity": self.gravity.to_data()}
         plain: dict[str, Any] = finite(data)
         return plain
 
@@ -233,7 +239,9 @@ def _diagnosed(
     """`diagnose` as run by each process."""
     progress = progress if workers.rank == 0 else silent
     check_channels(model, training)
-    model = with_decided_convention(model, (*training, *others))
+    case = with_gravity_direction(model, (*training, *others))
+    training, others = case.recordings[: len(training)], case.recordings[len(training) :]
+    model = with_decided_convention(case.model, case.recordings)
     given = {effect.id for effect in model.effects}
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
@@ -266,7 +274,8 @@ def _diagnosed(
     shift = zero_shift(final.fit, known[0].validation_fit(final.fit)) if known else None
     disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
     final.cache.forget()
-    return Diagnosis(final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained)
+    gravity = case.found
+    return Diagnosis(final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained, gravity)
 
 
 def _initial_fit(

@@ -22,6 +22,7 @@ from diagnosis.selection.subset_search import CandidateModel, refit_with_effect
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance
 from estimation.fit import Fit, check_channels, fit, initial_noise, reestimated_noise, refit
+from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.logs.log_reading import read
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
@@ -336,6 +337,8 @@ def study(
     known = rig if isinstance(rig, Rig) else None
     several, others = _recordings(recordings, known), _recordings(validate, known)
     check_channels(given := _model(rig, several), several)
+    case = with_gravity_direction(given, (*several, *others))
+    given, several, others = case.model, case.recordings[: len(several)], case.recordings[len(several) :]
     fitted = fit(given, several, start=model_initial_values(given, several) if given.effects else None)
     noise = initial_noise(fitted.model, others) if others else ()
     held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]

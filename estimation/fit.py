@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.initial_value_names import require_known_start
 from estimation.least_squares.estimates import Estimate, Estimates
 from estimation.least_squares.linear_least_squares import least_squares_solution
@@ -263,7 +264,8 @@ def fit(
     parts = (recordings,) if isinstance(recordings, Recording | Chunk) else recordings
     several = _whole_recordings(parts, executor)
     check_channels(model, several)
-    decided = with_decided_convention(model, several)
+    case = with_gravity_direction(model, several)
+    decided, several = with_decided_convention(case.model, case.recordings), case.recordings
     require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
     estimated = refit(decided, several, noise=noise, start=start, constraints=constraints)
     require_positive_fitted_mass(estimated)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from diagnosis.comparison.data_split import non_excited_noise
 from estimation.fit import Fit, initial_noise, initial_values
+from estimation.gravity.gravity_direction import mounted_recording
 from estimation.least_squares.estimates import Estimate
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
 from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
@@ -66,6 +67,7 @@ def validation_fit(
     values `start` on the non-excited lines, where there are any: on the excited lines they would absorb systematic
     error of the fit.
     """
+    recording = mounted_recording(recording, fit.model.gravity_direction)
     shared = fit.model.without_recording_specific
     model = shared + own
     known = noise if noise is not None else initial_noise(shared, (recording,))[0]

@@ -8,6 +8,7 @@ from math import isfinite
 from diagnosis.screening.score_test import refit_initial_values, screen
 from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Fit, refit
+from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.effect import Effect, NuisanceValues
@@ -21,7 +22,8 @@ def model_initial_values(model: WrenchModel, recordings: Sequence[Recording]) ->
     its score test given those before it, and everything before it where it was fitted: far from there, effects that
     are not linear have other minima. An effect that the recordings do not excite is skipped.
     """
-    several = tuple(recordings)
+    case = with_gravity_direction(model, recordings)
+    model, several = case.model, case.recordings
     searched = [e for e in model.effects if _needs_search(e, model)]
     if not searched:
         return {}

@@ -18,6 +18,7 @@ from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_detection import ContactDetection, ContactInterval, detect_contacts
 from estimation.contact.point_force import PointForce, std_along
 from estimation.fit import Fit, check_channels
+from estimation.gravity.gravity_direction import mounted_recording
 from estimation.model_response import model_response
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
@@ -224,6 +225,7 @@ def compensate(
     """
     known = _calibration(fitted).without_recording_specific
     check_channels(known.model, (recording,))
+    recording = mounted_recording(recording, known.model.gravity_direction)
     response = model_response(known.model, recording, known.theta)
     gain, slopes = contact_gain_at(known.model, known.theta)
     biases = np.arange(len(known.model.biases))

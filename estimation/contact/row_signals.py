@@ -18,6 +18,7 @@ from modeling.codegen.fitted_model import sample_inputs
 from modeling.errors import InputError
 from modeling.expressions.compilation import casadi_expressions
 from modeling.kinematics.arm import Arm
+from modeling.kinematics.base_mounting import motion_in_world
 from modeling.kinematics.quaternion import angular_motion
 from modeling.rig.rig import Rig
 from modeling.space import signals
@@ -71,6 +72,8 @@ class RowSignals:
             signals |= _derived(columns, ("phi",), ("dphi",), ("ddphi",)) | _translation(columns, "p", "v", "a", "xy")
         else:
             signals |= _rotation(columns) | _translation(columns, "p", "vp", "ap", "xyz")
+        if rig is not None and rig.gravity_direction is not None and arm is None:
+            signals = motion_in_world(signals, rig.gravity_direction)
         return cls(tuple(columns), form, signals, arm)
 
     def graphs(self, model: WrenchModel) -> tuple[tuple[ColumnDerivative, ...], Any, list[Any]]:

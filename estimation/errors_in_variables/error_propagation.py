@@ -39,12 +39,14 @@ class BiasCorrectedModel(WrenchModel):
 class ErrorPropagation:
     """Load of a model as a function of the errors e (s,) of its input signals.
 
-    `lengths` are the link lengths (m) when the motion is recorded as joint angles, else empty.
+    `lengths` are the link lengths (m) when the motion is recorded as joint angles, else empty; `base` is the angle of
+    the arm's base (rad).
     """
 
     model: WrenchModel
     names: tuple[str, ...]
     lengths: tuple[float, ...] = ()
+    base: float = 0.0
 
     @classmethod
     def of(cls, model: WrenchModel, recording: Recording, noise: InputNoise) -> ErrorPropagation:
@@ -52,7 +54,8 @@ class ErrorPropagation:
 
         Raises InputError when the recording has no signal of such a name, or the model uses none of them.
         """
-        lengths = recording.arm.link_lengths if isinstance(recording.arm, PlanarArm) else ()
+        arm = recording.arm if isinstance(recording.arm, PlanarArm) else PlanarArm(())
+        lengths = arm.link_lengths
         known = {*recording.signals, *(ORIENTATION_ERRORS if "qw" in recording.signals else ())}
         for name in noise.names:
             if re.fullmatch(JOINT_SIGNAL, name) and not lengths and name in known:
@@ -67,7 +70,7 @@ class ErrorPropagation:
                     where=recording.name,
                     remedy="state the noise of signals that the recording has",
                 )
-        found = _cached(cls(model, noise.names, tuple(lengths)))
+        found = _cached(cls(model, noise.names, tuple(lengths), arm.base))
         if not found._symbols:
             raise InputError(
                 what=f"the model uses none of {', '.join(noise.names)}",
@@ -90,7 +93,7 @@ class ErrorPropagation:
             own |= _rotated_quaternion(*(error.get(name, sp.S.Zero) for name in ORIENTATION_ERRORS))
         if not any(re.fullmatch(JOINT_SIGNAL, name) for name in self.names):
             return own
-        kinematics = PlanarArm(self.lengths).kinematics
+        kinematics = PlanarArm(self.lengths, self.base).kinematics
         shift = {sp.Symbol(n, real=True): error.get(n, sp.S.Zero) for n in POSE_SIGNALS}
         return own | {s: kinematics[s.name].xreplace(own) + extra for s, extra in shift.items()}
 

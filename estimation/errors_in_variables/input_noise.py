@@ -101,13 +101,13 @@ def unsmoothed(recording: Recording) -> tuple[str, ...]:
 def _is_average(recording: Recording, name: str) -> bool:
     """Whether a signal is the average of its column over the repeats, and not smoothed."""
     spread = _spread(recording, name).reshape(recording.repeats, -1)
-    size = np.abs(recording.columns[name]).max()
+    size = np.abs(recording.world_columns[name]).max()
     return bool(np.abs(spread.mean(axis=0)).max() <= 1e-12 * size)  # rounding of the average
 
 
 def _spread(recording: Recording, name: str) -> Array:
     """Deviation (n,) of a column from its signal; an angle of static poses is wrapped to half a turn."""
-    spread = recording.columns[name] - recording.signals[name]
+    spread = recording.world_columns[name] - recording.signals[name]
     return np.angle(np.exp(1j * spread)) if recording.at_rest and name == "phi" else spread
 
 
@@ -119,7 +119,8 @@ def _turn_spread(recording: Recording) -> dict[str, Array]:
     """The recorded orientation as rotation vectors (n,) about its average over the repeats, in the sensor frame."""
     names = ("qx", "qy", "qz", "qw")
     mean = Rotation.from_quat(np.stack([recording.signals[name] for name in names], axis=1))
-    turns = (mean.inv() * Rotation.from_quat(recording.stack(names))).as_rotvec()
+    read = Rotation.from_quat(np.stack([recording.world_columns[name] for name in names], axis=1))
+    turns = (mean.inv() * read).as_rotvec()
     return dict(zip(ORIENTATION_ERRORS, turns.T, strict=True))
 
 

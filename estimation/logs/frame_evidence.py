@@ -1,10 +1,10 @@
 """Frame evidence: whether the weight in the readings fits the orientation as it was read, or another reading of it.
 
 A tool's force turns with the sensor: f = m Q R' (a + g e) + b, a the acceleration where the position is known, with
-an unknown mounting Q (`estimation/evidence/weight_fit.py`). It is fitted to the orientation as read, with gravity along
-z, and to what is often mistaken: a quaternion w first, the inverse rotation, a base mounted sideways, readings along
-base axes. All have equally many parameters, so that the smallest residual is the most likely; whether it is shown is
-tested so that an effect that is hidden in the readings does not decide.
+an unknown mounting Q (`estimation/evidence/weight_fit.py`). It is fitted to the orientation as read, with gravity as
+the rig has it or down, and to what is often mistaken: a quaternion w first, the inverse rotation, a base mounted in
+another orientation, readings along base axes. All have about equally many parameters, so that the smallest residual is
+the most likely; whether it is shown is tested so that an effect that is hidden in the readings does not decide.
 """
 
 from __future__ import annotations
@@ -15,7 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.evidence.weight_fit import WeightFit, weight_fit
+from estimation.gravity.gravity_estimate import (
+    FEWEST_POSES,
+    TILT,
+    estimated_gravity,
+    independent_samples,
+    upright_direction,
+)
+from estimation.gravity.weight_moments import WeightMoments
 from estimation.logs.log_table import Array
+from modeling.kinematics.base_mounting import Direction
 
 GRAVITY = 9.806
 W_FIRST = "the quaternion is w x y z"
@@ -84,26 +93,35 @@ def sampled_rows(columns: Mapping[str, Array]) -> slice:
     return slice(0, min(len(columns["fx"]), LONGEST), _stride(columns))
 
 
-def frame_evidence(columns: Mapping[str, Array]) -> FrameEvidence | None:
-    """The evidence in a recording's columns (n,); None of a sensor that never turns."""
+def frame_evidence(columns: Mapping[str, Array], direction: Direction | None = None) -> FrameEvidence | None:
+    """The evidence in a recording's columns (n,); None of a sensor that never turns.
+
+    `direction` is that of gravity in base axes where the rig states it; else it is down, or another is estimated.
+    """
     every = sampled_rows(columns)
     force = np.stack([columns[name][every] for name in ("fx", "fy", "fz")], axis=1)
     quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
-    as_read, *others = _readings(force, quaternion, _acceleration(columns, every) / GRAVITY)
+    a = _acceleration(columns, every)
+    up = -np.array(upright_direction(3) if direction is None else direction)
+    as_read, *others = _readings(force, quaternion, a / GRAVITY, up)
+    if direction is None:
+        others += _free_direction(force, quaternion, a, at_rest="time" not in columns)
     if np.ptp(quaternion, axis=0).max() < LEAST_TURN:
         return None
     best = min(others, key=lambda reading: reading.rms)
     return FrameEvidence(as_read=as_read, best=best, others=len(others))
 
 
-def quaternion_orders(columns: Mapping[str, Array]) -> tuple[FrameReading, FrameReading]:
+def quaternion_orders(
+    columns: Mapping[str, Array], direction: Direction | None = None
+) -> tuple[FrameReading, FrameReading]:
     """The orientation as read, and as a quaternion w first, however few directions gravity takes."""
     from scipy.spatial.transform import Rotation  # slow to import
 
     every = sampled_rows(columns)
     force = np.stack([columns[name][every] for name in ("fx", "fy", "fz")], axis=1)
     quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
-    up = _acceleration(columns, every) / GRAVITY + np.array([0.0, 0.0, 1.0])
+    up = _acceleration(columns, every) / GRAVITY - np.array(upright_direction(3) if direction is None else direction)
     turns = (Rotation.from_quat(quaternion), Rotation.from_quat(np.roll(quaternion, -1, axis=1)))
     first, second = (_fitted("", "", turn.apply(up, inverse=True), force) for turn in turns)
     return first, second
@@ -128,26 +146,39 @@ def _acceleration(columns: Mapping[str, Array], every: slice) -> Array:
     return spline_derivatives(position, float(instants[1] - instants[0])).second
 
 
-def _readings(force: Array, quaternion: Array, a: Array) -> Iterator[FrameReading]:
-    """The orientation as read, then the other readings of it; `a` is the acceleration (n, 3) in g."""
+def _readings(force: Array, quaternion: Array, a: Array, up: Array) -> Iterator[FrameReading]:
+    """The orientation as read, then the other readings of it; `a` is the acceleration (n, 3) in g, `up` (3,) that of
+    a rest."""
     from scipy.spatial.transform import Rotation  # slow to import
 
     turn, w_first = Rotation.from_quat(quaternion), Rotation.from_quat(np.roll(quaternion, -1, axis=1))
-    x, y, z = np.eye(3)
-    down = turn.apply(a + z, inverse=True)
+    down = turn.apply(a + up, inverse=True)
     yield _fitted("as read", "", down, force)
-    yield _fitted(W_FIRST, 'state orientation = "wxyz" in a map', w_first.apply(a + z, inverse=True), force)
+    yield _fitted(W_FIRST, 'state orientation = "wxyz" in a map', w_first.apply(a + up, inverse=True), force)
     inverse = "the orientation is the base's in the sensor"
-    yield _fitted(inverse, 'state orientation_of = "base" in a map', turn.apply(a + z), force)
-    for name, axis in (("x", x), ("y", y)):
-        meaning = f"gravity points along {name} of the base"
-        yield _fitted(meaning, "the base may be mounted sideways", turn.apply(a + axis, inverse=True), force)
+    yield _fitted(inverse, 'state orientation_of = "base" in a map', turn.apply(a + up), force)
     yield _fitted(
         "the wrench is along base axes", 'state wrench_axes = "base" in a map', down, turn.apply(force, inverse=True)
     )
     if np.sqrt(np.mean(a**2)) > LARGEST_ACCELERATION:
         unit = 'state units = { position = "mm" } in a map'
-        yield _fitted("the positions are in millimetres", unit, turn.apply(1e-3 * a + z, inverse=True), force)
+        yield _fitted("the positions are in millimetres", unit, turn.apply(1e-3 * a + up, inverse=True), force)
+
+
+def _free_direction(force: Array, quaternion: Array, a: Array, *, at_rest: bool) -> Iterator[FrameReading]:
+    """The reading with gravity's direction free, where it is identified and another; `a` in m/s²."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    if len(force) < FEWEST_POSES:
+        return
+    turn = Rotation.from_quat(quaternion)
+    moments = WeightMoments.of(turn.inv().as_matrix(), a, force, GRAVITY)
+    found = estimated_gravity(moments, independent_samples(len(force), at_rest=at_rest), near_axis=TILT)
+    if found is None or found.is_upright:
+        return
+    specific = turn.apply(a / GRAVITY - np.array(found.direction), inverse=True)
+    meaning, advice = f"gravity points {found.place}", f"state {found.stated} under [robot] in the rig"
+    yield _fitted(meaning, advice, specific, force)
 
 
 def _fitted(meaning: str, advice: str, direction: Array, force: Array) -> FrameReading:

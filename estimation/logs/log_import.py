@@ -134,7 +134,7 @@ class _Reading:
         wrench, samples = mapping.wrench.table.name, len(columns[mapping.wrench.targets[0]])
         if {"fz", "qw"} <= set(columns):
             is_moved = offset is not None and offset.applied
-            columns = FrameCheck(mapping, self.stated, self.log).checked(columns, stamps, is_moved=is_moved)
+            columns = self._frame_check(mapping).checked(columns, stamps, is_moved=is_moved)
         else:
             note_columns(columns, wrench, self.rig, self.log)
         instants = np.arange(1.0, samples + 1) if stamps is None else stamps
@@ -145,6 +145,9 @@ class _Reading:
             samples=samples, rate=rate, columns=tuple(columns), curves=curves,
         )  # fmt: skip
         return ImportedRecording(name=self.paths[0].name, columns=columns, report=report)
+
+    def _frame_check(self, mapping: ColumnMapping) -> FrameCheck:
+        return FrameCheck(mapping, self.stated, self.log, None if self.rig is None else self.rig.gravity_direction)
 
     # ------------------------------------------------------------------------------------- sources
 

@@ -14,6 +14,8 @@ from math import pi
 import numpy as np
 
 from estimation.evidence.weight_fit import weight_fit
+from estimation.gravity.gravity_estimate import upright_direction
+from estimation.gravity.gravity_evidence import gravity_evidence
 from estimation.logs.frame_evidence import (
     FEWEST,
     GRAVITY,
@@ -26,7 +28,8 @@ from estimation.logs.frame_evidence import (
 )
 from estimation.logs.log_table import Array
 from estimation.recordings.recording import MotionForm, Recording
-from modeling.rig.rig import Convention
+from modeling.kinematics.base_mounting import Direction
+from modeling.rig.rig import Convention, Rig
 
 DEGREE = pi / 180
 FASTEST = 15.0
@@ -41,7 +44,8 @@ def motion_evidence(recording: Recording) -> FrameEvidence | None:
     if thin.form is MotionForm.POSE:
         channels = dict(zip(thin.channels, thin.wrench.T, strict=True))
         time = {} if thin.time is None else {"time": thin.time}
-        return frame_evidence({**thin.columns, **channels, **time})
+        direction = None if thin.rig is None else thin.rig.gravity_direction
+        return frame_evidence({**thin.columns, **channels, **time}, direction)
     if thin.form is MotionForm.JOINTS and thin.arm is None:
         return None
     as_read, *others = _readings(thin)
@@ -90,6 +94,8 @@ def _readings(recording: Recording) -> Iterator[FrameReading]:
         yield _reading(
             "the readings have the other sign", "state the other convention in the rig", recording, sign=-1.0
         )
+    if recording.rig is None or recording.rig.gravity_direction is None:
+        yield from _free_direction(recording)
     if recording.form is MotionForm.PLANAR_POSE:
         other = _with_columns(recording, {"phi": -1.0, "dphi": -1.0, "ddphi": -1.0})
         yield _reading("phi is the base's in the sensor", 'state orientation_of = "base" in a map', other)
@@ -97,6 +103,16 @@ def _readings(recording: Recording) -> Iterator[FrameReading]:
         if np.sqrt(np.mean(translation**2)) > LARGEST_ACCELERATION:
             metres = _with_columns(recording, dict.fromkeys(("px", "py", "vx", "vy", "ax", "ay"), 1e-3))
             yield _reading("the positions are in millimetres", 'state units = { position = "mm" } in a map', metres)
+
+
+def _free_direction(recording: Recording) -> Iterator[FrameReading]:
+    """The reading with gravity along another direction of the base, where the data show it."""
+    rig = recording.rig or Rig()
+    sign = rig.sensor.convention or (Convention.ON_TOOL if recording.dimension == 2 else Convention.AUTO)
+    found = gravity_evidence([recording], gravity=rig.gravity, convention=sign, mirror_y=rig.sensor.mirror_y)
+    if found is not None:
+        advice = f"state {found.stated} under [robot] in the rig"
+        yield _reading(f"gravity points {found.place}", advice, recording, down=found.direction)
 
 
 def _derived(recording: Recording) -> list[str]:
@@ -110,10 +126,16 @@ def _with_columns(recording: Recording, factors: Mapping[str, float]) -> Recordi
 
 
 def _reading(
-    meaning: str, advice: str, recording: Recording, *, in_base: bool = False, sign: float = 1.0
+    meaning: str,
+    advice: str,
+    recording: Recording,
+    *,
+    in_base: bool = False,
+    sign: float = 1.0,
+    down: Direction | None = None,
 ) -> FrameReading:
     turns = _turns(recording)  # (n, k, k), from the sensor to the world
-    direction = np.einsum("nji,nj->ni", turns, _specific_force(recording))
+    direction = np.einsum("nji,nj->ni", turns, _specific_force(recording, down))
     force = recording.wrench[:, : recording.dimension]
     mounting = sign * _planar_mounting(recording) if recording.dimension == 2 else None
     if in_base:
@@ -133,12 +155,11 @@ def _turns(recording: Recording) -> Array:
     return np.stack([np.stack([cosine, sine], axis=1), np.stack([-sine, cosine], axis=1)], axis=1)
 
 
-def _specific_force(recording: Recording) -> Array:
-    """Acceleration minus gravity in the world (n, k), m/s²."""
+def _specific_force(recording: Recording, down: Direction | None) -> Array:
+    """Acceleration minus gravity in the world (n, k), m/s²; along -z, or -y, unless `down` is stated."""
     names = ("apx", "apy", "apz") if recording.dimension == 3 else ("ax", "ay")
     found = np.stack([recording.signals[name] for name in names], axis=1)
-    found[:, -1] += GRAVITY
-    return found
+    return np.asarray(found - GRAVITY * np.array(down or upright_direction(recording.dimension)))
 
 
 def _planar_mounting(recording: Recording) -> Array:

@@ -168,6 +168,7 @@ def recording_from_table(table: ColumnTable, *, name: str, rig: Rig | None) -> R
     """The recording in a table with the columns of FORMATS; InputError for whatever cannot be one."""
     channels = wrench_channels(table)
     form = motion_form(table, channels, rig)
+    _require_direction(table, rig, 2 if channels == PLANAR_CHANNELS else 3)
     repeats = _repeats(table)
     _require_samples(table, repeats)
     if "time" not in table.columns:
@@ -245,6 +246,13 @@ def _is_regular(column: Array) -> bool:
     steps = np.diff(column)
     middle = float(np.median(steps)) if len(steps) else 0.0
     return bool(middle > 0 and (steps >= 0).all() and (np.abs(steps - middle) < 0.5 * middle).mean() > 0.8)
+
+
+def _require_direction(table: ColumnTable, rig: Rig | None, axes: int) -> None:
+    direction = None if rig is None else rig.gravity_direction
+    if direction is not None and len(direction) != axes:
+        what = f"the rig's gravity_direction has {len(direction)} components, and this wrench is of {axes} axes"
+        raise table.error(what, f"give gravity_direction along the {axes} axes of the base")
 
 
 def _repeats(table: ColumnTable) -> int:

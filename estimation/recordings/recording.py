@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from modeling.kinematics.base_mounting import motion_in_world
 from modeling.rig.rig import PLANAR_CHANNELS, Rig
 
 if TYPE_CHECKING:
@@ -148,7 +149,17 @@ class Recording:
         found |= {"order": np.arange(self.samples, dtype=float)}
         if self.time is not None:
             found["time"] = self.time
-        return found | derive[self.form](self)
+        return self._in_world(found | derive[self.form](self))
+
+    @cached_property
+    def world_columns(self) -> Mapping[str, Array]:
+        """The columns with pose and motion in the world, as recorded where the base stands upright."""
+        return self._in_world(self.columns)
+
+    def _in_world(self, motion: Mapping[str, Array]) -> Mapping[str, Array]:
+        """Motion from base axes to the world; that of joints is in the world, by the arm."""
+        direction = None if self.rig is None or self.form is MotionForm.JOINTS else self.rig.gravity_direction
+        return motion if direction is None else motion_in_world(motion, direction)
 
     def averaged(self, series: Array) -> Array:
         """Series (n, k) averaged over the repeats, the average repeated to n samples."""

@@ -178,9 +178,9 @@ def motion_error_rows(recording: Recording) -> tuple[ErrorStatistics, ...]:
 
 def _motion_error(recording: Recording, name: str) -> Array:
     """A column as read minus its smoothed motion averaged over the repeats, (n,)."""
-    read = recording.columns[name]
+    read = recording.world_columns[name]
     if name in QUATERNION:
-        turns = recording.stack(QUATERNION)
+        turns = np.stack([recording.world_columns[q] for q in QUATERNION], axis=1)
         smooth = np.stack([recording.signals[q] for q in QUATERNION], axis=1)
         return np.asarray(read * np.sign((turns * smooth).sum(axis=1)) - recording.signals[name])
     if name == "phi":

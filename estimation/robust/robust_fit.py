@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimation.confidence_intervals import Intervals, intervals
 from estimation.fit import Estimate, Fit, WhitenedProblem, check_channels, refit, require_positive_fitted_mass
+from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.initial_value_names import require_known_start
 from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
@@ -137,7 +138,8 @@ def robust_fit(
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
     check_channels(model, several)
-    decided = with_decided_convention(model, several)
+    case = with_gravity_direction(model, several)
+    decided, several = with_decided_convention(case.model, case.recordings), case.recordings
     require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
     plain = refit(decided, several, start=start)
     found = _iterated(plain, loss or Huber())

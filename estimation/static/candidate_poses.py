@@ -15,6 +15,7 @@ from estimation.model_response import model_signals
 from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
+from modeling.kinematics.base_mounting import base_angle, base_placement
 from modeling.kinematics.planar_arm import PlanarArm
 from modeling.rig.rig import Rig, Workspace
 
@@ -64,8 +65,9 @@ PosesAndDescriptions = tuple[dict[str, Array], dict[str, Array], tuple[str, ...]
 
 def _tip_angles(recording: Recording) -> PosesAndDescriptions:
     degrees = np.arange(-180 + ANGLE_STEP, 180 + ANGLE_STEP, ANGLE_STEP)
-    columns = {"phi": np.deg2rad(degrees)}
-    return columns, columns, tuple(f"phi = {angle}°" for angle in degrees)
+    signals, rig = {"phi": np.deg2rad(degrees)}, recording.rig or Rig()
+    base = 0.0 if rig.gravity_direction is None else base_angle(rig.gravity_direction)
+    return {"phi": signals["phi"] - base}, signals, tuple(f"phi = {angle}°" for angle in degrees)
 
 
 def _postures(recording: Recording) -> PosesAndDescriptions:
@@ -109,8 +111,12 @@ def _orientations(recording: Recording) -> PosesAndDescriptions:
     """The vertical in the sensor frame along the 26 directions to a cube's faces, edges and corners."""
     upward = np.array([d for d in product((1, 0, -1), repeat=3) if any(d)], dtype=float)
     quaternions = np.stack([_rotation_to_vertical(d).as_quat() for d in upward])
-    columns = dict(zip(QUATERNION, quaternions.T, strict=True))
-    return columns, columns, tuple(axes_in_words(d) for d in upward)
+    signals, rig = dict(zip(QUATERNION, quaternions.T, strict=True)), recording.rig or Rig()
+    if rig.gravity_direction is None:
+        return signals, signals, tuple(axes_in_words(d) for d in upward)
+    base = Rotation.from_quat(base_placement(rig.gravity_direction).quaternion)
+    commanded = (base.inv() * Rotation.from_quat(quaternions)).as_quat()
+    return dict(zip(QUATERNION, commanded.T, strict=True)), signals, tuple(axes_in_words(d) for d in upward)
 
 
 def _rotation_to_vertical(direction: Array) -> Rotation:

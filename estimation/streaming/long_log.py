@@ -15,6 +15,7 @@ from estimation.recordings.recording import QUATERNION, MotionForm, numbered_nam
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunked_file import open_chunked_file, with_history
 from modeling.errors import InputError
+from modeling.kinematics.base_mounting import motion_in_world
 from modeling.rig.rig import Rig
 
 Array = NDArray[np.float64]
@@ -147,7 +148,11 @@ class LoggedMotion:
         derive = {MotionForm.JOINTS: _joints, MotionForm.PLANAR_POSE: _planar_pose, MotionForm.POSE: _pose}
         signals = {n: v for n, v in columns.items() if n not in (*self.channels, "repeat")}
         wrench = np.stack([columns[channel] for channel in self.channels])  # every channel contiguous
-        return Chunk(run=run, signals=signals | derive[self.form](columns, self.rig), wrench=wrench.T, history=history)
+        signals |= derive[self.form](columns, self.rig)
+        direction = None if self.rig is None or self.form is MotionForm.JOINTS else self.rig.gravity_direction
+        if direction is not None:
+            signals = motion_in_world(signals, direction)
+        return Chunk(run=run, signals=signals, wrench=wrench.T, history=history)
 
 
 def _needed(form: MotionForm, header: ColumnTable, rig: Rig | None) -> tuple[str, ...]:

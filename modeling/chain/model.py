@@ -19,6 +19,7 @@ from modeling.evaluation.cache import PlainData, cached, canonical_data
 from modeling.expressions.intermediate_variables import Definitions, required_definitions
 from modeling.expressions.symbolic_vector import SymbolicVector
 from modeling.kinematics.arm import Arm
+from modeling.kinematics.base_mounting import Direction
 from modeling.kinematics.perturbed_arm import PerturbedArm
 from modeling.parameter import Parameter
 from modeling.rig.rig import STANDARD_GRAVITY, Convention, Rig
@@ -105,6 +106,9 @@ class WrenchModel:
         Plane or six axes.
     gravity : float, optional
         m/s², by default 9.80665.
+    gravity_direction : tuple of float, optional
+        Unit vector along gravity in base axes, as the rig has it; the world of the recordings is then the base turned
+        by the least angle that points gravity down. By default not stated.
     convention : Convention, optional
         Sign of the readings: ON_TOOL is F = m (a - g) (22.8, Bassi et al., in the plane) and the default, ON_SENSOR its
         negative, AUTO is estimated before a fit.
@@ -132,6 +136,7 @@ class WrenchModel:
 
     space: Space
     gravity: float = STANDARD_GRAVITY
+    gravity_direction: Direction | None = None
     convention: Convention = Convention.ON_TOOL
     mirror_y: bool = False
     mounting: QuarterTurnRotation = ALIGNED_MOUNTING
@@ -310,7 +315,8 @@ class WrenchModel:
     @cached_property
     def _described(self) -> str | None:
         """Cache key of the derivations; None with an effect of another module, whose source is not tracked."""
-        own = self if any(effect.needs_joints for effect in self.effects) else replace(self, arm=None)
+        jointed = any(effect.needs_joints for effect in self.effects)
+        own = replace(self, gravity_direction=None, arm=self.arm if jointed else None)
         try:
             return json.dumps(canonical_data(own), sort_keys=True)
         except TypeError:
@@ -369,4 +375,12 @@ def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
     sensor, arm = rig.sensor, rig.arm if rig.arm is not None and rig.arm.space is space else None
     stated = sensor.convention if sensor is not None and sensor.convention is not None else default
     mirror = bool(sensor is not None and sensor.mirror_y)
-    return WrenchModel(space=space, gravity=rig.gravity, convention=stated, mirror_y=mirror, arm=arm)
+    direction = rig.gravity_direction
+    return WrenchModel(
+        space=space,
+        gravity=rig.gravity,
+        gravity_direction=direction if direction is not None and len(direction) == space.value else None,
+        convention=stated,
+        mirror_y=mirror,
+        arm=arm,
+    )

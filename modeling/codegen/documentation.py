@@ -9,6 +9,7 @@ from modeling.chain.model import ALIGNED_MOUNTING
 from modeling.codegen.expression_text import comment_text
 from modeling.codegen.fitted_model import FittedModel, has_memory
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.kinematics.base_mounting import base_angle, base_placement
 from modeling.parameter import Parameter
 from modeling.rig.rig import Convention
 from modeling.space import Space
@@ -95,6 +96,7 @@ def signal_documentation(fitted: FittedModel) -> list[str]:
     found = [
         f"Fitted model of the tool on a {title} wrist force/torque sensor. Effects beyond the rigid tool: {what}.",
         PLANAR_SIGNALS if model.space is Space.PLANE else SPATIAL_SIGNALS,
+        *_base_documentation(fitted),
         *([JOINT_SIGNALS] if "q1" in fitted.inputs else []),
         f"Signals u in order: {', '.join(fitted.inputs)}. No other signals are needed.",
         f"Readings: {with_units(zip(model.channels, model.space.units, strict=True))}. {_signs(fitted)}",
@@ -103,6 +105,18 @@ def signal_documentation(fitted: FittedModel) -> list[str]:
     if fitted.dropped:
         found.append(f"Not included, since specific to the recording of the fit: {', '.join(fitted.dropped)}.")
     return found
+
+
+def _base_documentation(fitted: FittedModel) -> list[str]:
+    """How motion in base axes becomes that of the signals, where the base does not stand upright."""
+    direction = fitted.model.gravity_direction
+    if direction is None:
+        return []
+    along = f"Gravity points along ({', '.join(f'{c:.9g}' for c in direction)}) of the base. The world is the base"
+    if len(direction) == 2:
+        return [f"{along} turned clockwise by {base_angle(direction):.9g} rad: add it to phi, and turn vectors by it."]
+    quaternion = ", ".join(f"{c:.9g}" for c in base_placement(direction).quaternion)
+    return [f"{along} turned by the quaternion ({quaternion}), x y z w: v_world = R v_base. Turn the motion by it."]
 
 
 def _signs(fitted: FittedModel) -> str:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from modeling.evaluation.tape import Tape
 from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.expressions.compilation import casadi_expressions
 from modeling.expressions.intermediate_variables import IntermediateVariables
+from modeling.kinematics.base_mounting import Direction
 from modeling.kinematics.joint import JointKind
 from modeling.space import Space
 
@@ -65,6 +66,10 @@ class Arm(ABC):
     def units(self) -> tuple[str, ...]:
         """The unit of each joint's coordinate: rad, or m of a prismatic joint."""
         return tuple("m" if kind is JointKind.PRISMATIC else "rad" for kind in self.kinds)
+
+    @abstractmethod
+    def mounted(self, direction: Direction) -> Self:
+        """The arm on a base mounted so that gravity points along `direction`, a unit vector in base axes."""
 
     @abstractmethod
     def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: MathBackend) -> ArmFrames:

@@ -7,14 +7,15 @@ Manipulators" (Bassi et al.).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from modeling import symbolic as sp
 from modeling.evaluation.tape import Tape
 from modeling.expressions.intermediate_variables import IntermediateVariables
 from modeling.kinematics.arm import Arm, ArmFrames, MathBackend
+from modeling.kinematics.base_mounting import Direction, base_angle
 from modeling.space import Space
 
 POSE_SIGNALS = ("phi", "dphi", "ddphi", "px", "py", "vx", "vy", "ax", "ay")
@@ -29,10 +30,12 @@ def joint_symbols(joints: int, prefix: str) -> tuple[sp.Symbol, ...]:
 class PlanarArm(Arm):
     """Planar arm of n revolute joints, lengths in m from joint to joint, the last one to the sensor origin.
 
-    Angles are clockwise positive, the first from world +y, the others relative; x points right, y up.
+    Angles are clockwise positive, the first from the base's y, the others relative; x points right, y up. The base is
+    turned by `base` (rad, clockwise) in the world.
     """
 
     link_lengths: tuple[float, ...]
+    base: float = 0.0
 
     space: ClassVar[Space] = Space.PLANE
     names: ClassVar[tuple[str, ...]] = POSE_SIGNALS
@@ -45,11 +48,15 @@ class PlanarArm(Arm):
     @cached_property
     def kinematics(self) -> Mapping[str, sp.Expr]:
         """Pose signals as expressions in `q1.., dq1.., ddq1..`: 22.2 and its time derivatives by SymPy."""
-        return forward_kinematics(tuple(sp.Float(length) for length in self.link_lengths))
+        return forward_kinematics(tuple(sp.Float(length) for length in self.link_lengths), self.base)
+
+    def mounted(self, direction: Direction) -> Self:
+        """The base turned."""
+        return replace(self, base=base_angle(direction))
 
     def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: MathBackend) -> ArmFrames:
         """The sensor origin Ps = sum_k l_k (sin, cos)(q1 + .. + qk) (22.2), the tip's angle phi = q1 + .. + qn."""
-        angle, x, y = 0, 0, 0
+        angle, x, y = self.base or 0, 0, 0
         origins = []
         for length, error, turn in zip(self.link_lengths, errors, q, strict=True):
             origins.append((x, y, 0))
@@ -81,8 +88,8 @@ def joint_rates(joints: int) -> dict[sp.Symbol, sp.Symbol]:
     return dict(zip((*q, *dq), (*dq, *ddq), strict=True))
 
 
-def forward_kinematics(lengths: tuple[sp.Expr, ...]) -> dict[str, sp.Expr]:
+def forward_kinematics(lengths: tuple[sp.Expr, ...], base: float = 0.0) -> dict[str, sp.Expr]:
     """Pose signals of an arm with symbolic or numeric link lengths (22.2 and its time derivatives)."""
-    arm, joints = PlanarArm(lengths), len(lengths)
+    arm, joints = PlanarArm(lengths, base), len(lengths)
     frames = arm.frames(joint_symbols(joints, "q"), [sp.S.Zero] * joints, MathBackend(sin=sp.sin, cos=sp.cos))
     return arm.derived(frames.pose, IntermediateVariables(joint_rates(joints), named=False))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modeling.kinematics.arm import Arm, ArmFrames, MathBackend
+from modeling.kinematics.base_mounting import Direction, base_placement
 from modeling.kinematics.joint import IDENTITY_PLACEMENT, Joint, JointKind, Placement, translated
 from modeling.kinematics.quaternion import COMPONENTS, quaternion_conjugate, quaternion_product, rotated_vector
 from modeling.space import Space
@@ -42,6 +43,14 @@ class SpatialArm(Arm):
     def kinds(self) -> tuple[JointKind, ...]:
         """The kind of each joint of the chain."""
         return tuple(joint.kind for joint in self.chain)
+
+    def mounted(self, direction: Direction) -> Self:
+        """The first joint's placement, or of an arm without joints the sensor's, turned with the base."""
+        base = base_placement(direction)
+        if not self.chain:
+            return replace(self, sensor=base.then(self.sensor))
+        first = replace(self.chain[0], placement=base.then(self.chain[0].placement))
+        return replace(self, chain=(first, *self.chain[1:]))
 
     def frames(self, q: Sequence[Any], errors: Sequence[Any], calculus: MathBackend) -> ArmFrames:
         """Forward kinematics along the chain.

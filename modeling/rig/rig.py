@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from modeling.errors import InputError
 from modeling.evaluation.cache import cached
 from modeling.kinematics.arm import Arm
+from modeling.kinematics.base_mounting import Direction, unit_direction
 from modeling.kinematics.planar_arm import PlanarArm
 from modeling.kinematics.spatial_arm import SpatialArm
 from modeling.text_file import file_text, toml_data
@@ -24,6 +25,8 @@ RigTables: TypeAlias = dict[str, Any]
 
 STANDARD_GRAVITY = 9.806  # m/s², the value of the chapter and of FORMATS
 CURRENT_FOLDER = Path()
+_CONVERTED = ("link_lengths", "spatial_arm", "gravity_direction")
+"""Entries of [robot] that the rig keeps in another form."""
 PLANAR_CHANNELS = ("fx", "fy", "tau")
 SPATIAL_CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -95,6 +98,9 @@ class Rig:
         From the sensor origin to the end of the tool, m.
     gravity : float, optional
         m/s², by default 9.80665.
+    gravity_direction : tuple of float, optional
+        Unit vector along gravity in base axes, (x, y) in the plane, (x, y, z) in six axes; by default along -y, -z. The
+        world is then the base turned by the least angle that points gravity down.
     limits : Limits, optional
         Of joint position, velocity and acceleration; rad, rad/s, rad/s².
     workspace : Workspace, optional
@@ -119,6 +125,7 @@ class Rig:
     spatial_arm: SpatialArm | None = None
     tip_length: float | None = None
     gravity: float = STANDARD_GRAVITY
+    gravity_direction: Direction | None = None
     limits: Limits | None = None
     workspace: Workspace | None = None
     sensor: SensorDescription = SensorDescription()
@@ -146,9 +153,10 @@ class Rig:
     @classmethod
     def _of_tables(cls, tables: RigTables, *, where: str, folder: Path) -> Self:
         robot, limits, workspace = tables["robot"], tables["limits"], tables["workspace"]
-        lengths, arm = robot["link_lengths"], _spatial_arm(robot, folder)
+        lengths, arm, direction = robot["link_lengths"], _spatial_arm(robot, folder), robot["gravity_direction"]
         return cls(
-            **_stated({key: value for key, value in robot.items() if key not in ("link_lengths", "spatial_arm")}),
+            **_stated({key: value for key, value in robot.items() if key not in _CONVERTED}),
+            gravity_direction=None if direction is None else unit_direction(direction),
             link_lengths=None if lengths is None else tuple(lengths),
             spatial_arm=arm,
             limits=None if limits is None else _limits(limits, arm, where),
@@ -159,8 +167,10 @@ class Rig:
 
     @cached_property
     def arm(self) -> Arm | None:
-        """Forward kinematics from the joints to the sensor; None when the rig states no arm."""
-        return self.spatial_arm if self.link_lengths is None else PlanarArm(self.link_lengths)
+        """Forward kinematics from the joints to the sensor in the world; None when the rig states no arm."""
+        arm = self.spatial_arm if self.link_lengths is None else PlanarArm(self.link_lengths)
+        direction = self.gravity_direction
+        return arm if arm is None or direction is None else arm.mounted(direction)
 
     @property
     def position_limits(self) -> NDArray[np.float64] | None:
@@ -173,6 +183,7 @@ class Rig:
         """The rig as nested dictionaries, lists, numbers and strings, accepted by `from_data`."""
         robot = {"name": self.name, "gravity": self.gravity, "urdf": self.urdf, "tip_length": self.tip_length}
         robot |= {"sensor_frame": self.sensor_frame, "link_lengths": _listed(self.link_lengths)}
+        robot |= {"gravity_direction": _listed(self.gravity_direction)}
         if self.spatial_arm is not None:
             from modeling.rig.rig_schema import SPATIAL_ARM  # pydantic is slow to import
 

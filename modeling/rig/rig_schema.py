@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, TypeAdapter, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, model_validator
 
+from modeling.kinematics.base_mounting import unit_direction
 from modeling.kinematics.joint import LARGEST_NUMBER
 from modeling.kinematics.spatial_arm import SpatialArm
 from modeling.space import Space
@@ -38,6 +39,10 @@ def _span(value: object) -> object:
     return _interval(value)
 
 
+def _direction(components: list[float]) -> list[float]:
+    return list(unit_direction(components))
+
+
 PositiveNumber = Annotated[float, Field(gt=0)]
 LimitPair = Annotated[tuple[float, float], BeforeValidator(symmetric_limits)]
 LimitPairs = Annotated[list[LimitPair], Field(min_length=1)]
@@ -56,11 +61,16 @@ class RobotTable(StrictTable):
     spatial_arm: Annotated[SpatialArm, BeforeValidator(SPATIAL_ARM.validate_python)] | None = None
     tip_length: PositiveNumber | None = None
     gravity: PositiveNumber | None = None
+    gravity_direction: Annotated[list[float], AfterValidator(_direction)] | None = None
 
     @model_validator(mode="after")
     def _one_description(self) -> Self:
         if self.link_lengths is not None and (self.urdf is not None or self.spatial_arm is not None):
             raise ValueError("expected link_lengths or urdf, got both")
+        axes = {2} if self.link_lengths is not None else {3} if self.urdf is not None else {2, 3}
+        if self.gravity_direction is not None and len(self.gravity_direction) not in axes:
+            what = f"expected gravity_direction along {min(axes)} axes of this arm's base"
+            raise ValueError(f"{what}, got {len(self.gravity_direction)} numbers")
         return self
 
 

@@ -63,7 +63,8 @@ def with_effects_changed(
     """
     from modeling.errors import InputError
 
-    for effect_id in add:
+    decided = {effect.id for effect in model.effects}  # by the data: a base mounted in no axis's direction
+    for effect_id in (effect_id for effect_id in add if effect_id not in decided):
         model = model + effect_by_id(effect_id, custom)
     for effect_id in drop:
         if effect_id not in [effect.id for effect in model.effects]:

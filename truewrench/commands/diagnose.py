@@ -56,7 +56,7 @@ def add_to(commands: Subcommands[Any]) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
     from diagnosis.parallel.freed_memory import keep_freed_memory
-    from truewrench.files.data_set import DataSet, convention_data, convention_sentence
+    from truewrench.files.data_set import DataSet, frame_sentences, frames_data
     from truewrench.files.output import make_folder, require_writable_folder
     from truewrench.text.diagnosis_text import diagnosis_text
 
@@ -74,12 +74,12 @@ def run(arguments: argparse.Namespace) -> None:
         found = diagnosed(case, candidates, arguments.workers)
     found = found if calibration is None else found.calibrated(calibration)
     out = None if arguments.out is None else make_folder(arguments.out)
-    data = found.to_data() | ({} if case.sign is None else {"sign": convention_data(case.sign)})
+    data = found.to_data() | frames_data(case)
     if out is not None:
         write(found, data, out)
-    sign = "" if case.sign is None else f"\n\n{convention_sentence(case.sign)}"
+    frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(case))
     written = [] if out is None else [out / name for name in FILES]
-    print_result(arguments, lambda: diagnosis_text(found) + sign, lambda: data, written)
+    print_result(arguments, lambda: diagnosis_text(found) + frames, lambda: data, written)
 
 
 def _calibration_of(case: DataSet, path: Path) -> Calibration:
@@ -102,7 +102,7 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers
     from truewrench.files.output import progress_line
 
     with progress_line() as progress:
-        return diagnose(
+        found = diagnose(
             case.model,
             case.training,
             validate=case.validation,
@@ -110,6 +110,7 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers
             progress=progress,
             workers=available_cores() if workers is None else workers,
         )
+    return found if case.gravity is None else replace(found, gravity=case.gravity)
 
 
 def write(found: Diagnosis, data: dict[str, Any], out: Path) -> None:

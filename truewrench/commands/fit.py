@@ -68,9 +68,7 @@ def run(arguments: argparse.Namespace) -> None:
     with suspicions_named((*case.training, *case.validation)), progress_line() as progress:
         progress("fit")
         found = fit_summary_of(model, case, constraints, robust=arguments.robust)
-    print_fit(
-        arguments, found.fit, lambda: found.to_data(case.sign), lambda: found.text(case.sign, runs=arguments.runs)
-    )
+    print_fit(arguments, found.fit, lambda: found.to_data(case), lambda: found.text(case, runs=arguments.runs))
 
 
 def run_stream(arguments: argparse.Namespace) -> None:

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from estimation.gravity.gravity_direction import with_gravity_direction
+from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.logs.log_reading import read_with_rig
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
@@ -26,12 +28,14 @@ class DataSet:
     training    recordings to fit
     validation  recordings of other motions, not fitted
     sign        decision on the sign convention from the data; None where the rig file states it
+    gravity     direction of gravity in base axes where the data decided it; None where it is stated, or points down
     """
 
     model: WrenchModel
     training: tuple[Recording, ...]
     validation: tuple[Recording, ...]
     sign: SignDecision | None
+    gravity: GravityEstimate | None
 
     @classmethod
     def read(
@@ -50,11 +54,12 @@ class DataSet:
         description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
         recordings = read_recordings((*training, *validation), rig=description, one_run=one_run)
         model = (planar if recordings[0].dimension == 2 else spatial)(description)
-        sign = None
+        case, sign = with_gravity_direction(model, recordings), None
+        model, recordings = case.model, list(case.recordings)
         if model.convention is Convention.AUTO:
             model, sign = _with_convention(model, recordings)
         count = len(training)
-        return cls(model, tuple(recordings[:count]), tuple(recordings[count:]), sign)
+        return cls(model, tuple(recordings[:count]), tuple(recordings[count:]), sign, case.found)
 
 
 def read_recordings(files: Sequence[str], *, rig: Rig | None, one_run: bool = False) -> list[Recording]:
@@ -142,3 +147,17 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
         "mounting_angle_deg": degrees(mounting_angle(sign)),
         "mounting": sign.mounting.tolist(),
     }
+
+
+def frame_sentences(case: DataSet) -> list[str]:
+    """What the data decided of frames: gravity's direction, the sign convention."""
+    sentences = [] if case.sign is None else [convention_sentence(case.sign)]
+    if case.gravity is None:
+        return sentences
+    return [f"{case.gravity.sentence} To state it, write {case.gravity.stated} under [robot] in the rig.", *sentences]
+
+
+def frames_data(case: DataSet) -> dict[str, Any]:
+    """The same as data."""
+    gravity = {} if case.gravity is None else {"gravity": case.gravity.to_data()}
+    return gravity | ({} if case.sign is None else {"sign": convention_data(case.sign)})

@@ -26,7 +26,6 @@ from modeling.effects import named
 from modeling.effects.point_effect import OFFSETS
 from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
-from modeling.kinematics.arm import Arm
 from modeling.number_format import finite
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
@@ -125,7 +124,7 @@ class ModelFile:
         """The model of plain dictionaries, lists, numbers and strings, as `to_data` gives them."""
         table = validated(_Model, data, where, remedy=REMEDY)
         rig = None if table.rig is None else Rig.from_data(table.rig, where=f"{where}: rig")
-        model = _model(table, where, None if rig is None else rig.arm)
+        model = _model(table, where, rig)
         parameters, covariance = _numbers(table, model, where)
         return cls(
             model=model,
@@ -307,14 +306,15 @@ def _mounting(rows: list[list[int]], where: str) -> QuarterTurnRotation:
     raise InputError(what="mounting is not a rotation by quarter turns", where=where, remedy=REMEDY)
 
 
-def _model(table: _Model, where: str, arm: Arm | None) -> WrenchModel:
-    space = BASES[table.base]
+def _model(table: _Model, where: str, rig: Rig | None) -> WrenchModel:
+    space, arm = BASES[table.base], None if rig is None else rig.arm
     _require_names(table.channels, space.channels, "channels", where)
     _require_names(table.noise_floor, space.channels, "noise_floor", where)
     _require_names(table.remainder, space.channels, "remainder", where)
     bare = WrenchModel(
         space=space,
         gravity=table.gravity,
+        gravity_direction=None if rig is None else rig.gravity_direction,
         convention=Convention(table.convention),
         mirror_y=table.mirror_y,
         mounting=_mounting(table.mounting, where),

@@ -80,8 +80,9 @@ def _sentences(diagnosis: Diagnosis) -> list[str]:
         found.append(
             _error_reduction_sentence(held_out, channel, f"On {held_out[0].recording.name} (validation, not fitted): ")
         )
+    gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
     points = filter(None, map(fixed_point_sentence, diagnosis.findings))
-    return [*found, *points, *disturbance_sentences(diagnosis)]
+    return [*gravity, *found, *points, *disturbance_sentences(diagnosis)]
 
 
 def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:

@@ -13,7 +13,6 @@ from estimation.confidence_intervals import Intervals
 from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
 from estimation.noise.recording_noise import NoiseSource
-from estimation.recordings.sign_convention import SignDecision
 from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import RobustFit
 from estimation.static.centre_of_mass import CentreOfMass
@@ -21,7 +20,7 @@ from estimation.static.pose_advice import PoseAdvice
 from modeling.number_format import estimate_text
 from modeling.significance import LEVELS
 from modeling.table import Table
-from truewrench.files.data_set import convention_data, convention_sentence
+from truewrench.files.data_set import DataSet, frame_sentences, frames_data
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +44,9 @@ class FitSummary:
 
     # ------------------------------------------------------------------------------------------ text
 
-    def text(self, sign: SignDecision | None, *, runs: bool) -> str:
+    def text(self, case: DataSet | None, *, runs: bool) -> str:
         """Full summary; the rows of every run in Table 22.1 only with `runs`."""
-        parts = [self.headline(), *([] if sign is None else [convention_sentence(sign)])]
+        parts = [self.headline(), *([] if case is None else frame_sentences(case))]
         parts += [self.parameters(), *self._constraints(), *self._outliers(), *self._poses()]
         parts += [f"{c.recording.name}:\n{c}" for c in self.comparisons]
         parts += [f"{c.recording.name} (held out, its biases estimated there):\n{c}" for c in self.validation]
@@ -101,7 +100,7 @@ class FitSummary:
 
     # ------------------------------------------------------------------------------------------- data
 
-    def to_data(self, sign: SignDecision | None) -> dict[str, Any]:
+    def to_data(self, case: DataSet) -> dict[str, Any]:
         """JSON data in addition to the model: numbers are finite or None."""
         ends = zip(self.fit.parameters, self.intervals.low, self.intervals.high, strict=True)
         data: dict[str, Any] = {
@@ -114,7 +113,7 @@ class FitSummary:
             "repeats": [t.to_data() for t in self.repeat_tables],
         }
         data |= {} if self.fit.constrained is None else {"constraints": constraints_data(self.fit.constrained)}
-        return data if sign is None else data | {"sign": convention_data(sign)}
+        return data | frames_data(case)
 
 
 def repeatability_text(found: RepeatTable, *, runs: bool) -> str:

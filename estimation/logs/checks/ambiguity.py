@@ -13,6 +13,7 @@ from estimation.logs.frame_evidence import quaternion_orders
 from estimation.logs.log_table import Array
 from estimation.logs.motion_evidence import impossible_speed
 from modeling.errors import InputError
+from modeling.kinematics.base_mounting import Direction
 
 
 def require_plausible_speed(columns: Mapping[str, Array], rate: float, group: ColumnGroup) -> None:
@@ -30,9 +31,9 @@ def require_plausible_speed(columns: Mapping[str, Array], rate: float, group: Co
         raise InputError(what=what, where=group.table.name, remedy=remedy)
 
 
-def require_decided_order(columns: Mapping[str, Array], group: ColumnGroup) -> None:
+def require_decided_order(columns: Mapping[str, Array], group: ColumnGroup, direction: Direction | None = None) -> None:
     """Ask for the order of a quaternion that neither names nor the weight decide. Raises InputError."""
-    as_read, w_first = quaternion_orders(columns)
+    as_read, w_first = quaternion_orders(columns, direction)
     if as_read.fit.is_shown_against(w_first.fit):
         return
     means = [f"{order} (mass {one.mass:.3g} kg, residual of the weight {one.rms:.3g} N)"

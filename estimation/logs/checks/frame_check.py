@@ -16,6 +16,7 @@ from estimation.logs.frame_evidence import W_FIRST, FrameEvidence, frame_evidenc
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.reports.reading_curves import spans
+from modeling.kinematics.base_mounting import Direction, motion_in_world
 
 FORCES = ("fx", "fy", "fz")
 XYZW = OrientationForm("xyzw")
@@ -27,11 +28,15 @@ FLATTEST = 0.05
 
 @dataclass(frozen=True)
 class FrameCheck:
-    """The check of one reading's columns; what it finds goes into the log."""
+    """The check of one reading's columns; what it finds goes into the log.
+
+    `direction` is gravity's in base axes, where the rig states it.
+    """
 
     mapping: ColumnMapping
     stated: ColumnMap
     log: StepLog
+    direction: Direction | None = None
 
     def checked(self, columns: dict[str, Array], stamps: Array | None, *, is_moved: bool) -> dict[str, Array]:
         """The columns (n,) at stamps (n,), s, None of static poses, in the reading that the weight shows.
@@ -42,15 +47,16 @@ class FrameCheck:
         group = self.mapping.orientation
         if group is None:
             return columns
-        found = frame_evidence(columns)
+        found = frame_evidence(columns, self.direction)
         if found is not None and found.is_better:
             if not self._is_better_taken(found, group, is_moved=is_moved):
                 return columns
             columns = columns | {new: columns[old] for new, old in ROLLED}
         elif self._is_unstated(group):
             self._require_order(columns, group)
-        deviating = None if stamps is None else self._deviations(columns, stamps)
-        self._note_missing_weight(columns, found, deviating)
+        in_world = columns if self.direction is None else motion_in_world(columns, self.direction)
+        deviating = None if stamps is None else self._deviations(in_world, stamps)
+        self._note_missing_weight(in_world, found, deviating)
         return columns
 
     def _note_missing_weight(
@@ -79,9 +85,9 @@ class FrameCheck:
     def _require_order(self, columns: dict[str, Array], group: ColumnGroup) -> None:
         """Ask for an order that the weight does not decide; after a position x y z w is usual, and is assumed."""
         if len(group.columns) == 4:
-            require_decided_order(columns, group)
+            require_decided_order(columns, group, self.direction)
             return
-        as_read, w_first = quaternion_orders(columns)
+        as_read, w_first = quaternion_orders(columns, self.direction)
         if not as_read.fit.is_shown_against(w_first.fit):
             what = "nothing states the order of the quaternion, x y z w is assumed, and the weight does not confirm it:"
             self.log.suspicious(f'{what} state orientation = "xyzw" or "wxyz" in a map', group.table.name)

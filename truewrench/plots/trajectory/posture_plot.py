@@ -77,7 +77,7 @@ def link_positions(arm: PlanarArm, tip_length: float, q: Array) -> Array:
     """Base, joints, sensor and tip (P, n + 2, 2), m, in postures q (P, n), by arms truncated after each link."""
     ends = [np.zeros((2, len(q)))]
     for cut in range(1, arm.joints + 1):
-        ends.append(np.array(PlanarArm(arm.link_lengths[:cut]).tip(0.0).map(len(q))(q[:, :cut].T)))
+        ends.append(np.array(PlanarArm(arm.link_lengths[:cut], arm.base).tip(0.0).map(len(q))(q[:, :cut].T)))
     ends.append(np.array(arm.tip(tip_length).map(len(q))(q.T)))
     return np.array(ends).transpose(2, 0, 1)
 

@@ -1,0 +1,1 @@
+"""Direction of gravity in base axes: its estimate, and where models and recordings take it."""

@@ -1,0 +1,172 @@
+"""Direction of gravity in base axes, estimated from how the tool's weight turns with the sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import acos, radians
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gravity.weight_moments import WeightFit, WeightMoments
+from modeling.kinematics.base_mounting import Direction
+from modeling.rig.rig import Convention
+
+Array = NDArray[np.float64]
+
+CLEARLY = 0.5
+"""Ratio of residuals from which another reading is the right one; readings that are right differ by less."""
+LEAST_EXPLAINED = 0.6
+"""Share of the readings' power that another reading has to explain."""
+TILT = radians(15)
+"""A base within this angle of the vertical stands upright, or hangs: the rest is left to the effect `gravity_tilt`."""
+NEAR_AXIS = radians(5)
+"""Within it an axis that explains the readings about as well is the direction."""
+UNLIKE = radians(30)
+"""Directions further from the best than this must clearly be worse, or the direction is not identifiable."""
+FEWEST_POSES = 10
+"""Samples from which a direction is estimated: it has two parameters more than a mass, its mounting and its zero."""
+SIGN_SIGNIFICANCE = 5.0
+"""Std between gravity along a direction and against it, by the accelerations, from which they decide."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GravityEstimate:
+    """The direction of gravity with its evidence, beside that of a base that stands upright.
+
+    direction   unit vector in base axes: the axis that it is next to, or as estimated
+    fit         with gravity along it; `upright` with gravity down
+    decided     whether accelerations decide between it and its opposite; poses at rest cannot
+    force       std of the readings' forces, N
+    """
+
+    direction: Direction
+    fit: WeightFit
+    upright: WeightFit
+    decided: bool
+    force: float
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether gravity points down, or nearly."""
+        return self.direction == upright_direction(len(self.direction))
+
+    @property
+    def is_overwhelming(self) -> bool:
+        """Whether the base clearly does not stand upright: half the residual, most of the readings explained."""
+        explained = self.fit.rms**2 < (1 - LEAST_EXPLAINED) * self.force**2
+        return not self.is_upright and explained and self.fit.rms < CLEARLY * self.upright.rms
+
+    @property
+    def along_axis(self) -> bool:
+        """Whether it is an axis of the base."""
+        return max(map(abs, self.direction)) == 1.0
+
+    @property
+    def place(self) -> str:
+        """The direction in words: `along x of the base`."""
+        words = direction_in_words(self.direction)
+        if self.decided:
+            return f"{words} of the base"
+        return f"{words} of the base (or opposite, with the other sign convention: poses at rest cannot tell)"
+
+    @property
+    def evidence(self) -> str:
+        """Mass and residual with it and without."""
+        found = f"with its direction free the mass is {self.fit.mass:.3g} kg and the residual of the weight falls from"
+        return f"{found} {self.upright.rms:.3g} to {self.fit.rms:.3g} N"
+
+    @property
+    def sentence(self) -> str:
+        """What was found, as a sentence."""
+        return f"Gravity points {self.place}: {self.evidence} (upright: {self.upright.mass:.3g} kg)."
+
+    @property
+    def stated(self) -> str:
+        """The line of a rig file that states it."""
+        return f"gravity_direction = [{', '.join(f'{c:.4g}' for c in self.direction)}]"
+
+    def to_data(self) -> dict[str, Any]:
+        """The finding as data: kg and N, with the direction and with gravity down."""
+        return {
+            "direction": list(self.direction),
+            "decided": self.decided,
+            "mass": self.fit.mass,
+            "rms": self.fit.rms,
+            "mass_upright": self.upright.mass,
+            "rms_upright": self.upright.rms,
+        }
+
+
+def upright_direction(axes: int) -> Direction:
+    """Gravity in base axes where the base stands upright: along -y in the plane, -z in six axes."""
+    return (0.0, -1.0) if axes == 2 else (0.0, 0.0, -1.0)
+
+
+def independent_samples(samples: int, *, at_rest: bool) -> int:
+    """All poses, and a thousandth of a run (its residual is strongly correlated)."""
+    return samples if at_rest else max(5, samples // 1000)
+
+
+def direction_in_words(direction: Direction) -> str:
+    """`along -x`, or `along (0.50, 0.00, -0.87)`."""
+    axis = int(np.argmax(np.abs(direction)))
+    if abs(direction[axis]) == 1.0:
+        return f"along {'-' if direction[axis] < 0 else ''}{'xyz'[axis]}"
+    return f"along ({', '.join(f'{c + 0.0:.2f}' for c in direction)})"
+
+
+def estimated_gravity(
+    moments: WeightMoments,
+    independent: int,
+    convention: Convention = Convention.AUTO,
+    *,
+    near_axis: float = NEAR_AXIS,
+) -> GravityEstimate | None:
+    """The direction of gravity in base axes; None where these recordings do not identify it.
+
+    With B and d, -B and -d fit the weight alike, and only accelerations distinguish them, by the likelihood of
+    `independent` samples. Where they do not, the convention does; where it is not stated, gravity points rather down
+    than up, and sideways the readings are ON_SENSOR, as those of most commercial sensors. Within `near_axis` (rad) of a
+    level axis that explains the readings about as well, the direction is that axis.
+    """
+    best = moments.best_direction
+    found, opposite = moments.fit(best), moments.fit(-best)
+    if min(found.rms, opposite.rms) > CLEARLY * moments.rival_rms(best, UNLIKE):
+        return None
+    gain = independent * ((opposite.rms / max(found.rms, 1e-300)) ** 2 - 1)
+    decided = bool(gain > SIGN_SIGNIFICANCE**2)
+    direction = _snapped(best, moments, near_axis)
+    if not decided and _is_opposite(direction, found, convention):
+        direction = tuple(-c + 0.0 for c in direction)
+    return GravityEstimate(
+        direction=direction,
+        fit=moments.fit(direction),
+        upright=moments.fit(upright_direction(moments.axes)),
+        decided=decided,
+        force=moments.force,
+    )
+
+
+def _snapped(direction: Array, moments: WeightMoments, near_axis: float) -> Direction:
+    """The axis next to a direction: where that is vertical, or where it explains the readings about as well."""
+    number = int(np.argmax(np.abs(direction)))
+    axis = np.sign(direction[number]) * np.eye(len(direction))[number]
+    angle, vertical = acos(min(1.0, float(axis @ direction))), number == len(direction) - 1
+    alike = moments.fit(direction).rms > CLEARLY * moments.fit(axis).rms
+    return _plain(axis if angle < (TILT if vertical else near_axis) and (vertical or alike) else direction)
+
+
+def _plain(direction: Array) -> Direction:
+    return tuple(float(component) + 0.0 for component in direction)
+
+
+def _is_opposite(direction: Direction, found: WeightFit, convention: Convention) -> bool:
+    """Whether the opposite direction is meant, of two that the data do not distinguish."""
+    on_tool = float(np.linalg.det(found.matrix)) > 0
+    if convention is not Convention.AUTO:
+        return on_tool is not (convention is Convention.ON_TOOL)
+    if abs(direction[-1]) > np.sin(TILT):
+        return direction[-1] > 0
+    return on_tool
