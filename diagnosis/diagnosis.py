@@ -274,8 +274,9 @@ def _diagnosed(
     shift = zero_shift(final.fit, known[0].validation_fit(final.fit)) if known else None
     disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
     final.cache.forget()
-    gravity = case.found
-    return Diagnosis(final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained, gravity)
+    return Diagnosis(
+        final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained, gravity=case.found
+    )
 
 
 def _initial_fit(

@@ -9,22 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.gravity.weight_moments import WeightFit, WeightMoments
+from estimation.gravity.weight_moments import FreeFit, WeightMoments
 from modeling.kinematics.base_mounting import Direction
 from modeling.rig.rig import Convention
 
 Array = NDArray[np.float64]
 
-CLEARLY = 0.5
-"""Ratio of residuals from which another reading is the right one; readings that are right differ by less."""
-LEAST_EXPLAINED = 0.6
-"""Share of the readings' power that another reading has to explain."""
+ALIKE = 2.0
+"""Ratio of residuals up to which an axis explains the readings about as well as a direction a few degrees beside it."""
 TILT = radians(15)
 """A base within this angle of the vertical stands upright, or hangs: the rest is left to the effect `gravity_tilt`."""
 NEAR_AXIS = radians(5)
 """Within it an axis that explains the readings about as well is the direction."""
 UNLIKE = radians(30)
-"""Directions further from the best than this must clearly be worse, or the direction is not identifiable."""
+"""A direction further than this from the best is another one, which must not explain the readings as well."""
 FEWEST_POSES = 10
 """Samples from which a direction is estimated: it has two parameters more than a mass, its mounting and its zero."""
 SIGN_SIGNIFICANCE = 5.0
@@ -36,27 +34,21 @@ class GravityEstimate:
     """The direction of gravity with its evidence, beside that of a base that stands upright.
 
     direction   unit vector in base axes: the axis that it is next to, or as estimated
+    rival       the best of the directions that are unlike it: where that explains as much, none is identifiable
     fit         with gravity along it; `upright` with gravity down
     decided     whether accelerations decide between it and its opposite; poses at rest cannot
-    force       std of the readings' forces, N
     """
 
     direction: Direction
-    fit: WeightFit
-    upright: WeightFit
+    rival: Direction
+    fit: FreeFit
+    upright: FreeFit
     decided: bool
-    force: float
 
     @property
     def is_upright(self) -> bool:
         """Whether gravity points down, or nearly."""
         return self.direction == upright_direction(len(self.direction))
-
-    @property
-    def is_overwhelming(self) -> bool:
-        """Whether the base clearly does not stand upright: half the residual, most of the readings explained."""
-        explained = self.fit.rms**2 < (1 - LEAST_EXPLAINED) * self.force**2
-        return not self.is_upright and explained and self.fit.rms < CLEARLY * self.upright.rms
 
     @property
     def along_axis(self) -> bool:
@@ -123,8 +115,8 @@ def estimated_gravity(
     convention: Convention = Convention.AUTO,
     *,
     near_axis: float = NEAR_AXIS,
-) -> GravityEstimate | None:
-    """The direction of gravity in base axes; None where these recordings do not identify it.
+) -> GravityEstimate:
+    """The direction of gravity in base axes; whether it is shown, `gravity_evidence` tests.
 
     With B and d, -B and -d fit the weight alike, and only accelerations distinguish them, by the likelihood of
     `independent` samples. Where they do not, the convention does; where it is not stated, gravity points rather down
@@ -133,8 +125,6 @@ def estimated_gravity(
     """
     best = moments.best_direction
     found, opposite = moments.fit(best), moments.fit(-best)
-    if min(found.rms, opposite.rms) > CLEARLY * moments.rival_rms(best, UNLIKE):
-        return None
     gain = independent * ((opposite.rms / max(found.rms, 1e-300)) ** 2 - 1)
     decided = bool(gain > SIGN_SIGNIFICANCE**2)
     direction = _snapped(best, moments, near_axis)
@@ -142,10 +132,10 @@ def estimated_gravity(
         direction = tuple(-c + 0.0 for c in direction)
     return GravityEstimate(
         direction=direction,
+        rival=_plain(moments.rival(best, UNLIKE)),
         fit=moments.fit(direction),
         upright=moments.fit(upright_direction(moments.axes)),
         decided=decided,
-        force=moments.force,
     )
 
 
@@ -154,7 +144,7 @@ def _snapped(direction: Array, moments: WeightMoments, near_axis: float) -> Dire
     number = int(np.argmax(np.abs(direction)))
     axis = np.sign(direction[number]) * np.eye(len(direction))[number]
     angle, vertical = acos(min(1.0, float(axis @ direction))), number == len(direction) - 1
-    alike = moments.fit(direction).rms > CLEARLY * moments.fit(axis).rms
+    alike = moments.fit(axis).rms < ALIKE * moments.fit(direction).rms
     return _plain(axis if angle < (TILT if vertical else near_axis) and (vertical or alike) else direction)
 
 
@@ -162,7 +152,7 @@ def _plain(direction: Array) -> Direction:
     return tuple(float(component) + 0.0 for component in direction)
 
 
-def _is_opposite(direction: Direction, found: WeightFit, convention: Convention) -> bool:
+def _is_opposite(direction: Direction, found: FreeFit, convention: Convention) -> bool:
     """Whether the opposite direction is meant, of two that the data do not distinguish."""
     on_tool = float(np.linalg.det(found.matrix)) > 0
     if convention is not Convention.AUTO:

@@ -10,6 +10,7 @@ from operator import add
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.evidence.weight_fit import LEAST_EXPLAINED, WeightFit, weight_fit
 from estimation.gravity.gravity_estimate import (
     FEWEST_POSES,
     GravityEstimate,
@@ -17,10 +18,11 @@ from estimation.gravity.gravity_estimate import (
     independent_samples,
     upright_direction,
 )
-from estimation.gravity.rotation_terms import rotation_terms
+from estimation.gravity.rotation_terms import rotation_terms, without_terms
 from estimation.gravity.weight_moments import WeightMoments
 from estimation.recordings.recording import Recording
 from estimation.recordings.sensor_frame import in_sensor_frame
+from modeling.kinematics.base_mounting import Direction
 from modeling.kinematics.quaternion import COMPONENTS
 from modeling.rig.rig import Convention
 
@@ -35,41 +37,62 @@ LEAST_UNEXPLAINED = 0.01
 def gravity_evidence(
     recordings: Sequence[Recording], *, gravity: float, convention: Convention, mirror_y: bool = False
 ) -> GravityEstimate | None:
-    """The direction where the base clearly does not stand upright, and no other mistake explains as much; else None.
+    """The direction where the base is shown not to stand upright, and no other mistake explains as much; else None.
 
     The recordings, of one sensor, are in base axes; gravity in m/s². The signs are those of planar readings, and decide
-    of six axes between directions that poses at rest do not distinguish.
+    of six axes between directions that poses at rest do not distinguish. Shown is by `WeightFit.is_shown_against`: of
+    the direction against an upright base, the best of the directions unlike it, and every mistake.
     """
     if recordings[0].dimension == 2:
         signs = np.array([1.0, -1.0 if mirror_y else 1.0]) * (-1.0 if convention is Convention.ON_SENSOR else 1.0)
         return _in_plane(recordings, gravity, signs)
     if any("qw" not in r.signals for r in recordings) or sum(r.samples for r in recordings) < FEWEST_POSES:
         return None
-    samples = [FrameSamples.of(recording) for recording in recordings]
-    moments = _moments(samples, gravity)
-    if not _leaves_enough(moments):
+    samples = [SensorSamples.in_space(recording) for recording in recordings]
+    if not _leaves_enough(_moments(samples, gravity)):
         return None
-    independent = sum(independent_samples(r.samples, at_rest=r.at_rest) for r in recordings)
-    found = estimated_gravity(moments, independent, convention)
-    if found is None or not found.is_overwhelming:
-        return None
-    mistakes = ([mistake(own) for own in samples] for mistake in MISTAKES)
-    upright = upright_direction(3)
-    least = min(_moments(mistaken, gravity).fit(upright).rms for mistaken in mistakes)
-    return found if found.fit.rms < least else None
+    found = estimated_gravity(_moments(samples, gravity), _independent(recordings), convention)
+    mistaken = [[mistake(own) for own in samples] for mistake in MISTAKES]
+    others = [_weight(own, upright_direction(3), gravity) for own in (samples, *mistaken)]
+    return found if _is_shown(found, samples, others, gravity) else None
 
 
 def _in_plane(recordings: Sequence[Recording], gravity: float, signs: Array) -> GravityEstimate | None:
     """From runs alone: in poses at rest a turned base is indistinguishable from a sensor that is mounted turned."""
     if any(recording.at_rest or "phi" not in recording.signals for recording in recordings):
         return None
-    moments = reduce(add, (_planar_moments(recording, gravity, signs) for recording in recordings))
-    if not _leaves_enough(moments):
+    samples = [SensorSamples.in_plane(recording, signs) for recording in recordings]
+    if not _leaves_enough(_moments(samples, gravity)):
         return None
-    independent = sum(independent_samples(r.samples, at_rest=False) for r in recordings)
-    found = estimated_gravity(moments, independent)
-    right = found is not None and found.decided and found.is_overwhelming and np.trace(found.fit.matrix) > 0
-    return found if right else None
+    found = estimated_gravity(_moments(samples, gravity), _independent(recordings))
+    if not found.decided or np.trace(found.fit.matrix) <= 0:
+        return None
+    others = [_weight(samples, upright_direction(2), gravity)]
+    return found if _is_shown(found, samples, others, gravity) else None
+
+
+def _independent(recordings: Sequence[Recording]) -> int:
+    return sum(independent_samples(r.samples, at_rest=r.at_rest) for r in recordings)
+
+
+def _is_shown(
+    found: GravityEstimate, samples: Sequence[SensorSamples], others: Sequence[WeightFit], gravity: float
+) -> bool:
+    """Whether the base is shown not to stand upright, but as found, and most of what an upright one leaves explained.
+
+    An effect that pulls one way, as a tether does, is a small part of a turned weight.
+    """
+    if found.is_upright or found.fit.rms**2 > (1 - LEAST_EXPLAINED) * found.upright.rms**2:
+        return False
+    turned, rivals = _weight(samples, found.direction, gravity), [*others, _weight(samples, found.rival, gravity)]
+    return all(turned.is_shown_against(rival, len(rivals)) for rival in rivals)
+
+
+def _weight(samples: Sequence[SensorSamples], direction: Direction, gravity: float) -> WeightFit:
+    """The weight of a tool whose mounting is unknown in space, and known in the plane."""
+    parts = [own.without_rotation(direction, gravity) for own in samples]
+    along, force = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return weight_fit(along, force, mounting=np.eye(2) if len(direction) == 2 else None)
 
 
 def _leaves_enough(moments: WeightMoments) -> bool:
@@ -79,41 +102,69 @@ def _leaves_enough(moments: WeightMoments) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class FrameSamples:
-    """Rows of one recording that are fitted: quaternion x y z w (4, n), accelerations and forces (n, 3), turning."""
+class SensorSamples:
+    """Rows of one recording that are fitted: R' (n, d, d) to the sensor's axes, accelerations in base axes and forces
+    (n, d), and what turns with the tool (n, k), None at rest."""
 
-    quaternion: Array
+    to_sensor: Array
     acceleration: Array
     force: Array
     rotation: Array | None
 
     @classmethod
-    def of(cls, recording: Recording) -> FrameSamples:
+    def in_space(cls, recording: Recording) -> SensorSamples:
         """From the recording's signals, in base axes."""
         every, signals = _every(recording), recording.signals
         return cls(
-            np.stack([signals[name][every] for name in COMPONENTS]),
+            _to_sensor(np.stack([signals[name][every] for name in COMPONENTS])),
             np.stack([signals[name][every] for name in ("apx", "apy", "apz")], axis=1),
             recording.wrench[every, :3],
             None if recording.at_rest else rotation_terms(recording, every),
         )
 
-    @property
-    def to_sensor(self) -> Array:
-        """R' (n, 3, 3)."""
-        signals = dict(zip(COMPONENTS, self.quaternion, strict=True))
-        return np.stack([in_sensor_frame(signals, axis) for axis in np.eye(3).tolist()], axis=2)
+    @classmethod
+    def in_plane(cls, recording: Recording, signs: Array) -> SensorSamples:
+        """Forces with the signs of the sensor's on the tool, in the axes x' and -y' of the sensor."""
+        every, signals = _every(recording), recording.signals
+        s, c = np.sin(signals["phi"][every]), np.cos(signals["phi"][every])
+        return cls(
+            np.stack([np.stack([c, -s], axis=1), np.stack([-s, -c], axis=1)], axis=1),
+            np.stack([signals["ax"][every], signals["ay"][every]], axis=1),
+            recording.wrench[every, :2] * signs,
+            rotation_terms(recording, every),
+        )
+
+    def moments(self, gravity: float) -> WeightMoments:
+        """Their moments, for any direction of gravity."""
+        return WeightMoments.of(self.to_sensor, self.acceleration, self.force, gravity, self.rotation)
+
+    def without_rotation(self, direction: Direction, gravity: float) -> tuple[Array, Array]:
+        """Specific force (n, d) in the sensor with gravity along a direction, and force, less what turns with the
+        tool."""
+        along = np.einsum("nij,nj->ni", self.to_sensor, self.acceleration - gravity * np.array(direction))
+        rows = np.hstack([along, self.force])
+        rows = rows - rows.mean(axis=0) if self.rotation is None else without_terms(rows, self.rotation)
+        return rows[:, : len(direction)], rows[:, len(direction) :]
 
 
-def _w_first(samples: FrameSamples) -> FrameSamples:
-    return replace(samples, quaternion=np.roll(samples.quaternion, -1, axis=0))
+def _to_sensor(quaternion: Array) -> Array:
+    signals = dict(zip(COMPONENTS, quaternion, strict=True))
+    return np.stack([in_sensor_frame(signals, axis) for axis in np.eye(3).tolist()], axis=2)
 
 
-def _inverse(samples: FrameSamples) -> FrameSamples:
-    return replace(samples, quaternion=samples.quaternion * np.array([[-1.0], [-1.0], [-1.0], [1.0]]))
+def _w_first(samples: SensorSamples) -> SensorSamples:
+    """The quaternion, as it was read, w first."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    quaternion = Rotation.from_matrix(np.swapaxes(samples.to_sensor, 1, 2)).as_quat()
+    return replace(samples, to_sensor=_to_sensor(np.roll(quaternion, -1, axis=1).T))
 
 
-def _in_base_axes(samples: FrameSamples) -> FrameSamples:
+def _inverse(samples: SensorSamples) -> SensorSamples:
+    return replace(samples, to_sensor=np.swapaxes(samples.to_sensor, 1, 2))
+
+
+def _in_base_axes(samples: SensorSamples) -> SensorSamples:
     return replace(samples, force=np.einsum("nij,nj->ni", samples.to_sensor, samples.force))
 
 
@@ -121,19 +172,8 @@ MISTAKES = (_w_first, _inverse, _in_base_axes)
 """Other readings of orientation and axes, of which each may seem to turn gravity."""
 
 
-def _moments(samples: Sequence[FrameSamples], gravity: float) -> WeightMoments:
-    each = (WeightMoments.of(s.to_sensor, s.acceleration, s.force, gravity, s.rotation) for s in samples)
-    return reduce(add, each)
-
-
-def _planar_moments(recording: Recording, gravity: float, signs: Array) -> WeightMoments:
-    """Forces with the signs of the sensor's on the tool, in the axes x' and -y' of the sensor."""
-    every, signals = _every(recording), recording.signals
-    s, c = np.sin(signals["phi"][every]), np.cos(signals["phi"][every])
-    to_sensor = np.stack([np.stack([c, -s], axis=1), np.stack([-s, -c], axis=1)], axis=1)
-    force = recording.wrench[every, :2] * signs
-    acceleration = np.stack([signals["ax"][every], signals["ay"][every]], axis=1)
-    return WeightMoments.of(to_sensor, acceleration, force, gravity, rotation_terms(recording, every))
+def _moments(samples: Sequence[SensorSamples], gravity: float) -> WeightMoments:
+    return reduce(add, (own.moments(gravity) for own in samples))
 
 
 def _every(recording: Recording) -> slice:

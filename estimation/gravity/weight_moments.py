@@ -24,7 +24,7 @@ GRID = 240
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WeightFit:
+class FreeFit:
     """The fit f = B R' (a - g d) + b: B (d, d) in kg, and the rms of its residual, N."""
 
     matrix: Array
@@ -77,12 +77,12 @@ class WeightMoments:
         """Std of the forces about their mean, N."""
         return float(np.sqrt(np.trace(self.gram[-self.axes :, -self.axes :]) / (self.axes * self.recordings)))
 
-    def fit(self, direction: Direction | Array) -> WeightFit:
+    def fit(self, direction: Direction | Array) -> FreeFit:
         """The fit with gravity along a unit vector in base axes."""
         normal, mixed = self._normal_equations(np.asarray(direction, dtype=np.float64))
         solution = np.linalg.lstsq(normal, mixed, rcond=1e-10)[0]
         residual = self.force**2 - float(np.sum(solution * mixed)) / (self.axes * self.recordings)
-        return WeightFit(matrix=np.asarray(solution.T, dtype=np.float64), rms=float(np.sqrt(max(residual, 0.0))))
+        return FreeFit(matrix=np.asarray(solution.T, dtype=np.float64), rms=float(np.sqrt(max(residual, 0.0))))
 
     def flatness(self, direction: Direction | Array) -> float:
         """Smallest singular value, in g, of R' (a - g d): gravity takes all directions in the sensor where it is 1."""
@@ -114,10 +114,10 @@ class WeightMoments:
         found = minimize(share, np.zeros(self.axes - 1))
         return at(found.x)
 
-    def rival_rms(self, direction: Array, angle: float) -> float:
-        """Smallest residual of directions further than `angle` (rad) from this one and its opposite, N."""
+    def rival(self, direction: Array, angle: float) -> Array:
+        """The best direction (d,) of those further than `angle` (rad) from this one and its opposite."""
         others = [d for d in _grid(self.axes) if abs(float(d @ direction)) < np.cos(angle)]
-        return min(self.fit(d).rms for d in others)
+        return min(others, key=lambda d: self.fit(d).rms)
 
 
 def _grid(axes: int) -> Array:

@@ -174,11 +174,13 @@ def _free_direction(force: Array, quaternion: Array, a: Array, *, at_rest: bool)
     turn = Rotation.from_quat(quaternion)
     moments = WeightMoments.of(turn.inv().as_matrix(), a, force, GRAVITY)
     found = estimated_gravity(moments, independent_samples(len(force), at_rest=at_rest), near_axis=TILT)
-    if found is None or found.is_upright:
+    if found.is_upright:
         return
-    specific = turn.apply(a / GRAVITY - np.array(found.direction), inverse=True)
     meaning, advice = f"gravity points {found.place}", f"state {found.stated} under [robot] in the rig"
-    yield _fitted(meaning, advice, specific, force)
+    specific = (turn.apply(a / GRAVITY - np.array(d), inverse=True) for d in (found.direction, found.rival))
+    free, rival = (_fitted(meaning, advice, along, force) for along in specific)
+    if free.fit.is_nearer_than(rival.fit):
+        yield free
 
 
 def _fitted(meaning: str, advice: str, direction: Array, force: Array) -> FrameReading:
