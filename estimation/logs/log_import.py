@@ -15,8 +15,8 @@ from estimation.logs.checks.ambiguity import require_plausible_speed
 from estimation.logs.checks.frame_check import FrameCheck
 from estimation.logs.checks.recording_check import note_columns
 from estimation.logs.clocks.one_clock import on_one_clock
-from estimation.logs.clocks.sample_hold import held_rows, note_suspicious_channels
 from estimation.logs.clocks.sample_mending import STAMP, Stream, mended, mended_runs
+from estimation.logs.clocks.suspicious_channels import note_suspicious_channels
 from estimation.logs.clocks.table_joining import joined_by_rows, require_preset, with_preset_names
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_pattern import PRESETS, Quantity
@@ -33,6 +33,7 @@ from estimation.recordings.reading import recording_from_table
 from estimation.recordings.recording import MotionForm, Recording, motion_columns
 from estimation.recordings.reports.reading_curves import IntervalHistogram, Span, spans
 from estimation.recordings.reports.reading_report import ClockReading, OffsetReading, PeriodReading, ReadingReport
+from estimation.recordings.sample_hold import held_rows
 from modeling.errors import InputError, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 

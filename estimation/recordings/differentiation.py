@@ -1,6 +1,7 @@
-"""Derivatives of a sampled motion: truncated Fourier series (periodic) or quintic regression splines (single run).
+"""Derivatives of a sampled motion: truncated Fourier series (periodic) or smoothing splines (single run).
 
-The bandwidth ends where the motion's spectrum falls below its noise floor.
+The bandwidth of a Fourier series ends where the motion's spectrum falls below its noise floor, that of a smoothing
+spline where the likelihood puts it.
 """
 
 from __future__ import annotations
@@ -11,14 +12,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.regression_spline import RegressionSpline
+from estimation.recordings.sample_hold import TrueSamples
+from estimation.recordings.smoothing_spline import SmoothingSpline
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
-
-END_KNOTS_LEFT_OUT = 2  # left out at each end of a spline in coloured noise
-SPLINE_DEGREE = 5  # the second derivative of a quintic is continuously differentiable
-COEFFICIENTS_PER_LINE = 10  # of a spline: several per period, for a fit as close as clean data allow
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,13 +24,15 @@ class Derivatives:
     """A series and its first two derivatives in time, each (N, k), per s and per s².
 
     `score` (k,) is the Bayesian information criterion n ln RSS + p ln n of the fit, by which two fits to the same
-    series are compared.
+    series are compared. `spline` is the smoothing spline that they come from, None for a Fourier series and static
+    poses.
     """
 
     value: Array
     first: Array
     second: Array
     score: Array
+    spline: SmoothingSpline | None = None
 
 
 def fourier_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:
@@ -61,25 +61,19 @@ def fourier_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -
     return Derivatives(value=value, first=first, second=second, score=score)
 
 
-def spline_derivatives(run: Array, dt: float) -> Derivatives:
-    """One run (N, k), sampled every dt s, as quintic regression splines with uniform knots.
+def spline_derivatives(run: Array, dt: float, true: TrueSamples | None = None) -> Derivatives:
+    """One run (N, k), sampled every dt s, as smoothing splines; of its `true` samples alone where values are held.
 
-    The number of coefficients minimises n ln RSS + p ln n (Schwarz), per column, below a limit:
-    noise of a real encoder is coloured, which a criterion for white noise mistakes for motion. The limit comes from
-    the highest excited line of the windowed spectrum in any column (one motion moves all). A least-squares spline has
-    zero phase, and no end condition that would bias the acceleration there.
+    Smoothness and the noise of the samples are those of the largest likelihood, the same for all columns.
     """
-    samples = len(run)
-    powers = _windowed_power(run).T
-    lines = max(highest_excited_line(power) for power in powers)
-    # An end has data on one side only: noise that falls faster than 1/f would be fitted by short end pieces.
-    end_knots = END_KNOTS_LEFT_OUT if any(map(_coloured, powers)) else 0
-    most = min(samples // 2, SPLINE_DEGREE + 1 + COEFFICIENTS_PER_LINE * max(lines, 1))
-    counts = np.unique(np.round(np.geomspace(SPLINE_DEGREE + 1, max(most, SPLINE_DEGREE + 1), 30)).astype(int))
-    fits = [_SplineFit.of(run, int(count), end_knots) for count in counts]
-    best = np.argmin([fit.score for fit in fits], axis=0)
-    derived = {i: fits[i].derivatives(dt) for i in {*best.tolist()}}
-    return _columns([derived[i] for i in best])
+    times = np.arange(len(run)) * dt
+    spline = SmoothingSpline.of(times, run) if true is None else SmoothingSpline.of(true.instants, run[true.rows])
+    inside = times if true is None else np.clip(times, true.instants[0], true.instants[-1])
+    value, first, second = (spline.derivative(inside, order) for order in range(3))
+    beyond = (times - inside)[:, None]  # at constant acceleration before the first and after the last true sample
+    value, first = value + beyond * first + beyond**2 / 2 * second, first + beyond * second
+    score = _bayesian_information_criterion(run - value, spline.freedom)
+    return Derivatives(value=value, first=first, second=second, score=score, spline=spline)
 
 
 def fourier_or_spline_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:
@@ -134,62 +128,8 @@ def _robust_slope(values: Array, places: Array) -> float:
     return float(np.median((values[second] - values[first]) / (places[second] - places[first])))
 
 
-def _coloured(power: Array) -> bool:
-    floor = line_noise_floor(power)
-    return bool(floor[1] > len(floor) * floor[-1])
-
-
-def _windowed_power(run: Array) -> Array:
-    """Spectrum (M, k) of a run without its cubic trend, under a window whose leakage falls as f^-14."""
-    samples = len(run)
-    place = np.linspace(-1, 1, samples)
-    trend = np.polynomial.polynomial.polyfit(place, run, 3)
-    detrended = run - np.polynomial.polynomial.polyval(place, trend).T
-    window = np.sin(np.pi * (np.arange(samples) + 0.5) / samples) ** 6
-    power: Array = np.abs(np.fft.rfft(detrended * window[:, None], axis=0)) ** 2
-    return power
-
-
-@dataclass(frozen=True, eq=False)
-class _SplineFit:
-    """A spline over time in units of the knot spacing, which keeps the equations well scaled whatever dt is."""
-
-    spline: RegressionSpline
-    place: Array
-    value: Array
-    score: Array
-
-    @classmethod
-    def of(cls, run: Array, coefficients: int, end_knots: int) -> _SplineFit:
-        longer = end_knots if coefficients > SPLINE_DEGREE + 1 + 2 * end_knots else 0
-        pieces = coefficients - SPLINE_DEGREE + 2 * longer
-        place = np.linspace(0.0, pieces, len(run))
-        inner = np.arange(1.0 + longer, pieces - longer)
-        knots = np.concatenate([[0.0] * (SPLINE_DEGREE + 1), inner, [float(pieces)] * (SPLINE_DEGREE + 1)])
-        spline, value = RegressionSpline.nearest(place, run, knots, SPLINE_DEGREE)
-        return cls(
-            spline, place, value, _bayesian_information_criterion(run - value, np.full(run.shape[1], coefficients))
-        )
-
-    def derivatives(self, dt: float) -> Derivatives:
-        scale = self.place[-1] / ((len(self.place) - 1) * dt)
-        slope = self.spline.derivative()
-        first, second = slope(self.place) * scale, slope.derivative()(self.place) * scale**2
-        return Derivatives(value=self.value, first=first, second=second, score=self.score)
-
-
-def _bayesian_information_criterion(residual: Array, parameters: NDArray[np.int64]) -> Array:
+def _bayesian_information_criterion(residual: Array, parameters: NDArray[np.int64] | float) -> Array:
     samples = len(residual)
     squares = np.sum(residual**2, axis=0) + np.finfo(float).tiny
     score: Array = samples * np.log(squares) + parameters * np.log(samples)
     return score
-
-
-def _columns(fits: list[Derivatives]) -> Derivatives:
-    """Column j of the j-th of k fits."""
-    value, first, second = (
-        np.stack([getattr(fit, name)[:, j] for j, fit in enumerate(fits)], axis=1)
-        for name in ("value", "first", "second")
-    )
-    score = np.array([fit.score[j] for j, fit in enumerate(fits)])
-    return Derivatives(value=value, first=first, second=second, score=score)

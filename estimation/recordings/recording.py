@@ -17,6 +17,7 @@ from modeling.rig.rig import PLANAR_CHANNELS, Rig
 if TYPE_CHECKING:
     from estimation.recordings.differentiation import Derivatives
     from estimation.recordings.reports.reading_report import ReadingReport
+    from estimation.recordings.sample_hold import TrueSamples
     from modeling.kinematics.arm import Arm
 
 
@@ -165,8 +166,12 @@ class Recording:
         """Series (n, k) averaged over the repeats, the average repeated to n samples."""
         return self._tiled(series.reshape(self.repeats, self.samples_per_repeat, -1).mean(axis=0))
 
-    def differentiated(self, series: Array, *, antiperiodic: bool = False) -> Derivatives:
-        """Series (n, k) of the motion and its first two derivatives, up to its highest excited line; zero if static."""
+    def differentiated(self, series: Array, *, antiperiodic: bool = False, names: Sequence[str] = ()) -> Derivatives:
+        """Series (n, k) of the motion and its first two derivatives, as far as its noise allows; zero if static.
+
+        `names` are columns that are held together with the series, by default the series itself; the motion is
+        rebuilt from the true samples where they are.
+        """
         from estimation.recordings.differentiation import (  # slow to import
             Derivatives,
             fourier_derivatives,
@@ -174,23 +179,38 @@ class Recording:
             spline_derivatives,
         )
 
+        true = self.true_samples(names) if names else None
+        if true is not None and self.dt is not None and self.repeats > 1:
+            series = spline_derivatives(series, self.dt, true).value
         mean = self.averaged(series)[: self.samples_per_repeat]
         if self.dt is None:
             zero = np.zeros_like(mean)
             fit = Derivatives(value=mean, first=zero, second=zero, score=np.zeros(mean.shape[1]))
         elif self.repeats == 1:
-            fit = spline_derivatives(mean, self.dt)
+            fit = spline_derivatives(mean, self.dt, true)
         else:
             differentiate = fourier_derivatives if self.continuous else fourier_or_spline_derivatives
             fit = differentiate(mean, self.dt, antiperiodic=antiperiodic)
         value, first, second = map(self._tiled, (fit.value, fit.first, fit.second))
-        return Derivatives(value=value, first=first, second=second, score=fit.score)
+        return replace(fit, value=value, first=first, second=second)
+
+    def true_samples(self, names: Sequence[str]) -> TrueSamples | None:
+        """The samples behind columns that are held together; None where every row has a new value.
+
+        Of separate runs the columns are taken as they are.
+        """
+        if self.dt is None or not self.continuous:
+            return None
+        from estimation.recordings.sample_hold import TrueSamples
+
+        return TrueSamples.of((self.columns[name] for name in names), self.dt, self.samples)
 
     def given(self, names: Sequence[str]) -> Array | None:
         """Columns of these names, (n, k), averaged over the repeats; None for static poses or when one is missing."""
         if self.at_rest or not all(name in self.columns for name in names):
             return None
-        return self.averaged(self.stack(names))
+        held = self.true_samples(names) is not None
+        return self.differentiated(self.stack(names), names=names).value if held else self.averaged(self.stack(names))
 
     def stack(self, names: Sequence[str]) -> Array:
         """Columns of these names as recorded, (n, k)."""
@@ -234,12 +254,18 @@ def _without_sign_flips(quaternions: Array) -> Array:
 # -------------------------------------------------------------------------------------------- signals
 
 
-def _rates(recording: Recording, value: Array, first: Sequence[str], second: Sequence[str]) -> Derivatives:
-    """A motion (n, k) with its rates: as recorded under these names, else derived."""
-    derived = recording.differentiated(value)
+def _rates(
+    recording: Recording, value: Array, names: Sequence[str], first: Sequence[str], second: Sequence[str]
+) -> Derivatives:
+    """A motion (n, k) with its rates: as recorded under the names `first` and `second`, else derived.
+
+    `names` are the columns of the motion that are held together.
+    """
+    derived = recording.differentiated(value, names=names)
     rate, acceleration = recording.given(first), recording.given(second)
     if acceleration is None:
-        acceleration = derived.second if rate is None else recording.differentiated(recording.stack(first)).first
+        of_rate = recording.differentiated(recording.stack(first), names=first) if rate is not None else None
+        acceleration = derived.second if of_rate is None else of_rate.first
     rate = derived.first if rate is None else rate
     return replace(derived, first=rate, second=acceleration)
 
@@ -252,7 +278,7 @@ def _joint_motion(recording: Recording) -> dict[str, Array]:
     """Poses of the sensor from joint angles by the arm's kinematics (in the plane 22.2)."""
     names = [numbered_names(prefix, recording.joints) for prefix in ("q", "dq", "ddq")]
     # Each joint by itself: a log may hold the velocity of some joints only.
-    rates = [_rates(recording, recording.stack([q]), [dq], [ddq]) for q, dq, ddq in zip(*names, strict=True)]
+    rates = [_rates(recording, recording.stack([q]), names[0], [dq], [ddq]) for q, dq, ddq in zip(*names, strict=True)]
     q, dq, ddq = (
         np.concatenate([getattr(rate, part) for rate in rates], axis=1) for part in ("value", "first", "second")
     )
@@ -263,7 +289,7 @@ def _joint_motion(recording: Recording) -> dict[str, Array]:
 
 def _planar_motion(recording: Recording) -> dict[str, Array]:
     ramp, phi = _ramp_and_periodic_angle(recording)
-    angle = _rates(recording, phi, ["dphi"], ["ddphi"])
+    angle = _rates(recording, phi, ["phi"], ["dphi"], ["ddphi"])
     found = {"phi": angle.value[:, 0] + ramp, "dphi": angle.first[:, 0], "ddphi": angle.second[:, 0]}
     if recording.dt is not None and "dphi" not in recording.columns:
         found["dphi"] = found["dphi"] + (ramp[1] - ramp[0]) / recording.dt
@@ -302,7 +328,7 @@ def _rotation(recording: Recording) -> dict[str, Array]:
     quaternions = _unit_quaternions(recording)
     period = quaternions[: recording.samples_per_repeat]
     flips = recording.repeats > 1 and float(period[0] @ period[-1]) < 0
-    s = recording.differentiated(quaternions, antiperiodic=flips)
+    s = recording.differentiated(quaternions, antiperiodic=flips, names=QUATERNION)
     size = np.sum(s.value**2, axis=1, keepdims=True)
     omega = 2 * _vector(s.value, s.first) / size
     norm_rate = np.sum(s.value * s.first, axis=1, keepdims=True) / size
@@ -310,7 +336,7 @@ def _rotation(recording: Recording) -> dict[str, Array]:
     rate_names, acceleration_names = (tuple(p + axis for axis in "xyz") for p in ("w", "al"))
     measured = recording.given(rate_names)
     if measured is not None:
-        omega, alpha = measured, recording.differentiated(recording.stack(rate_names)).first
+        omega, alpha = measured, recording.differentiated(recording.stack(rate_names), names=rate_names).first
     given = recording.given(acceleration_names)
     found = _named(QUATERNION, s.value / np.sqrt(size)) | _named(rate_names, omega)
     return found | _named(acceleration_names, alpha if given is None else given)
@@ -332,11 +358,11 @@ def _translation(
     found: dict[str, Array] = {}
     derived = zero
     if all(name in recording.columns for name in position):
-        moved = _rates(recording, recording.stack(position), velocity, acceleration)
+        moved = _rates(recording, recording.stack(position), position, velocity, acceleration)
         found |= _named(position, moved.value)
         rate, derived = moved.first, moved.second
     elif rate is not None:
-        derived = recording.differentiated(recording.stack(velocity)).first
+        derived = recording.differentiated(recording.stack(velocity), names=velocity).first
     if recording.at_rest:
         return found | _named(velocity, zero) | _named(acceleration, zero)
     if rate is not None:

@@ -1,22 +1,20 @@
-"""Sample and hold: values that a driver repeats until the sensor has new ones; channels that stand still or clip."""
+"""Channels that stand still, clip, or have a dead band."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimation.evidence.channel_faults import clipped_rows, longest_stop
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.reports.reading_curves import spans
 
-REGULAR_SHARE = 0.8
-"""Share of holds of nearly the same length from which a lower rate, and no standstill, is behind them."""
 ZERO_SHARE = 0.01
 
 
+<<<<<<< HEAD:estimation/logs/clocks/sample_hold.py
 def held_rows(columns: Iterable[Array], samples: int) -> tuple[NDArray[np.bool_], int]:
     """Mask (n,) of the rows with a new value in any column (n,), and the number of rows for which one is held.
 
@@ -40,6 +38,10 @@ def note_suspicious_channels(columns: Mapping[str, Array], stamps: Array, where:
     Columns (n,) by channel at stamps (n,), s.
     """
     whole = (float(stamps[0]), float(stamps[-1]))
+=======
+def note_suspicious_channels(columns: Mapping[str, Array], where: str, log: StepLog) -> None:
+    """Log channels that never change, stay at their largest value, or are exactly zero in a dead band."""
+>>>>>>> f64e3b0 (Single runs are smoothed by likelihood, and held samples left out):estimation/logs/clocks/suspicious_channels.py
     for name, column in columns.items():
         low, high = float(np.min(column)), float(np.max(column))
         if low == high:

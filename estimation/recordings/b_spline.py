@@ -1,4 +1,4 @@
-"""Least-squares regression spline on given knots, and its derivatives.
+"""Sum of B-splines on given knots, and its derivatives.
 
 `scipy.interpolate` has it too, but its import takes longer than reading a recording and differentiating its motion.
 """
@@ -6,17 +6,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class RegressionSpline:
+class BSpline:
     """sum_j c_j B_j(x) with B-splines of one degree.
 
     knots         (m + degree + 1,), ascending; the spline reaches from the first to the last, which may repeat
@@ -27,48 +25,27 @@ class RegressionSpline:
     coefficients: Array
     degree: int
 
-    @classmethod
-    def nearest(cls, place: Array, values: Array, knots: Array, degree: int) -> tuple[Self, Array]:
-        """The least-squares spline through `values` (n, k) at places (n,), and its values there.
-
-        The normal equations are banded, with `degree` diagonals above the main one; one step of iterative refinement
-        on the residual gives the accuracy of a QR factorisation.
-        Raises LinAlgError where the places do not determine the coefficients.
-        """
-        first, basis = _basis(place, knots, degree)
-        count = len(knots) - degree - 1
-        gram = np.zeros((degree + 1, count))
-        for j in range(degree + 1):
-            for i in range(j + 1):
-                gram[degree - j + i] += np.bincount(first + j, basis[i] * basis[j], minlength=count)
-        factor = cholesky_banded(gram)
-        coefficients, fitted = np.zeros((count, values.shape[1])), np.zeros(values.shape)
-        for _ in range(2):
-            coefficients += cho_solve_banded((factor, False), _right_hand_side(first, basis, values - fitted, count))
-            fitted = _sum(first, basis, coefficients)
-        return cls(knots, coefficients, degree), fitted
-
-    def derivative(self) -> RegressionSpline:
+    def derivative(self) -> BSpline:
         """The spline of one degree less that is its slope: c'_j = d (c_j+1 - c_j) / (t_j+d+1 - t_j+1)."""
         widths = self.knots[self.degree + 1 : -1] - self.knots[1 : -self.degree - 1]
         slopes = self.degree * np.diff(self.coefficients, axis=0) / widths[:, None]
-        return RegressionSpline(self.knots[1:-1], slopes, self.degree - 1)
+        return BSpline(self.knots[1:-1], slopes, self.degree - 1)
 
     def __call__(self, place: Array) -> Array:
         """Values (n, k) at places (n,)."""
-        return _sum(*_basis(place, self.knots, self.degree), self.coefficients)
+        return weighted_sum(*basis_values(place, self.knots, self.degree), self.coefficients)
 
 
 def basis_matrix(place: Array, knots: Array, degree: int) -> Array:
     """Values (n, m) of the m B-splines on these knots at places (n,)."""
-    first, basis = _basis(place, knots, degree)
+    first, basis = basis_values(place, knots, degree)
     matrix = np.zeros((len(place), len(knots) - degree - 1))
     for j, values in enumerate(basis):
         matrix[np.arange(len(place)), first + j] = values
     return matrix
 
 
-def _basis(place: Array, knots: Array, degree: int) -> tuple[NDArray[np.intp], Array]:
+def basis_values(place: Array, knots: Array, degree: int) -> tuple[NDArray[np.intp], Array]:
     """The nonzero B-splines at each place: the first one's index (n,), and their values (degree + 1, n).
 
     By the recurrence of Cox and de Boor from degree to degree (Piegl and Tiller, The NURBS Book, A2.2).
@@ -88,14 +65,15 @@ def _basis(place: Array, knots: Array, degree: int) -> tuple[NDArray[np.intp], A
     return piece - degree, basis
 
 
-def _sum(first: NDArray[np.intp], basis: Array, coefficients: Array) -> Array:
+def weighted_sum(first: NDArray[np.intp], basis: Array, coefficients: Array) -> Array:
+    """B c (n, k) of coefficients (m, k), B as `basis_values` gives it."""
     total = np.zeros((len(first), coefficients.shape[1]))
     for j, values in enumerate(basis):
         total += values[:, None] * coefficients[first + j]
     return total
 
 
-def _right_hand_side(first: NDArray[np.intp], basis: Array, values: Array, count: int) -> Array:
+def transposed_sum(first: NDArray[np.intp], basis: Array, values: Array, count: int) -> Array:
     """B' v (count, k)."""
     products = np.zeros((count, values.shape[1]))
     for j, weights in enumerate(basis):

@@ -1,0 +1,340 @@
+"""Smoothing spline: a motion as a random process in coloured measurement noise, both chosen by their likelihood.
+
+With B-spline coefficients c on uniform knots, samples y_i = B(t_i) c + e_i and D the differences of order d,
+
+    D c ~ N(0, s²/lambda),    e_i = rho e_(i-1) + white noise of variance s² (stationary),
+
+which is the posterior mean of a d-fold integrated Wiener process as the knots become dense (Wahba, "Improper priors,
+spline smoothing and the problem of guarding against model errors in regression", 1978; in this basis Eilers and Marx,
+"Flexible smoothing with B-splines and penalties", 1996). The polynomials below degree d are free, so that there is no
+end condition. Order, lambda and rho maximise the restricted likelihood, in which c is integrated out (Patterson and
+Thompson, 1971): a band-limited motion takes a high order, one with jerks a low one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from estimation.recordings.b_spline import BSpline, basis_values, transposed_sum, weighted_sum
+
+Array = NDArray[np.float64]
+
+DEGREE = 7
+"""Of the splines: the acceleration of interpolated samples errs little up to near half their rate."""
+ORDERS = (4, 5, 6, 7, 8)
+"""From a continuous jerk on, which drives and controllers leave."""
+CORRELATIONS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99)
+"""Of neighbouring samples' noise."""
+FIRST_ORDER = 4
+LOG_PENALTIES = np.arange(-36.0, 61.0, 6.0)
+"""Grid of ln lambda, and its limits."""
+FIRST_STEP, LAST_STEP = 2.0, 0.5
+"""Of ln lambda: half a step more changes no estimate by a tenth of its std."""
+FEWEST_PIECES = 128
+PIECES_PER_FREEDOM = 3.0
+"""Knot intervals per effective parameter from which more knots change nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smoothness:
+    """Order d, ln lambda and correlation rho of neighbouring samples' noise, as the module's docstring has them."""
+
+    order: int
+    log_penalty: float
+    correlation: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmoothingSpline:
+    """The smoothing spline of series and its uncertainty.
+
+    spline       over places in knot intervals
+    scale        knot intervals per s
+    start        s, of the first knot
+    smoothness   order, penalty, correlation of the noise
+    variance     s² of the white part of the noise, per sample
+    freedom      effective number of parameters
+    score        -2 ln of the restricted likelihood
+    samples      number of samples of a series
+    factor       banded Cholesky factor of the coefficients' inverse covariance times s²
+    """
+
+    spline: BSpline
+    scale: float
+    start: float
+    smoothness: Smoothness
+    variance: float
+    freedom: float
+    score: float
+    samples: int
+    factor: Array
+
+    @classmethod
+    def of(cls, times: Array, series: Array) -> Self:
+        """Of series (n, k) at increasing times (n,), s; they share smoothness and noise, as components of a vector do.
+
+        The result is that of the vector in any other frame, then.
+        """
+        most = len(times) - 1
+        pieces = min(FEWEST_PIECES, most)
+        while True:
+            problem = _Problem.of(times, series, pieces)
+            first = problem.from_grid(Smoothness(order=FIRST_ORDER, log_penalty=0.0))
+            if pieces == most or problem.freedom(first) * PIECES_PER_FREEDOM < pieces:
+                likeliest = problem.likeliest(first)
+                if pieces == most or problem.freedom(likeliest) * PIECES_PER_FREEDOM < pieces:
+                    return problem.spline(likeliest, cls)
+            pieces = min(2 * pieces, most)
+
+    @property
+    def cutoff(self) -> float:
+        """Hz where prior and data weigh the same, lambda w^2d = samples per knot; at most half the sampling rate."""
+        per_knot = math.log(self.samples / len(self.spline.coefficients))
+        rate = math.exp((per_knot - self.smoothness.log_penalty) / (2 * self.smoothness.order))
+        return min(rate * self.scale / (2 * math.pi), self.half_rate)
+
+    @property
+    def half_rate(self) -> float:
+        """Half the mean rate of the samples, Hz."""
+        return (self.samples - 1) * self.scale / (2 * (len(self.spline.coefficients) - DEGREE))
+
+    @property
+    def noise_std(self) -> float:
+        """Std of one sample of the measurement noise, in the series' unit."""
+        return math.sqrt(self.variance / (1 - self.smoothness.correlation**2))
+
+    def derivative(self, times: Array, order: int) -> Array:
+        """The derivative of an order (n, k) at times (n,), s, per s^order."""
+        spline = self.spline
+        for _ in range(order):
+            spline = spline.derivative()
+        return spline((times - self.start) * self.scale) * self.scale**order
+
+    def std(self, times: Array, order: int) -> Array:
+        """Std (n,) of the error of a component's derivative at times (n,), s, per s^order."""
+        spline = replace(self.spline, coefficients=np.eye(len(self.spline.coefficients)))
+        for _ in range(order):
+            spline = spline.derivative()
+        rows = spline((times - self.start) * self.scale) * self.scale**order
+        solved = cho_solve_banded((self.factor, True), rows.T)
+        return np.asarray(np.sqrt(self.variance * np.sum(rows.T * solved, axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Normal equations of one basis for every smoothness; symmetric banded matrices in lower storage."""
+
+    times: Array
+    series: Array
+    place: Array
+    knots: Array
+    first: NDArray[np.intp]
+    basis: Array
+    products: tuple[Array, Array, Array]
+
+    @classmethod
+    def of(cls, times: Array, series: Array, pieces: int) -> _Problem:
+        place = (times - times[0]) * (pieces / (times[-1] - times[0]))
+        knots = np.arange(-DEGREE, pieces + DEGREE + 1, dtype=float)
+        first, basis = basis_values(place, knots, DEGREE)
+        return cls(times, series, place, knots, first, basis, _products(first, basis, pieces + DEGREE))
+
+    @property
+    def count(self) -> int:
+        """Number of coefficients of one series."""
+        return len(self.knots) - DEGREE - 1
+
+    def likeliest(self, first: Smoothness) -> Smoothness:
+        """The smoothness of largest restricted likelihood, from a first one: order, then correlation, then order."""
+        ordered = self._climbed(first, self._next_orders)
+        coloured = self._climbed(ordered, self._next_correlations)
+        return self._climbed(coloured, self._next_orders) if coloured.correlation else coloured
+
+    def from_grid(self, candidate: Smoothness) -> Smoothness:
+        """The best penalty of an order and a correlation: from the best of a grid, since there may be two minima.
+
+        One is that of noise, the other that of interpolation, where the samples hold nothing but motion.
+        """
+        grid = (replace(candidate, log_penalty=float(x)) for x in LOG_PENALTIES)
+        return self._with_best_penalty(min(grid, key=self._score))
+
+    def _climbed(self, best: Smoothness, neighbours: Callable[[Smoothness], list[Smoothness]]) -> Smoothness:
+        """Goes to the best neighbour as long as that is better."""
+        while found := neighbours(best):
+            better = min(map(self._with_best_penalty, found), key=self._score)
+            if self._score(better) >= self._score(best):
+                break
+            best = better
+        return best
+
+    def _next_orders(self, at: Smoothness) -> list[Smoothness]:
+        """Neighbouring orders with the same cutoff w: lambda w^2d = n / m."""
+        density = math.log(len(self.times) / self.count)
+        orders = (d for d in (at.order - 1, at.order + 1) if d in ORDERS)
+        return [
+            replace(at, order=d, log_penalty=density + d / at.order * (at.log_penalty - density)) for d in orders
+        ]
+
+    def _next_correlations(self, at: Smoothness) -> list[Smoothness]:
+        if np.diff(self.first).max() > 1:
+            return []  # samples too far apart for the bands, and with them for a correlation
+        place = CORRELATIONS.index(at.correlation) + 1
+        return [replace(at, correlation=rho) for rho in CORRELATIONS[place : place + 1]]
+
+    def _with_best_penalty(self, candidate: Smoothness) -> Smoothness:
+        """The minimum of the score over the penalty that is downhill from a candidate."""
+        step = FIRST_STEP
+        while step >= LAST_STEP:
+            around = [replace(candidate, log_penalty=candidate.log_penalty + x) for x in (-step, step)]
+            best = min(around, key=self._score)
+            lowest, highest = LOG_PENALTIES[0], LOG_PENALTIES[-1]
+            if self._score(best) < self._score(candidate) and lowest <= best.log_penalty <= highest:
+                candidate = best
+            else:
+                step /= 2
+        return candidate
+
+    def _score(self, smoothness: Smoothness) -> float:
+        if smoothness not in self._scores:
+            try:
+                self._scores[smoothness] = self._solution(smoothness)[0]
+            except np.linalg.LinAlgError:
+                self._scores[smoothness] = math.inf
+        return self._scores[smoothness]
+
+    @cached_property
+    def _scores(self) -> dict[Smoothness, float]:
+        return {}
+
+    def _solution(self, smoothness: Smoothness) -> tuple[float, Array, Array, float]:
+        """Score, coefficients (m, k), factor and noise variance."""
+        samples, width = self.series.shape
+        penalty, rho, order = math.exp(smoothness.log_penalty), smoothness.correlation, smoothness.order
+        gram = self._gram(rho)
+        matrix = gram.copy()
+        matrix[: order + 1] += penalty * self._penalty(order)
+        factor = cholesky_banded(matrix, lower=True)
+        coefficients, residual = np.zeros((self.count, width)), self.series
+        for _ in range(2):  # the second is iterative refinement
+            right = transposed_sum(self.first, self.basis, _decorrelated(residual, rho), self.count)
+            right -= penalty * _banded_product(self._penalty(order), coefficients)
+            coefficients = coefficients + cho_solve_banded((factor, True), right)
+            residual = self.series - weighted_sum(self.first, self.basis, coefficients)
+        squares = float(np.sum(residual * _decorrelated(residual, rho)))
+        squares += penalty * float(np.sum(np.diff(coefficients, order, axis=0) ** 2))
+        rounding = (np.finfo(float).eps * float(np.abs(self.series).max())) ** 2 + np.finfo(float).tiny
+        variance = max(squares / (samples * width), rounding)
+        volume = 2 * float(np.log(factor[0]).sum()) - (self.count - order) * smoothness.log_penalty
+        volume -= _log_determinant_of_differences(self.count, order) + self._log_polynomial_information(gram, order)
+        score = width * (samples * math.log(variance) + volume - math.log(1 - rho**2))
+        return score, coefficients, factor, variance
+
+    def spline(self, smoothness: Smoothness, kind: type[SmoothingSpline]) -> SmoothingSpline:
+        score, coefficients, factor, variance = self._solution(smoothness)
+        return kind(
+            spline=BSpline(self.knots, coefficients, DEGREE),
+            scale=float(self.place[-1] / (self.times[-1] - self.times[0])),
+            start=float(self.times[0]),
+            smoothness=smoothness, variance=variance, freedom=self.freedom(smoothness), score=score,
+            samples=len(self.times), factor=factor,
+        )  # fmt: skip
+
+    def freedom(self, smoothness: Smoothness) -> float:
+        """tr((G + lambda P)^-1 G) = m - d ln|G + lambda P| / d ln lambda, by a central difference."""
+        ends = []
+        for step in (0.05, -0.05):
+            matrix = self._gram(smoothness.correlation)
+            matrix[: smoothness.order + 1] += math.exp(smoothness.log_penalty + step) * self._penalty(smoothness.order)
+            ends.append(2 * float(np.log(cholesky_banded(matrix, lower=True)[0]).sum()))
+        return self.count - (ends[0] - ends[1]) / 0.1
+
+    def _gram(self, rho: float) -> Array:
+        """B' R B with R the inverse covariance of the noise over its white part's: tridiagonal."""
+        own, neighbours, ends = self.products
+        gram: Array = (1 + rho**2) * own - rho * neighbours - rho**2 * ends
+        return gram
+
+    def _penalty(self, order: int) -> Array:
+        """D'D (order + 1, m)."""
+        if order not in self._penalties:
+            weights = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
+            found = np.zeros((order + 1, self.count))
+            for i in range(order + 1):
+                for j in range(i, order + 1):
+                    found[j - i, i : i + self.count - order] += weights[i] * weights[j]
+            self._penalties[order] = found
+        return self._penalties[order]
+
+    @cached_property
+    def _penalties(self) -> dict[int, Array]:
+        return {}
+
+    def _log_polynomial_information(self, gram: Array, order: int) -> float:
+        """ln|N' G N| of the polynomials below degree `order`, N orthonormal: what the data know of them by themselves."""
+        polynomials = self._polynomials[:, :order]
+        return float(np.linalg.slogdet(polynomials.T @ _banded_product(gram, polynomials))[1])
+
+    @cached_property
+    def _polynomials(self) -> Array:
+        vander = np.polynomial.legendre.legvander(np.linspace(-1, 1, self.count), max(ORDERS) - 1)
+        return np.linalg.qr(vander)[0]
+
+
+def _products(first: NDArray[np.intp], basis: Array, count: int) -> tuple[Array, Array, Array]:
+    """sum_i b_i b_i', sum_i (b_i b_(i+1)' + b_(i+1) b_i') and b_1 b_1' + b_n b_n', (degree + 2, m) each."""
+    own, neighbours, ends = (np.zeros((DEGREE + 2, count)) for _ in range(3))
+    for j, upper in enumerate(basis):
+        for i in range(j + 1):
+            own[j - i] += np.bincount(first + i, basis[i] * upper, minlength=count)
+            for row in (0, -1):
+                ends[j - i, first[row] + i] += basis[i, row] * upper[row]
+        for i, lower in enumerate(basis):
+            left, right = first[:-1] + i, first[1:] + j
+            diagonal, column = np.abs(left - right), np.minimum(left, right)
+            product = lower[:-1] * upper[1:] * np.where(diagonal == 0, 2.0, 1.0)
+            kept = diagonal <= DEGREE + 1  # more only where samples are too far apart for a correlation
+            flat = np.bincount((diagonal * count + column)[kept], product[kept], minlength=neighbours.size)
+            neighbours += flat.reshape(neighbours.shape)
+    return own, neighbours, ends
+
+
+def _decorrelated(series: Array, rho: float) -> Array:
+    """R times a series (n, k)."""
+    if rho == 0:
+        return series
+    found = (1 + rho**2) * series
+    found[[0, -1]] -= rho**2 * series[[0, -1]]
+    found[1:] -= rho * series[:-1]
+    found[:-1] -= rho * series[1:]
+    return found
+
+
+def _banded_product(matrix: Array, vectors: Array) -> Array:
+    """A symmetric banded matrix in lower storage times vectors (m, k)."""
+    found = matrix[0][:, None] * vectors
+    for offset, diagonal in enumerate(matrix[1:], start=1):
+        below = diagonal[: len(vectors) - offset, None]
+        found[offset:] += below * vectors[:-offset]
+        found[:-offset] += below * vectors[offset:]
+    return found
+
+
+def _log_determinant_of_differences(count: int, order: int) -> float:
+    """ln|D D'| of the differences of an order of m coefficients.
+
+    D and the polynomials with integer values span orthogonal complements of the integer lattice, so that |D D'| is the
+    Gram determinant of C(i, k), k < order: the product of the discrete Chebyshev polynomials' norms over (k!)².
+    """
+    total = 0.0
+    for k in range(order):
+        total += 2 * math.lgamma(k + 1) - math.lgamma(2 * k + 1) - math.lgamma(2 * k + 2)
+        total += sum(math.log(count + j) for j in range(-k, k + 1))
+    return total

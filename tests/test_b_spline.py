@@ -1,0 +1,35 @@
+"""B-splines against SciPy's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline as SciPySpline
+
+from estimation.recordings.b_spline import BSpline, basis_matrix
+
+
+def clamped(pieces: int, degree: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    inner = np.cumsum(rng.uniform(0.5, 1.5, pieces))
+    return np.concatenate([[0.0] * (degree + 1), inner, [inner[-1]] * degree])
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5, 7])
+def test_a_spline_and_its_slopes_are_scipys(degree: int) -> None:
+    rng = np.random.default_rng(1)
+    knots = clamped(30, degree, rng)
+    place = np.linspace(0.0, knots[-1], 120)
+    coefficients = rng.normal(size=(len(knots) - degree - 1, 3))
+    found, expected = BSpline(knots, coefficients, degree), SciPySpline(knots, coefficients, degree)
+    for order in range(degree):
+        wanted = expected(place, order)
+        np.testing.assert_allclose(found(place), wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+        found = found.derivative()
+
+
+def test_basis_splines_are_scipys() -> None:
+    knots = np.linspace(-3.0, 8.0, 12)
+    place = np.concatenate([np.linspace(0.0, 5.0, 51), [np.nextafter(5.0, 0.0)]])
+    expected = SciPySpline.design_matrix(place, knots, 3).toarray()
+    np.testing.assert_allclose(basis_matrix(place, knots, 3), expected, atol=1e-15)
