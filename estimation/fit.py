@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
@@ -344,11 +344,16 @@ def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[
     Transient events detected in a single run are excluded from that fit, and have a noise of their own.
     """
     from estimation.noise.disturbances.events_in_single_runs import find_events_in_single_runs
+    from estimation.noise.motion_noise import MotionNoise
     from estimation.noise.noise_estimation import estimate_noise  # spectra, splines and tests: slow to import
 
     events = find_events_in_single_runs(model, recordings)
-    residuals = [_base_model_residual(model.base, r, own) for r, own in zip(recordings, events, strict=True)]
-    return tuple(estimate_noise(r, e, events=v) for r, e, v in zip(recordings, residuals, events, strict=True))
+    found = []
+    for recording, own in zip(recordings, events, strict=True):
+        predicted = partial(_base_model_prediction, model.base, theta=_base_model_fit(model.base, recording, own))
+        motion = MotionNoise.of(recording, predicted)
+        found.append(estimate_noise(recording, recording.wrench - predicted(recording), events=own, motion=motion))
+    return tuple(found)
 
 
 def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:
@@ -357,13 +362,13 @@ def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:
 
     fitted = int(estimated.identifiable.sum())
     return tuple(
-        estimate_noise(r, e, fitted, n.events) if n.source is NoiseSource.RESIDUAL else n
+        estimate_noise(r, e, fitted, n.events, n.motion) if n.source is NoiseSource.RESIDUAL else n
         for r, e, n in zip(estimated.recordings, estimated.residuals, estimated.noise, strict=True)
     )
 
 
-def _base_model_residual(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> Array:
-    """Residual (n, p) of a least-squares fit of the rigid tip outside `events`, channels scaled by their std."""
+def _base_model_fit(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> Array:
+    """Parameters (k,) of a least-squares fit of the rigid tip outside `events`, channels scaled by their std."""
     time = np.arange(recording.samples) * sample_step(recording)
     kept = ~np.any([(time >= start) & (time <= end) for start, end in events] or [time < 0], axis=0)
     size = len(base.parameters)
@@ -372,5 +377,10 @@ def _base_model_residual(base: WrenchModel, recording: Recording, events: tuple[
     spread[spread == 0] = 1.0
     rows = (response.derivative / spread[:, None])[kept].reshape(-1, size)
     target = ((recording.wrench - response.value) / spread)[kept].ravel()
-    solution = least_squares_solution(SquareRootInformation.of(rows, target), rounding=1e-6)
-    return np.asarray(recording.wrench - response.value - response.derivative @ solution)
+    return np.asarray(least_squares_solution(SquareRootInformation.of(rows, target), rounding=1e-6))
+
+
+def _base_model_prediction(base: WrenchModel, recording: Recording, theta: Array) -> Array:
+    """Readings (n, p) that the rigid tip predicts, in which it is linear in its parameters."""
+    response = model_response(base, recording, np.zeros(len(theta)))
+    return np.asarray(response.value + response.derivative @ theta)

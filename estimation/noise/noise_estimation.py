@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.disturbances.transient_windows import inside, samples_of
+from estimation.noise.motion_noise import MotionNoise
 from estimation.noise.noise_from_repeats import noise_from_repeats
 from estimation.noise.recording_noise import (
     NoiseSource,
@@ -26,28 +27,56 @@ from modeling.noise.channel_whitening import block_means
 Array = NDArray[np.float64]
 
 
+NEGLIGIBLE_POWER = 0.01
+"""Of the motion's noise over the stated one where its spectrum is largest: less changes no estimate."""
 MAX_BLOCKS = 1000
 """Blocks that a run is averaged into: enough for the bandwidth of a tool's motion, few enough for many refits."""
 
 
 def estimate_noise(
-    recording: Recording, residual: Array, fitted: int = 0, events: tuple[tuple[float, float], ...] = ()
+    recording: Recording,
+    residual: Array,
+    fitted: int = 0,
+    events: tuple[tuple[float, float], ...] = (),
+    motion: MotionNoise | None = None,
 ) -> RecordingNoise:
     """Noise of a recording from the residual (n, p) of any model of its periodic part.
 
     With repeats the residual's periodic part does not matter: the spectrum comes from the non-excited lines (or from
     differences of separate runs). Without, it is the std that the rig states per channel if it does, else an
     autoregression fitted to the residual, which then cannot test the size of that residual; `fitted` is the number of
-    parameters behind it, `events` are intervals (s) of a run with noise of their own.
+    parameters behind it, `events` are intervals (s) of a run with noise of their own. To a stated std the noise of the
+    `motion` of a run is added, with its colour; a residual has it in itself, and only where the motion is less certain
+    than usual its rows weigh less.
     """
     if recording.repeats > 1:
         _require_nonzero_noise(recording)
         return noise_from_repeats(recording, residual)
     stated = stated_noise_floor(recording)
     if stated is not None:
+        return _noise_of_rig(stated, residual, events, motion)
+    return _noise_from_residual(recording, residual, fitted, events, motion)
+
+
+def _noise_of_rig(
+    stated: Array, residual: Array, events: tuple[tuple[float, float], ...], motion: MotionNoise | None
+) -> RecordingNoise:
+    """The stated std (p,) as white noise, and the noise of the motion with its colour.
+
+    That is the autoregression of both: of draws of the motion's errors, each with white noise of the stated std.
+    """
+    if motion is None:
         whitener = AutoregressiveWhitener(len(residual), NoiseModel.white(stated))
         return RecordingNoise(stated, whitener, NoiseSource.RIG, np.zeros(whitener.rows), events=events)
-    return _noise_from_residual(recording, residual, fitted, events)
+    drawn = np.concatenate(list(motion.errors))
+    floor = np.sqrt(stated**2 + np.median(motion.variance, axis=0))
+    noise = NoiseModel.white(stated)
+    if np.max(drawn.var(axis=0) * motion.correlation_length / stated**2) > NEGLIGIBLE_POWER:
+        white = np.random.default_rng(0).standard_normal(drawn.shape) * stated
+        usual = np.tile(motion.is_usual, len(motion.errors))
+        noise = replace(fit_autoregression(drawn + white, usual), source=NoiseSource.RIG)
+    whitener = AutoregressiveWhitener(len(residual), noise, weights=motion.weights(floor, 1))
+    return RecordingNoise(floor, whitener, NoiseSource.RIG, np.zeros(whitener.rows), events=events, motion=motion)
 
 
 def _require_nonzero_noise(recording: Recording) -> None:
@@ -66,7 +95,11 @@ def _require_nonzero_noise(recording: Recording) -> None:
 
 
 def _noise_from_residual(
-    recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]
+    recording: Recording,
+    residual: Array,
+    fitted: int,
+    events: tuple[tuple[float, float], ...],
+    motion: MotionNoise | None,
 ) -> RecordingNoise:
     """Static poses: the std of each channel's residual. A run: an autoregression per channel, joint innovations.
 
@@ -88,10 +121,13 @@ def _noise_from_residual(
         [residual[start:end] - residual[start:end].mean(axis=0) for start, end in ranges] or [residual]
     )
     event_noise = NoiseModel.white(_white_equivalent_std(in_events, floor))
-    whitener = AutoregressiveWhitener(recording.samples, noise, tuple(ranges), event_noise)
+    weights = None if motion is None else motion.weights(floor, block)
+    whitener = AutoregressiveWhitener(recording.samples, noise, tuple(ranges), event_noise, weights)
     parameters = noise.coefficients.size + p * (p + 1) / 2
     log_power_variance = np.full(whitener.rows, 2 * parameters / (n * p))
-    return RecordingNoise(floor, whitener, NoiseSource.RESIDUAL, log_power_variance, events=events)
+    return RecordingNoise(
+        floor, whitener, NoiseSource.RESIDUAL, log_power_variance, events=events, motion=motion
+    )
 
 
 def _floor(recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]) -> Array:

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.noise.motion_noise import MotionNoise
 from estimation.noise.power_spectrum import PowerSpectrum
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.recording import Recording
@@ -30,6 +31,7 @@ class RecordingNoise:
     spectra   per channel the power spectral density (repeats only), per sample: white noise has S = std²
     events    intervals (s) of transient events, left out of the spectrum
     frequency Hz of each line of a line whitener, in its order
+    motion    of the predicted readings by the noise of the measured motion (single runs only)
     tones     Hz of the sinusoids detected on non-excited lines and left out of the spectrum, the strongest first
     """
 
@@ -41,6 +43,7 @@ class RecordingNoise:
     events: tuple[tuple[float, float], ...] = ()
     frequency: Array = field(default_factory=lambda: np.zeros(0))
     tones: tuple[float, ...] = ()
+    motion: MotionNoise | None = None
 
     @cached_property
     def autoregression(self) -> NoiseModel:

@@ -226,6 +226,7 @@ class AutoregressiveWhitener(Whitener):
     """Rows are the innovations of autoregressive noise, for a single run; order 0 for static poses.
 
     noise   of the record, of averages over its blocks: a tool's motion is slow against the sample rate
+    weights (blocks,), factors of the rows of each block: smaller where its noise is larger
     events  ranges of blocks with a noise of their own, `event_noise`, taken as white; the `order` samples after each,
             which would be predicted from it, get weight zero
     """
@@ -234,6 +235,7 @@ class AutoregressiveWhitener(Whitener):
     noise: NoiseModel
     events: tuple[tuple[int, int], ...] = ()
     event_noise: NoiseModel | None = None
+    weights: Array | None = None
 
     @property
     def rows(self) -> int:  # type: ignore[override]
@@ -257,11 +259,16 @@ class AutoregressiveWhitener(Whitener):
         order = self.noise.order
         for channel, white in whitened_by_channel(self.noise.root, self.noise.innovations(means)):
             rows[:, :, channel] = white
-        if self.event_noise is None:
-            return
+        if self.event_noise is not None:
+            self._whiten_events(means, rows, self.event_noise)
+        if self.weights is not None:
+            rows *= self.weights[order:, None]
+
+    def _whiten_events(self, means: Array, rows: Array, noise: NoiseModel) -> None:
+        order = self.noise.order
         for start, end in self.events:
             first, last = max(start, order), max(end, order)
-            for channel, white in whitened_by_channel(self.event_noise.root, means[:, :, first:last]):
+            for channel, white in whitened_by_channel(noise.root, means[:, :, first:last]):
                 rows[:, first - order : last - order, channel] = white
             rows[:, last - order : end] = 0.0
 

@@ -6,7 +6,7 @@ spline where the likelihood puts it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -68,12 +68,17 @@ def spline_derivatives(run: Array, dt: float, true: TrueSamples | None = None) -
     """
     times = np.arange(len(run)) * dt
     spline = SmoothingSpline.of(times, run) if true is None else SmoothingSpline.of(true.instants, run[true.rows])
-    inside = times if true is None else np.clip(times, true.instants[0], true.instants[-1])
+    found = derivatives_of_spline(spline, times)
+    return replace(found, score=_bayesian_information_criterion(run - found.value, spline.freedom))
+
+
+def derivatives_of_spline(spline: SmoothingSpline, times: Array) -> Derivatives:
+    """Of a smoothing spline at times (N,), s; with constant acceleration before its first and after its last sample."""
+    inside = np.clip(times, spline.start, spline.end)
     value, first, second = (spline.derivative(inside, order) for order in range(3))
-    beyond = (times - inside)[:, None]  # at constant acceleration before the first and after the last true sample
+    beyond = (times - inside)[:, None]
     value, first = value + beyond * first + beyond**2 / 2 * second, first + beyond * second
-    score = _bayesian_information_criterion(run - value, spline.freedom)
-    return Derivatives(value=value, first=first, second=second, score=score, spline=spline)
+    return Derivatives(value=value, first=first, second=second, score=np.zeros(value.shape[1]), spline=spline)
 
 
 def fourier_or_spline_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:

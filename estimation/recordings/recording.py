@@ -166,12 +166,42 @@ class Recording:
         """Series (n, k) averaged over the repeats, the average repeated to n samples."""
         return self._tiled(series.reshape(self.repeats, self.samples_per_repeat, -1).mean(axis=0))
 
-    def differentiated(self, series: Array, *, antiperiodic: bool = False, names: Sequence[str] = ()) -> Derivatives:
+    def differentiated(
+        self, series: Array, names: Sequence[str] = (), *, antiperiodic: bool = False, held_with: Sequence[str] = ()
+    ) -> Derivatives:
         """Series (n, k) of the motion and its first two derivatives, as far as its noise allows; zero if static.
 
-        `names` are columns that are held together with the series, by default the series itself; the motion is
-        rebuilt from the true samples where they are.
+        `names` are the columns that the series comes from, which is derived once then; columns `held_with` them, by
+        default the same, show which of their samples are true.
         """
+        key = tuple(names)
+        if not key or key not in self.derivatives:
+            found = self._differentiated(series, held_with or names, antiperiodic)
+            if not key:
+                return found
+            self.derivatives[key] = found
+        return self.derivatives[key]
+
+    @cached_property
+    def derivatives(self) -> dict[tuple[str, ...], Derivatives]:
+        """What was derived so far, by the columns that it comes from."""
+        return {}
+
+    def with_drawn_motion(self, rng: np.random.Generator) -> Recording:
+        """The recording with motion at random from what its samples leave open, without auxiliary columns.
+
+        Of the `derivatives` so far: those of `signals`, which were derived before.
+        """
+        from estimation.recordings.differentiation import derivatives_of_spline
+
+        other = replace(self, columns={name: self.columns[name] for name in self.columns if name not in self.auxiliary})
+        times = np.arange(self.samples) * (self.dt or 0.0)
+        for key, known in self.derivatives.items():
+            drawn = known.spline is not None and derivatives_of_spline(known.spline.drawn(rng), times)
+            other.derivatives[key] = drawn or known
+        return other
+
+    def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
         from estimation.recordings.differentiation import (  # slow to import
             Derivatives,
             fourier_derivatives,
@@ -192,7 +222,8 @@ class Recording:
             differentiate = fourier_derivatives if self.continuous else fourier_or_spline_derivatives
             fit = differentiate(mean, self.dt, antiperiodic=antiperiodic)
         value, first, second = map(self._tiled, (fit.value, fit.first, fit.second))
-        return replace(fit, value=value, first=first, second=second)
+        spline = fit.spline if self.repeats == 1 else None
+        return replace(fit, value=value, first=first, second=second, spline=spline)
 
     def true_samples(self, names: Sequence[str]) -> TrueSamples | None:
         """The samples behind columns that are held together; None where every row has a new value.
@@ -210,7 +241,7 @@ class Recording:
         if self.at_rest or not all(name in self.columns for name in names):
             return None
         held = self.true_samples(names) is not None
-        return self.differentiated(self.stack(names), names=names).value if held else self.averaged(self.stack(names))
+        return self.differentiated(self.stack(names), names).value if held else self.averaged(self.stack(names))
 
     def stack(self, names: Sequence[str]) -> Array:
         """Columns of these names as recorded, (n, k)."""
@@ -255,16 +286,18 @@ def _without_sign_flips(quaternions: Array) -> Array:
 
 
 def _rates(
-    recording: Recording, value: Array, names: Sequence[str], first: Sequence[str], second: Sequence[str]
+    recording: Recording,
+    value: Array,
+    names: Sequence[str],
+    first: Sequence[str],
+    second: Sequence[str],
+    held_with: Sequence[str] = (),
 ) -> Derivatives:
-    """A motion (n, k) with its rates: as recorded under the names `first` and `second`, else derived.
-
-    `names` are the columns of the motion that are held together.
-    """
-    derived = recording.differentiated(value, names=names)
+    """The motion (n, k) of columns `names` with its rates: as recorded under `first` and `second`, else derived."""
+    derived = recording.differentiated(value, names, held_with=held_with)
     rate, acceleration = recording.given(first), recording.given(second)
     if acceleration is None:
-        of_rate = recording.differentiated(recording.stack(first), names=first) if rate is not None else None
+        of_rate = recording.differentiated(recording.stack(first), first) if rate is not None else None
         acceleration = derived.second if of_rate is None else of_rate.first
     rate = derived.first if rate is None else rate
     return replace(derived, first=rate, second=acceleration)
@@ -278,7 +311,9 @@ def _joint_motion(recording: Recording) -> dict[str, Array]:
     """Poses of the sensor from joint angles by the arm's kinematics (in the plane 22.2)."""
     names = [numbered_names(prefix, recording.joints) for prefix in ("q", "dq", "ddq")]
     # Each joint by itself: a log may hold the velocity of some joints only.
-    rates = [_rates(recording, recording.stack([q]), names[0], [dq], [ddq]) for q, dq, ddq in zip(*names, strict=True)]
+    rates = [
+        _rates(recording, recording.stack([q]), [q], [dq], [ddq], names[0]) for q, dq, ddq in zip(*names, strict=True)
+    ]
     q, dq, ddq = (
         np.concatenate([getattr(rate, part) for rate in rates], axis=1) for part in ("value", "first", "second")
     )
@@ -328,7 +363,7 @@ def _rotation(recording: Recording) -> dict[str, Array]:
     quaternions = _unit_quaternions(recording)
     period = quaternions[: recording.samples_per_repeat]
     flips = recording.repeats > 1 and float(period[0] @ period[-1]) < 0
-    s = recording.differentiated(quaternions, antiperiodic=flips, names=QUATERNION)
+    s = recording.differentiated(quaternions, QUATERNION, antiperiodic=flips)
     size = np.sum(s.value**2, axis=1, keepdims=True)
     omega = 2 * _vector(s.value, s.first) / size
     norm_rate = np.sum(s.value * s.first, axis=1, keepdims=True) / size
@@ -336,7 +371,7 @@ def _rotation(recording: Recording) -> dict[str, Array]:
     rate_names, acceleration_names = (tuple(p + axis for axis in "xyz") for p in ("w", "al"))
     measured = recording.given(rate_names)
     if measured is not None:
-        omega, alpha = measured, recording.differentiated(recording.stack(rate_names), names=rate_names).first
+        omega, alpha = measured, recording.differentiated(recording.stack(rate_names), rate_names).first
     given = recording.given(acceleration_names)
     found = _named(QUATERNION, s.value / np.sqrt(size)) | _named(rate_names, omega)
     return found | _named(acceleration_names, alpha if given is None else given)
@@ -362,7 +397,7 @@ def _translation(
         found |= _named(position, moved.value)
         rate, derived = moved.first, moved.second
     elif rate is not None:
-        derived = recording.differentiated(recording.stack(velocity), names=velocity).first
+        derived = recording.differentiated(recording.stack(velocity), velocity).first
     if recording.at_rest:
         return found | _named(velocity, zero) | _named(acceleration, zero)
     if rate is not None:

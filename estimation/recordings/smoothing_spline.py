@@ -21,7 +21,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
 
 from estimation.recordings.b_spline import BSpline, basis_values, transposed_sum, weighted_sum
 
@@ -95,6 +95,11 @@ class SmoothingSpline:
             pieces = min(2 * pieces, most)
 
     @property
+    def end(self) -> float:
+        """Time of the last sample, s."""
+        return self.start + (len(self.spline.coefficients) - DEGREE) / self.scale
+
+    @property
     def cutoff(self) -> float:
         """Hz where prior and data weigh the same, lambda w^2d = samples per knot; at most half the sampling rate."""
         per_knot = math.log(self.samples / len(self.spline.coefficients))
@@ -117,6 +122,16 @@ class SmoothingSpline:
         for _ in range(order):
             spline = spline.derivative()
         return spline((times - self.start) * self.scale) * self.scale**order
+
+    def drawn(self, rng: np.random.Generator) -> Self:
+        """A spline at random from what the samples leave open: c ~ N(c, s² (G + lambda P)^-1), by the factor's inverse."""
+        bands, count = len(self.factor), len(self.spline.coefficients)
+        upper = np.zeros_like(self.factor)  # the factor's transpose, as `solve_banded` takes it
+        for offset, diagonal in enumerate(self.factor):
+            upper[bands - 1 - offset, offset:] = diagonal[: count - offset]
+        error = solve_banded((0, bands - 1), upper, rng.standard_normal(self.spline.coefficients.shape))
+        coefficients = self.spline.coefficients + math.sqrt(self.variance) * error
+        return replace(self, spline=replace(self.spline, coefficients=coefficients))
 
     def std(self, times: Array, order: int) -> Array:
         """Std (n,) of the error of a component's derivative at times (n,), s, per s^order."""
