@@ -36,9 +36,15 @@ CORRELATIONS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99)
 FIRST_ORDER = 4
 LOG_PENALTIES = np.arange(-36.0, 61.0, 6.0)
 """Grid of ln lambda, and its limits."""
+INTERPOLATION = -20.0
+"""ln lambda below which the samples hold nothing but motion, and the cutoff is above half their rate."""
+BETTER_SCORE = 20.0
+"""Of -2 ln likelihood: more than the knots' own share of it differs between two bases."""
 FIRST_STEP, LAST_STEP = 2.0, 0.5
 """Of ln lambda: half a step more changes no estimate by a tenth of its std."""
-FEWEST_PIECES = 128
+KNOTS_PER_SAMPLE = 2
+"""At most: the motion between samples is open then, and its uncertainty not understated."""
+FEWEST_PIECES = 512
 PIECES_PER_FREEDOM = 3.0
 """Knot intervals per effective parameter from which more knots change nothing."""
 
@@ -83,16 +89,17 @@ class SmoothingSpline:
 
         The result is that of the vector in any other frame, then.
         """
-        most = len(times) - 1
-        pieces = min(FEWEST_PIECES, most)
+        most = KNOTS_PER_SAMPLE * (len(times) - 1)
+        pieces = min(max(FEWEST_PIECES, len(times) // 16), most)
+        problem = _Problem.of(times, series, pieces)
         while True:
-            problem = _Problem.of(times, series, pieces)
             first = problem.from_grid(Smoothness(order=FIRST_ORDER, log_penalty=0.0))
-            if pieces == most or problem.freedom(first) * PIECES_PER_FREEDOM < pieces:
+            finer = None if pieces == most else _Problem.of(times, series, min(2 * pieces, most))
+            if finer is None or not problem.is_too_coarse(first, finer):
                 likeliest = problem.likeliest(first)
-                if pieces == most or problem.freedom(likeliest) * PIECES_PER_FREEDOM < pieces:
+                if finer is None or not problem.is_too_coarse(likeliest, finer):
                     return problem.spline(likeliest, cls)
-            pieces = min(2 * pieces, most)
+            pieces, problem = min(2 * pieces, most), finer
 
     @property
     def end(self) -> float:
@@ -167,6 +174,12 @@ class _Problem:
         """Number of coefficients of one series."""
         return len(self.knots) - DEGREE - 1
 
+    def is_too_coarse(self, found: Smoothness, finer: _Problem) -> bool:
+        """Whether the smoothness found needs more knots, or more knots find a motion where these found noise."""
+        if self.freedom(found) * PIECES_PER_FREEDOM >= self.count:
+            return True
+        return min(map(finer.score, _grid(found))) < self.score(found) - BETTER_SCORE
+
     def likeliest(self, first: Smoothness) -> Smoothness:
         """The smoothness of largest restricted likelihood, from a first one: order, then correlation, then order."""
         ordered = self._climbed(first, self._next_orders)
@@ -178,14 +191,13 @@ class _Problem:
 
         One is that of noise, the other that of interpolation, where the samples hold nothing but motion.
         """
-        grid = (replace(candidate, log_penalty=float(x)) for x in LOG_PENALTIES)
-        return self._with_best_penalty(min(grid, key=self._score))
+        return self._with_best_penalty(min(_grid(candidate), key=self.score))
 
     def _climbed(self, best: Smoothness, neighbours: Callable[[Smoothness], list[Smoothness]]) -> Smoothness:
         """Goes to the best neighbour as long as that is better."""
         while found := neighbours(best):
-            better = min(map(self._with_best_penalty, found), key=self._score)
-            if self._score(better) >= self._score(best):
+            better = min(map(self._with_best_penalty, found), key=self.score)
+            if self.score(better) >= self.score(best):
                 break
             best = better
         return best
@@ -193,13 +205,15 @@ class _Problem:
     def _next_orders(self, at: Smoothness) -> list[Smoothness]:
         """Neighbouring orders with the same cutoff w: lambda w^2d = n / m."""
         density = math.log(len(self.times) / self.count)
-        orders = (d for d in (at.order - 1, at.order + 1) if d in ORDERS)
+        orders = [d for d in (at.order - 1, at.order + 1) if d in ORDERS]
+        if at.log_penalty < INTERPOLATION:
+            return [self.from_grid(replace(at, order=d)) for d in orders]
         return [
             replace(at, order=d, log_penalty=density + d / at.order * (at.log_penalty - density)) for d in orders
         ]
 
     def _next_correlations(self, at: Smoothness) -> list[Smoothness]:
-        if np.diff(self.first).max() > 1:
+        if np.diff(self.first).max() > KNOTS_PER_SAMPLE:
             return []  # samples too far apart for the bands, and with them for a correlation
         place = CORRELATIONS.index(at.correlation) + 1
         return [replace(at, correlation=rho) for rho in CORRELATIONS[place : place + 1]]
@@ -209,15 +223,16 @@ class _Problem:
         step = FIRST_STEP
         while step >= LAST_STEP:
             around = [replace(candidate, log_penalty=candidate.log_penalty + x) for x in (-step, step)]
-            best = min(around, key=self._score)
+            best = min(around, key=self.score)
             lowest, highest = LOG_PENALTIES[0], LOG_PENALTIES[-1]
-            if self._score(best) < self._score(candidate) and lowest <= best.log_penalty <= highest:
+            if self.score(best) < self.score(candidate) and lowest <= best.log_penalty <= highest:
                 candidate = best
             else:
                 step /= 2
         return candidate
 
-    def _score(self, smoothness: Smoothness) -> float:
+    def score(self, smoothness: Smoothness) -> float:
+        """-2 ln of the restricted likelihood, computed once."""
         if smoothness not in self._scores:
             try:
                 self._scores[smoothness] = self._solution(smoothness)[0]
@@ -303,9 +318,13 @@ class _Problem:
         return np.linalg.qr(vander)[0]
 
 
+def _grid(candidate: Smoothness) -> list[Smoothness]:
+    return [replace(candidate, log_penalty=float(x)) for x in LOG_PENALTIES]
+
+
 def _products(first: NDArray[np.intp], basis: Array, count: int) -> tuple[Array, Array, Array]:
-    """sum_i b_i b_i', sum_i (b_i b_(i+1)' + b_(i+1) b_i') and b_1 b_1' + b_n b_n', (degree + 2, m) each."""
-    own, neighbours, ends = (np.zeros((DEGREE + 2, count)) for _ in range(3))
+    """sum_i b_i b_i', sum_i (b_i b_(i+1)' + b_(i+1) b_i') and b_1 b_1' + b_n b_n', banded (b, m) each."""
+    own, neighbours, ends = (np.zeros((DEGREE + KNOTS_PER_SAMPLE + 1, count)) for _ in range(3))
     for j, upper in enumerate(basis):
         for i in range(j + 1):
             own[j - i] += np.bincount(first + i, basis[i] * upper, minlength=count)
@@ -315,7 +334,7 @@ def _products(first: NDArray[np.intp], basis: Array, count: int) -> tuple[Array,
             left, right = first[:-1] + i, first[1:] + j
             diagonal, column = np.abs(left - right), np.minimum(left, right)
             product = lower[:-1] * upper[1:] * np.where(diagonal == 0, 2.0, 1.0)
-            kept = diagonal <= DEGREE + 1  # more only where samples are too far apart for a correlation
+            kept = diagonal <= DEGREE + KNOTS_PER_SAMPLE  # more only where samples are too far apart for a correlation
             flat = np.bincount((diagonal * count + column)[kept], product[kept], minlength=neighbours.size)
             neighbours += flat.reshape(neighbours.shape)
     return own, neighbours, ends

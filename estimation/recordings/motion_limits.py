@@ -1,0 +1,83 @@
+"""What a recorded motion leaves unknown: held samples, frequencies above half its rate, accelerations not recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
+from estimation.recordings.smoothing_spline import SmoothingSpline
+
+UNCERTAIN = 0.1
+"""Std of an acceleration over its rms from which a motion counts as not carried by its rate."""
+PLACES = 60
+"""Samples at which that is evaluated."""
+
+
+def motion_limits(recording: Recording) -> tuple[str, ...]:
+    """One sentence for each thing that the recorded motion leaves unknown; none for static poses."""
+    if recording.at_rest:
+        return ()
+    recording.signals  # noqa: B018  the splines of the motion are those of its signals
+    return (*_held(recording), *_lost_frequencies(recording), *_unrecorded_acceleration(recording))
+
+
+def acceleration_is_recorded(recording: Recording) -> bool:
+    """Whether the acceleration of the sensor's origin follows from what was recorded."""
+    if recording.at_rest or recording.form is MotionForm.JOINTS:
+        return True
+    axes = "xyz"[: recording.dimension]
+    return any(all(f"{p}{axis}" in recording.columns for axis in axes) for p in _position_names(recording))
+
+
+def _position_names(recording: Recording) -> tuple[str, str, str]:
+    return ("p", "v", "a") if recording.form is MotionForm.PLANAR_POSE else ("p", "vp", "ap")
+
+
+def _held(recording: Recording) -> Iterator[str]:
+    for noun, names in _groups(recording):
+        true = recording.true_samples(names) if all(name in recording.columns for name in names) else None
+        if true is not None and recording.dt is not None:
+            yield (
+                f"{noun} is held: new values at {true.rate:.3g} Hz in rows at {1 / recording.dt:.3g} Hz; "
+                "the motion is rebuilt from the new ones alone"
+            )
+
+
+def _groups(recording: Recording) -> Iterator[tuple[str, Sequence[str]]]:
+    if recording.form is MotionForm.JOINTS:
+        yield "the joints' motion", numbered_names("q", recording.joints)
+        return
+    yield "the orientation", QUATERNION if recording.form is MotionForm.POSE else ("phi",)
+    first = _position_names(recording)[0]
+    yield "the position", tuple(first + axis for axis in "xyz"[: recording.dimension])
+
+
+def _lost_frequencies(recording: Recording) -> Iterator[str]:
+    """Where the smoothing needs the whole band up to half the rate, and the acceleration is still uncertain."""
+    for names, derived in recording.derivatives.items():
+        spline = derived.spline
+        if spline is None or spline.cutoff < spline.half_rate / 2:
+            continue
+        share = _acceleration_uncertainty(spline)
+        if share > UNCERTAIN:
+            yield (
+                f"{2 * spline.half_rate:.3g} Hz cannot carry the motion in {', '.join(names)}: what is above "
+                f"{spline.half_rate:.3g} Hz is lost, and its acceleration is known to {min(share, 1.0):.0%} only; "
+                "log it faster, or move more slowly"
+            )
+
+
+def _acceleration_uncertainty(spline: SmoothingSpline) -> float:
+    """Usual std of the second derivative over its rms, all components together."""
+    length = spline.end - spline.start
+    times = spline.start + length * (np.arange(PLACES) + 0.37) / PLACES  # between samples and on them
+    second = spline.derivative(times, 2)
+    spread = float(np.median(spline.std(times, 2))) * np.sqrt(second.shape[1])
+    return spread / max(float(np.sqrt(np.mean(np.sum(second**2, axis=1)))), np.finfo(float).tiny)
+
+
+def _unrecorded_acceleration(recording: Recording) -> Iterator[str]:
+    if not acceleration_is_recorded(recording):
+        yield "no position was recorded: the acceleration of the sensor's origin is taken as zero"
