@@ -235,7 +235,7 @@ class _Problem:
         """-2 ln of the restricted likelihood, computed once."""
         if smoothness not in self._scores:
             try:
-                self._scores[smoothness] = self._solution(smoothness)[0]
+                self._scores[smoothness] = self.solution(smoothness)[0]
             except np.linalg.LinAlgError:
                 self._scores[smoothness] = math.inf
         return self._scores[smoothness]
@@ -244,22 +244,26 @@ class _Problem:
     def _scores(self) -> dict[Smoothness, float]:
         return {}
 
-    def _solution(self, smoothness: Smoothness) -> tuple[float, Array, Array, float]:
-        """Score, coefficients (m, k), factor and noise variance."""
+    def solution(self, smoothness: Smoothness) -> tuple[float, Array, Array, float]:
+        """Score, coefficients (m, k), factor and noise variance.
+
+        Counted from a first solution c0 that follows the samples closely, c = c0 + x, so that residuals are small: with
+        v = B' R (y - B c0), (G + lambda P) x = v - lambda P c0, and the residual's part of the sum of squares is that
+        of c0 - 2 x'v + x'Gx. No step but the first solution is over all samples.
+        """
         samples, width = self.series.shape
         penalty, rho, order = math.exp(smoothness.log_penalty), smoothness.correlation, smoothness.order
+        origin, products, squares = self._near_interpolation(rho)
         gram = self._gram(rho)
-        matrix = gram.copy()
-        matrix[: order + 1] += penalty * self._penalty(order)
-        factor = cholesky_banded(matrix, lower=True)
-        coefficients, residual = np.zeros((self.count, width)), self.series
+        factor = self._factor(smoothness)
+        step = np.zeros_like(origin)
         for _ in range(2):  # the second is iterative refinement
-            right = transposed_sum(self.first, self.basis, _decorrelated(residual, rho), self.count)
-            right -= penalty * _banded_product(self._penalty(order), coefficients)
-            coefficients = coefficients + cho_solve_banded((factor, True), right)
-            residual = self.series - weighted_sum(self.first, self.basis, coefficients)
-        squares = float(np.sum(residual * _decorrelated(residual, rho)))
-        squares += penalty * float(np.sum(np.diff(coefficients, order, axis=0) ** 2))
+            right = products - _banded_product(gram, step)
+            right -= penalty * _banded_product(self._penalty(order), origin + step)
+            step = step + cho_solve_banded((factor, True), right)
+        coefficients = origin + step
+        squares += float(np.sum(step * (_banded_product(gram, step) - 2 * products)))
+        squares = max(squares, 0.0) + penalty * float(np.sum(np.diff(coefficients, order, axis=0) ** 2))
         rounding = (np.finfo(float).eps * float(np.abs(self.series).max())) ** 2 + np.finfo(float).tiny
         variance = max(squares / (samples * width), rounding)
         volume = 2 * float(np.log(factor[0]).sum()) - (self.count - order) * smoothness.log_penalty
@@ -267,8 +271,40 @@ class _Problem:
         score = width * (samples * math.log(variance) + volume - math.log(1 - rho**2))
         return score, coefficients, factor, variance
 
+    def _near_interpolation(self, rho: float) -> tuple[Array, Array, float]:
+        """Coefficients c0 (m, k) with the least penalty; B' R r (m, k) and r' R r of their residual r."""
+        if rho not in self._starts:
+            coefficients, residual = self._closest
+            weighted = _decorrelated(residual, rho)
+            products = transposed_sum(self.first, self.basis, weighted, self.count)
+            self._starts[rho] = (coefficients, products, float(np.sum(residual * weighted)))
+        return self._starts[rho]
+
+    @cached_property
+    def _starts(self) -> dict[float, tuple[Array, Array, float]]:
+        return {}
+
+    @cached_property
+    def _closest(self) -> tuple[Array, Array]:
+        """The solution with the least penalty, and its residual."""
+        least = Smoothness(order=FIRST_ORDER, log_penalty=float(LOG_PENALTIES[0]))
+        factor = self._factor(least)
+        coefficients, residual = np.zeros((self.count, self.series.shape[1])), self.series
+        for _ in range(2):  # the second is iterative refinement
+            right = transposed_sum(self.first, self.basis, residual, self.count)
+            right -= math.exp(least.log_penalty) * _banded_product(self._penalty(least.order), coefficients)
+            coefficients = coefficients + cho_solve_banded((factor, True), right)
+            residual = self.series - weighted_sum(self.first, self.basis, coefficients)
+        return coefficients, residual
+
+    def _factor(self, smoothness: Smoothness) -> Array:
+        """Banded Cholesky factor of G + lambda P, lower storage."""
+        matrix = self._gram(smoothness.correlation)
+        matrix[: smoothness.order + 1] += math.exp(smoothness.log_penalty) * self._penalty(smoothness.order)
+        return np.asarray(cholesky_banded(matrix, lower=True))
+
     def spline(self, smoothness: Smoothness, kind: type[SmoothingSpline]) -> SmoothingSpline:
-        score, coefficients, factor, variance = self._solution(smoothness)
+        score, coefficients, factor, variance = self.solution(smoothness)
         return kind(
             spline=BSpline(self.knots, coefficients, DEGREE),
             scale=float(self.place[-1] / (self.times[-1] - self.times[0])),
@@ -279,11 +315,8 @@ class _Problem:
 
     def freedom(self, smoothness: Smoothness) -> float:
         """tr((G + lambda P)^-1 G) = m - d ln|G + lambda P| / d ln lambda, by a central difference."""
-        ends = []
-        for step in (0.05, -0.05):
-            matrix = self._gram(smoothness.correlation)
-            matrix[: smoothness.order + 1] += math.exp(smoothness.log_penalty + step) * self._penalty(smoothness.order)
-            ends.append(2 * float(np.log(cholesky_banded(matrix, lower=True)[0]).sum()))
+        near = (replace(smoothness, log_penalty=smoothness.log_penalty + step) for step in (0.05, -0.05))
+        ends = [2 * float(np.log(self._factor(one)[0]).sum()) for one in near]
         return self.count - (ends[0] - ends[1]) / 0.1
 
     def _gram(self, rho: float) -> Array:

@@ -8,6 +8,7 @@ from typing import Any
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.error_table import systematic_error, systematic_error_text
 from diagnosis.diagnosis import Diagnosis
+from diagnosis.verdict.motion_notes import motion_notes
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
 from modeling.number_format import format_number, format_p_value, format_unit
@@ -110,6 +111,7 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
     p_value = format_p_value(diagnosis.lack_of_fit)
     return [
         *noise_notes(diagnosis),
+        *motion_notes(diagnosis),
         CONVENTION_SENTENCES[diagnosis.model.convention]
         + (" The sensor's y axis runs along the tip." if diagnosis.model.mirror_y else ""),
         f"Tolerance: {'as stated in the rig file' if stated else 'a tenth of the noise floor'}.",

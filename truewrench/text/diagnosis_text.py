@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from diagnosis.comparison.error_table import error_table
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
+from diagnosis.verdict.motion_notes import motion_notes
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.least_squares.estimates import Estimate
@@ -75,9 +76,9 @@ def error_reduction_text(diagnosis: Diagnosis) -> str:
 
 
 def _evidence(diagnosis: Diagnosis) -> list[str]:
-    """Evidence of the verdict: source of the noise, validation, recording-specific disturbances."""
+    """Evidence of the verdict: source of the noise, what the motion leaves unknown, validation, recording-specific disturbances."""
     last, warning = diagnosis.steps[-1], weaker_verdict_warning(diagnosis)
-    lines = [*noise_notes(diagnosis), *([warning] if warning else [])]
+    lines = [*noise_notes(diagnosis), *motion_notes(diagnosis), *([warning] if warning else [])]
     lines += [f"{slow.sentence[0].upper()}{slow.sentence[1:]}." for slow in diagnosis.slow_residuals]
     if not last.validation:
         lines.append("No validation: only the fitted recordings were tested; give another motion with --validate.")

@@ -1,0 +1,141 @@
+"""Smoothing by likelihood against analytic motions: derivatives, their stated uncertainty, and held samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimation.recordings.differentiation import spline_derivatives
+from estimation.recordings.sample_hold import TrueSamples
+from estimation.recordings.smoothing_spline import Smoothness, SmoothingSpline, _Problem
+
+Array = NDArray[np.float64]
+SECONDS = 20.0
+
+
+def sines(t: Array) -> tuple[Array, Array, Array]:
+    """Tones up to 2.3 Hz: value and two derivatives (n, 1)."""
+    size, rate = np.array([0.2, 0.1, 0.05, 0.02]), 2 * np.pi * np.array([0.2, 0.5, 1.1, 2.3])
+    angle = rate * t[:, None] + [0.3, 1.0, 2.0, 4.0]
+    value, first = size * np.sin(angle), size * rate * np.cos(angle)
+    return value.sum(1)[:, None], first.sum(1)[:, None], (-(rate**2) * value).sum(1)[:, None]
+
+
+def points(t: Array) -> tuple[Array, Array, Array]:
+    """Minimum-jerk moves of 0.9 s with dwells of 0.7 s between them."""
+    value, first, second = np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
+    steps = np.random.default_rng(3).uniform(-0.8, 0.8, int(t[-1] / 1.6) + 1)
+    for number, step in enumerate(steps):
+        s = np.clip((t - 0.3 - 1.6 * number) / 0.9, 0, 1)
+        value += step * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        first += step * (30 * s**2 - 60 * s**3 + 30 * s**4) / 0.9
+        second += step * (60 * s - 180 * s**2 + 120 * s**3) / 0.9**2
+    return value[:, None], first[:, None], second[:, None]
+
+
+def relative(error: Array, truth: Array) -> float:
+    return float(np.sqrt(np.mean((error - truth) ** 2) / np.mean(truth**2)))
+
+
+@pytest.mark.parametrize("rate", [10.0, 25.0, 125.0, 1000.0])
+@pytest.mark.parametrize("motion", [sines, points])
+def test_derivatives_at_any_rate(motion: object, rate: float) -> None:
+    """Bounds are twice what a study of other seeds and motions gave; a lost motion has an error of one."""
+    t = np.arange(0.0, SECONDS, 1 / rate)
+    value, first, second = motion(t)  # type: ignore[operator]
+    noise = 1e-4 * np.random.default_rng(4).standard_normal(value.shape)
+    found = spline_derivatives(value + noise, 1 / rate)
+    assert relative(found.first, first) < 0.03
+    assert relative(found.second, second) < (0.2 if rate < 20 else 0.1)
+
+
+@pytest.mark.parametrize("motion", [sines, points])
+def test_stated_uncertainty_is_that_of_the_error(motion: object) -> None:
+    """One process for moves and dwells alike: within a factor of two, from some hundred independent errors."""
+    t = np.arange(0.0, SECONDS, 0.01)
+    value, _, second = motion(t)  # type: ignore[operator]
+    spline = SmoothingSpline.of(t, value + 3e-4 * np.random.default_rng(5).standard_normal(value.shape))
+    assert spline.noise_std == pytest.approx(3e-4, rel=0.1)  # 2000 samples: 1.6 %, and what is taken for motion
+    error = np.sqrt(np.mean((spline.derivative(t, 2) - second) ** 2))
+    stated = np.sqrt(np.mean(spline.std(t[::10], 2) ** 2))
+    assert 0.5 < error / stated < 2
+
+
+def test_draws_have_the_stated_uncertainty() -> None:
+    t = np.arange(0.0, 5.0, 0.02)
+    value = sines(t)[0]
+    rng = np.random.default_rng(6)
+    spline = SmoothingSpline.of(t, value + 1e-3 * rng.standard_normal(value.shape))
+    draws = np.stack([spline.drawn(rng).derivative(t, 2) - spline.derivative(t, 2) for _ in range(200)])
+    # 200 draws give a std within 5 %; the largest deviation of some tens of independent ones is below 20 %.
+    np.testing.assert_allclose(draws.std(axis=0)[:, 0], spline.std(t, 2), rtol=0.2)
+
+
+def test_solution_is_that_of_dense_equations() -> None:
+    """Posterior mean and restricted likelihood of c, by dense matrices; the score's differences are what matters."""
+    t = np.linspace(0.0, 1.0, 60)
+    y = np.random.default_rng(7).normal(size=(60, 2))
+    problem = _Problem.of(t, y, 40)
+    scores, dense = [], []
+    for smoothness in (
+        Smoothness(order=4, log_penalty=1.0),
+        Smoothness(order=4, log_penalty=-2.0, correlation=0.5),
+    ):
+        score, coefficients, _, variance = problem.solution(smoothness)
+        m, rho, penalty = problem.count, smoothness.correlation, np.exp(smoothness.log_penalty)
+        rows = np.zeros((60, m))
+        for j, weights in enumerate(problem.basis):
+            rows[np.arange(60), problem.first + j] = weights
+        covariance = rho ** np.abs(np.subtract.outer(np.arange(60), np.arange(60))) / (1 - rho**2)
+        precision, differences = np.linalg.inv(covariance), np.diff(np.eye(m), 4, axis=0)
+        matrix = rows.T @ precision @ rows + penalty * differences.T @ differences
+        expected = np.linalg.solve(matrix, rows.T @ precision @ y)
+        np.testing.assert_allclose(coefficients, expected, atol=1e-9)
+        # The differences' part as data of covariance 1 / penalty, the polynomials free (a flat prior).
+        polynomials = np.linalg.qr(np.vander(np.linspace(-1, 1, m), 4))[0]
+        spread = rows @ np.linalg.pinv(penalty * differences.T @ differences) @ rows.T + covariance
+        free = rows @ polynomials
+        inverse = np.linalg.inv(spread)
+        information = free.T @ inverse @ free
+        contrast = inverse - inverse @ free @ np.linalg.solve(information, free.T @ inverse)
+        squares = float(np.sum(y * (contrast @ y)))
+        assert squares / y.size == pytest.approx(variance, rel=1e-6)
+        logs = np.linalg.slogdet(spread)[1] + np.linalg.slogdet(information)[1]
+        logs -= np.linalg.slogdet(free.T @ precision @ free)[1]
+        scores.append(score)
+        dense.append(y.size * np.log(variance) + 2 * logs)
+    assert scores[0] - scores[1] == pytest.approx(dense[0] - dense[1], abs=1e-5)
+
+
+@pytest.mark.parametrize("rate", [25.0, 47.1, 50.0])
+@pytest.mark.parametrize("motion", [sines, points])
+def test_held_samples_are_left_out(motion: object, rate: float) -> None:
+    """At a tenth of the error, and more, that a hold of 10 ms on average makes."""
+    t = np.arange(0.0, SECONDS, 0.01)
+    _, first, second = motion(t)  # type: ignore[operator]
+    instants = np.floor(t * rate + 1e-9) / rate
+    held = np.round(motion(instants)[0], 7)  # type: ignore[operator]
+    true = TrueSamples.of(held.T, 0.01, len(t))
+    assert true is not None
+    assert true.rate == pytest.approx(rate, rel=0.01)
+    found = spline_derivatives(held, 0.01, true)
+    assert relative(found.first, first) < 0.01
+    assert relative(found.second, second) < 0.05
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+@pytest.mark.parametrize("motion", [sines, points])
+def test_a_coarse_encoder_is_not_held(motion: object, rate: float, step: float) -> None:
+    t = np.arange(0.0, SECONDS, 1 / rate)
+    coarse = np.round(motion(t)[0] / step) * step  # type: ignore[operator]
+    assert TrueSamples.of(coarse.T, 1 / rate, len(t)) is None
+
+
+def test_components_share_their_smoothness_so_that_the_frame_does_not_matter() -> None:
+    t = np.arange(0.0, 10.0, 0.02)
+    vector = np.concatenate([sines(t)[0], points(t)[0]], axis=1) + 1e-4 * np.random.default_rng(8).normal(size=(500, 2))
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    one, other = (SmoothingSpline.of(t, v).derivative(t, 2) for v in (vector, vector @ turn))
+    np.testing.assert_allclose(one @ turn, other, atol=1e-6 * np.abs(one).max())
