@@ -25,6 +25,7 @@ from diagnosis.selection.noise_reestimation import noise_without_transients
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, search_subsets
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
 from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
+from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.result_json import (
     disturbance_data,
@@ -339,6 +340,7 @@ def _record_evidence(
             c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
         ),
         power_share=float(power[-1] / max(power[0], 1e-300)),
+        unrecorded_acceleration=any(inertial_share(c, final.fit.parameters) > LIKELY_SHARE for c in steps[-1].training),
     )
 
 

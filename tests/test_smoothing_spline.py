@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from estimation.recordings.differentiation import spline_derivatives
 from estimation.recordings.sample_hold import TrueSamples
-from estimation.recordings.smoothing_spline import Smoothness, SmoothingSpline, _Problem
+from estimation.recordings.smoothing_spline import SmoothingSpline, Smoothness, _Problem
 
 Array = NDArray[np.float64]
+Motion = Callable[[Array], tuple[Array, Array, Array]]
 SECONDS = 20.0
 
 
@@ -40,10 +43,10 @@ def relative(error: Array, truth: Array) -> float:
 
 @pytest.mark.parametrize("rate", [10.0, 25.0, 125.0, 1000.0])
 @pytest.mark.parametrize("motion", [sines, points])
-def test_derivatives_at_any_rate(motion: object, rate: float) -> None:
+def test_derivatives_at_any_rate(motion: Motion, rate: float) -> None:
     """Bounds are twice what a study of other seeds and motions gave; a lost motion has an error of one."""
     t = np.arange(0.0, SECONDS, 1 / rate)
-    value, first, second = motion(t)  # type: ignore[operator]
+    value, first, second = motion(t)
     noise = 1e-4 * np.random.default_rng(4).standard_normal(value.shape)
     found = spline_derivatives(value + noise, 1 / rate)
     assert relative(found.first, first) < 0.03
@@ -51,10 +54,10 @@ def test_derivatives_at_any_rate(motion: object, rate: float) -> None:
 
 
 @pytest.mark.parametrize("motion", [sines, points])
-def test_stated_uncertainty_is_that_of_the_error(motion: object) -> None:
+def test_stated_uncertainty_is_that_of_the_error(motion: Motion) -> None:
     """One process for moves and dwells alike: within a factor of two, from some hundred independent errors."""
     t = np.arange(0.0, SECONDS, 0.01)
-    value, _, second = motion(t)  # type: ignore[operator]
+    value, _, second = motion(t)
     spline = SmoothingSpline.of(t, value + 3e-4 * np.random.default_rng(5).standard_normal(value.shape))
     assert spline.noise_std == pytest.approx(3e-4, rel=0.1)  # 2000 samples: 1.6 %, and what is taken for motion
     error = np.sqrt(np.mean((spline.derivative(t, 2) - second) ** 2))
@@ -110,12 +113,12 @@ def test_solution_is_that_of_dense_equations() -> None:
 
 @pytest.mark.parametrize("rate", [25.0, 47.1, 50.0])
 @pytest.mark.parametrize("motion", [sines, points])
-def test_held_samples_are_left_out(motion: object, rate: float) -> None:
+def test_held_samples_are_left_out(motion: Motion, rate: float) -> None:
     """At a tenth of the error, and more, that a hold of 10 ms on average makes."""
     t = np.arange(0.0, SECONDS, 0.01)
-    _, first, second = motion(t)  # type: ignore[operator]
+    _, first, second = motion(t)
     instants = np.floor(t * rate + 1e-9) / rate
-    held = np.round(motion(instants)[0], 7)  # type: ignore[operator]
+    held = np.round(motion(instants)[0], 7)
     true = TrueSamples.of(held.T, 0.01, len(t))
     assert true is not None
     assert true.rate == pytest.approx(rate, rel=0.01)
@@ -127,9 +130,9 @@ def test_held_samples_are_left_out(motion: object, rate: float) -> None:
 @pytest.mark.parametrize("step", [1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("rate", [100.0, 1000.0])
 @pytest.mark.parametrize("motion", [sines, points])
-def test_a_coarse_encoder_is_not_held(motion: object, rate: float, step: float) -> None:
+def test_a_coarse_encoder_is_not_held(motion: Motion, rate: float, step: float) -> None:
     t = np.arange(0.0, SECONDS, 1 / rate)
-    coarse = np.round(motion(t)[0] / step) * step  # type: ignore[operator]
+    coarse = np.round(motion(t)[0] / step) * step
     assert TrueSamples.of(coarse.T, 1 / rate, len(t)) is None
 
 

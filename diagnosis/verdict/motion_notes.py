@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from diagnosis.comparison.comparison import Comparison
+from estimation.least_squares.estimates import Estimate
 from estimation.recordings.motion_limits import acceleration_is_recorded, motion_limits
 from modeling.space import Space
-
-if TYPE_CHECKING:
-    from diagnosis.comparison.comparison import Comparison
-    from diagnosis.diagnosis import Diagnosis
 
 LIKELY_SHARE = 0.5
 """Of the torque residual's power, from which it is said to be that of an unrecorded acceleration."""
 
 
-def motion_notes(diagnosis: Diagnosis) -> list[str]:
+def motion_notes(comparisons: Sequence[Comparison], parameters: Mapping[str, Estimate]) -> list[str]:
     """One line for each thing that the motion of a fitted recording leaves unknown."""
     lines = []
-    for comparison in diagnosis.steps[-1].training:
+    for comparison in comparisons:
         limits = motion_limits(comparison.recording)
         lines += [f"{comparison.recording.name}: {limit}." for limit in limits]
-        share = inertial_share(comparison, diagnosis)
+        share = inertial_share(comparison, parameters)
         if share > LIKELY_SHARE:
             lines.append(
                 f"{comparison.recording.name}: the residual looks like mass times an acceleration that was not "
@@ -33,14 +31,13 @@ def motion_notes(diagnosis: Diagnosis) -> list[str]:
     return lines
 
 
-def inertial_share(comparison: Comparison, diagnosis: Diagnosis) -> float:
+def inertial_share(comparison: Comparison, parameters: Mapping[str, Estimate]) -> float:
     """Share of the torque residual's power that the force residual makes at the centre of mass.
 
     An acceleration a of the sensor's origin that was not recorded leaves a force residual m a and, with the first
     moment s, a torque residual s x a = (s / m) x (m a), in six axes whatever a is. Zero where the acceleration was
     recorded, in the plane, and where the mass is not known to be positive.
     """
-    parameters = diagnosis.fit.parameters
     known = [name for name in ("m", "mx", "my", "mz") if name in parameters]
     if len(known) < 4 or acceleration_is_recorded(comparison.recording):
         return 0.0
@@ -51,4 +48,3 @@ def inertial_share(comparison: Comparison, diagnosis: Diagnosis) -> float:
     residual = comparison.residual - comparison.residual.mean(axis=0)
     expected, torque = np.cross(centre, residual[:, :3]), residual[:, 3:]
     return float(1 - np.sum((torque - expected) ** 2) / max(np.sum(torque**2), np.finfo(float).tiny))
-

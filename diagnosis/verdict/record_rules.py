@@ -21,6 +21,8 @@ class RecordEvidence:
     slow                  whether a slow part of a single run's residual exceeds the noise: drift or slow physics
     within_tolerance      whether the systematic error is within tolerance in every channel of every recording
     power_share           systematic power of the final model's residual over that of the rigid tool's
+    unrecorded_acceleration  whether a residual looks like mass times an acceleration that was not recorded, which no
+                          test shows where the noise is estimated from that residual
     """
 
     lack_of_fit: float
@@ -30,11 +32,14 @@ class RecordEvidence:
     slow: bool = False
     within_tolerance: bool = False
     power_share: float = 1.0
+    unrecorded_acceleration: bool = False
 
     @property
     def adequate(self) -> bool:
         """Whether no lack of fit is significant, neither in training nor on held-out data, and nothing slow remains."""
-        return not self.slow and self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
+        if self.slow or self.unrecorded_acceleration:
+            return False
+        return self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
 
     @property
     def rigid_tool_suffices(self) -> bool:

@@ -125,9 +125,7 @@ def _noise_from_residual(
     whitener = AutoregressiveWhitener(recording.samples, noise, tuple(ranges), event_noise, weights)
     parameters = noise.coefficients.size + p * (p + 1) / 2
     log_power_variance = np.full(whitener.rows, 2 * parameters / (n * p))
-    return RecordingNoise(
-        floor, whitener, NoiseSource.RESIDUAL, log_power_variance, events=events, motion=motion
-    )
+    return RecordingNoise(floor, whitener, NoiseSource.RESIDUAL, log_power_variance, events=events, motion=motion)
 
 
 def _floor(recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]) -> Array:

@@ -66,7 +66,7 @@ def spline_derivatives(run: Array, dt: float, true: TrueSamples | None = None) -
 
     Smoothness and the noise of the samples are those of the largest likelihood, the same for all columns.
     """
-    times = np.arange(len(run)) * dt
+    times = np.arange(len(run)) * np.float64(dt)
     spline = SmoothingSpline.of(times, run) if true is None else SmoothingSpline.of(true.instants, run[true.rows])
     found = derivatives_of_spline(spline, times)
     return replace(found, score=_bayesian_information_criterion(run - found.value, spline.freedom))

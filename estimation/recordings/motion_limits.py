@@ -11,6 +11,8 @@ from estimation.recordings.smoothing_spline import SmoothingSpline
 
 UNCERTAIN = 0.1
 """Std of an acceleration over its rms from which a motion counts as not carried by its rate."""
+AT_REST = 0.01
+"""Rad, m or parts of a quaternion: std of a series that does not move."""
 PLACES = 60
 """Samples at which that is evaluated."""
 
@@ -55,17 +57,21 @@ def _groups(recording: Recording) -> Iterator[tuple[str, Sequence[str]]]:
 
 
 def _lost_frequencies(recording: Recording) -> Iterator[str]:
-    """Where the smoothing needs the whole band up to half the rate, and the acceleration is still uncertain."""
+    """Where the smoothing needs the whole band up to half the rate, or takes a good part of the motion for noise."""
     for names, derived in recording.derivatives.items():
         spline = derived.spline
-        if spline is None or spline.cutoff < spline.half_rate / 2:
+        if spline is None:
             continue
+        size = float(np.sqrt(np.mean(np.var(derived.value, axis=0)) + spline.noise_std**2))
+        mistaken = size > AT_REST and spline.noise_std > UNCERTAIN * size
         share = _acceleration_uncertainty(spline)
-        if share > UNCERTAIN:
+        if mistaken or (spline.cutoff > spline.half_rate / 2 and share > UNCERTAIN):
+            known = "its acceleration is not known"
+            if not mistaken:
+                known = f"its acceleration is known to {min(share, 1.0):.0%} only"
             yield (
                 f"{2 * spline.half_rate:.3g} Hz cannot carry the motion in {', '.join(names)}: what is above "
-                f"{spline.half_rate:.3g} Hz is lost, and its acceleration is known to {min(share, 1.0):.0%} only; "
-                "log it faster, or move more slowly"
+                f"{spline.cutoff:.2g} Hz is lost, and {known}; log it faster, or move more slowly"
             )
 
 
@@ -75,7 +81,7 @@ def _acceleration_uncertainty(spline: SmoothingSpline) -> float:
     times = spline.start + length * (np.arange(PLACES) + 0.37) / PLACES  # between samples and on them
     second = spline.derivative(times, 2)
     spread = float(np.median(spline.std(times, 2))) * np.sqrt(second.shape[1])
-    return spread / max(float(np.sqrt(np.mean(np.sum(second**2, axis=1)))), np.finfo(float).tiny)
+    return float(spread) / max(float(np.sqrt(np.mean(np.sum(second**2, axis=1)))), np.finfo(float).tiny)
 
 
 def _unrecorded_acceleration(recording: Recording) -> Iterator[str]:

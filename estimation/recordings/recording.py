@@ -195,7 +195,7 @@ class Recording:
         from estimation.recordings.differentiation import derivatives_of_spline
 
         other = replace(self, columns={name: self.columns[name] for name in self.columns if name not in self.auxiliary})
-        times = np.arange(self.samples) * (self.dt or 0.0)
+        times = np.arange(self.samples) * np.float64(self.dt or 0.0)
         for key, known in self.derivatives.items():
             drawn = known.spline is not None and derivatives_of_spline(known.spline.drawn(rng), times)
             other.derivatives[key] = drawn or known

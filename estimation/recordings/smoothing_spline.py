@@ -84,7 +84,7 @@ class SmoothingSpline:
     factor: Array
 
     @classmethod
-    def of(cls, times: Array, series: Array) -> Self:
+    def of(cls, times: Array, series: Array) -> SmoothingSpline:
         """Of series (n, k) at increasing times (n,), s; they share smoothness and noise, as components of a vector do.
 
         The result is that of the vector in any other frame, then.
@@ -98,7 +98,7 @@ class SmoothingSpline:
             if finer is None or not problem.is_too_coarse(first, finer):
                 likeliest = problem.likeliest(first)
                 if finer is None or not problem.is_too_coarse(likeliest, finer):
-                    return problem.spline(likeliest, cls)
+                    return problem.spline(likeliest)
             pieces, problem = min(2 * pieces, most), finer
 
     @property
@@ -131,7 +131,7 @@ class SmoothingSpline:
         return spline((times - self.start) * self.scale) * self.scale**order
 
     def drawn(self, rng: np.random.Generator) -> Self:
-        """A spline at random from what the samples leave open: c ~ N(c, s² (G + lambda P)^-1), by the factor's inverse."""
+        """A spline at random from what the samples leave open: its coefficients' covariance is s² (G + lambda P)^-1."""
         bands, count = len(self.factor), len(self.spline.coefficients)
         upper = np.zeros_like(self.factor)  # the factor's transpose, as `solve_banded` takes it
         for offset, diagonal in enumerate(self.factor):
@@ -208,9 +208,7 @@ class _Problem:
         orders = [d for d in (at.order - 1, at.order + 1) if d in ORDERS]
         if at.log_penalty < INTERPOLATION:
             return [self.from_grid(replace(at, order=d)) for d in orders]
-        return [
-            replace(at, order=d, log_penalty=density + d / at.order * (at.log_penalty - density)) for d in orders
-        ]
+        return [replace(at, order=d, log_penalty=density + d / at.order * (at.log_penalty - density)) for d in orders]
 
     def _next_correlations(self, at: Smoothness) -> list[Smoothness]:
         if np.diff(self.first).max() > KNOTS_PER_SAMPLE:
@@ -303,9 +301,9 @@ class _Problem:
         matrix[: smoothness.order + 1] += math.exp(smoothness.log_penalty) * self._penalty(smoothness.order)
         return np.asarray(cholesky_banded(matrix, lower=True))
 
-    def spline(self, smoothness: Smoothness, kind: type[SmoothingSpline]) -> SmoothingSpline:
+    def spline(self, smoothness: Smoothness) -> SmoothingSpline:
         score, coefficients, factor, variance = self.solution(smoothness)
-        return kind(
+        return SmoothingSpline(
             spline=BSpline(self.knots, coefficients, DEGREE),
             scale=float(self.place[-1] / (self.times[-1] - self.times[0])),
             start=float(self.times[0]),
@@ -341,7 +339,7 @@ class _Problem:
         return {}
 
     def _log_polynomial_information(self, gram: Array, order: int) -> float:
-        """ln|N' G N| of the polynomials below degree `order`, N orthonormal: what the data know of them by themselves."""
+        """ln|N' G N| of the polynomials below degree `order`, N orthonormal: what the samples say of them."""
         polynomials = self._polynomials[:, :order]
         return float(np.linalg.slogdet(polynomials.T @ _banded_product(gram, polynomials))[1])
 

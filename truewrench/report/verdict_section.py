@@ -111,7 +111,7 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
     p_value = format_p_value(diagnosis.lack_of_fit)
     return [
         *noise_notes(diagnosis),
-        *motion_notes(diagnosis),
+        *motion_notes(diagnosis.steps[-1].training, diagnosis.fit.parameters),
         CONVENTION_SENTENCES[diagnosis.model.convention]
         + (" The sensor's y axis runs along the tip." if diagnosis.model.mirror_y else ""),
         f"Tolerance: {'as stated in the rig file' if stated else 'a tenth of the noise floor'}.",

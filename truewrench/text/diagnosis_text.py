@@ -76,9 +76,10 @@ def error_reduction_text(diagnosis: Diagnosis) -> str:
 
 
 def _evidence(diagnosis: Diagnosis) -> list[str]:
-    """Evidence of the verdict: source of the noise, what the motion leaves unknown, validation, recording-specific disturbances."""
+    """Evidence of the verdict: source of the noise, what the motion leaves unknown, validation, disturbances."""
     last, warning = diagnosis.steps[-1], weaker_verdict_warning(diagnosis)
-    lines = [*noise_notes(diagnosis), *motion_notes(diagnosis), *([warning] if warning else [])]
+    lines = [*noise_notes(diagnosis), *motion_notes(last.training, diagnosis.fit.parameters)]
+    lines += [warning] if warning else []
     lines += [f"{slow.sentence[0].upper()}{slow.sentence[1:]}." for slow in diagnosis.slow_residuals]
     if not last.validation:
         lines.append("No validation: only the fitted recordings were tested; give another motion with --validate.")

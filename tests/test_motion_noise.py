@@ -1,0 +1,106 @@
+"""Recordings of a six-axis tool whose motion was logged slowly, held, with noise, or without its position.
+
+The simulated rig shares no equation with smoothing or propagation. Each recording has a seed of its own.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from diagnosis.comparison.comparison import comparison_of
+from diagnosis.verdict.motion_notes import motion_notes
+from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
+from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import judge
+from estimation.fit import Fit, fit
+from estimation.recordings.motion_limits import motion_limits
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+from modeling.chain.model import spatial
+from modeling.rig.rig import Rig
+from truewrench.simulated_rig import SpatialRig, simulate
+
+pytest.importorskip("mujoco")
+
+SIMULATED = SpatialRig()
+STATED = Rig.from_data(
+    {"sensor": {"noise": dict(zip(("fx", "fy", "fz", "tx", "ty", "tz"), SIMULATED.noise, strict=True))}}
+)
+ORIENTATION, POSITION = ["qx", "qy", "qz", "qw"], ["px", "py", "pz"]
+
+
+@cache
+def run(samples: int, harmonics: int, seed: int = 1) -> pd.DataFrame:
+    motion = SIMULATED.random_motion(seed=seed, period=30.0, harmonics=harmonics)
+    return simulate(SIMULATED, motion, repeats=1, samples_per_period=samples, seed=seed + 7).drop(columns="repeat")
+
+
+def recorded(frame: pd.DataFrame, rig: Rig | None = STATED) -> Recording:
+    return from_columns({str(c): frame[c].to_numpy() for c in frame}, name="run.csv", rig=rig)
+
+
+def noisy(frame: pd.DataFrame, radians: float, metres: float, seed: int) -> pd.DataFrame:
+    rng, frame = np.random.default_rng(seed), frame.copy()
+    turns = Rotation.from_rotvec(radians * rng.standard_normal((len(frame), 3)))
+    frame[ORIENTATION] = (Rotation.from_quat(frame[ORIENTATION].to_numpy()) * turns).as_quat()
+    frame[POSITION] = frame[POSITION].to_numpy() + metres * rng.standard_normal((len(frame), 3))
+    return frame
+
+
+def consistent(fitted: Fit) -> bool:
+    """Whether the residual has the stated noise's size, and the mass is within 4 std."""
+    mass = fitted.parameters["m"]
+    return comparison_of(fitted, 0).lack_of_fit > 1e-3 and abs(mass.value - SIMULATED.mass) < 4 * mass.std
+
+
+def test_ten_hertz_carry_a_motion_up_to_two() -> None:
+    fitted = fit(spatial(STATED), recorded(run(300, 45)))
+    assert consistent(fitted)
+
+
+def test_encoder_noise_is_noise_and_not_physics() -> None:
+    """Errors of the acceleration that are as large as the readings' noise; a tenth of them would be significant."""
+    frame = noisy(run(3000, 20), 1e-3, 1e-3, seed=2)
+    fitted = fit(spatial(STATED), recorded(frame))
+    assert fitted.noise[0].motion is not None
+    assert consistent(fitted)
+
+
+def test_motion_noise_weighs_the_ends_less() -> None:
+    fitted = fit(spatial(STATED), recorded(noisy(run(3000, 20), 1e-3, 1e-3, seed=3)))
+    motion = fitted.noise[0].motion
+    assert motion is not None
+    weights = motion.weights(fitted.noise[0].floor, 1)
+    assert weights is not None
+    assert weights[[0, -1]].max() < 0.5
+    assert np.median(weights) > 0.9
+
+
+@pytest.mark.parametrize("rows", [2, 4])
+def test_held_orientation_is_noticed_and_rebuilt(rows: int) -> None:
+    frame = run(3000, 20).copy()
+    frame[ORIENTATION] = frame[ORIENTATION].to_numpy()[np.arange(3000) // rows * rows]
+    recording = recorded(frame)
+    assert any(f"held: new values at {100 // rows} Hz" in line for line in motion_limits(recording))
+    assert consistent(fit(spatial(STATED), recording))
+
+
+def test_a_rate_that_loses_the_motion_is_said() -> None:
+    assert not motion_limits(recorded(run(300, 20)))
+    lost = motion_limits(recorded(run(3000, 120).iloc[::10].reset_index(drop=True)))  # up to 4 Hz, at 10 Hz
+    assert any("10 Hz cannot carry the motion in qx, qy, qz, qw: what is above" in s for s in lost), lost
+
+
+def test_an_acceleration_that_was_not_recorded_is_recognised() -> None:
+    whole = fit(spatial(), recorded(run(3000, 20), rig=None))
+    without = fit(spatial(), recorded(run(3000, 20).drop(columns=POSITION), rig=None))
+    assert not motion_notes([comparison_of(whole, 0)], whole.parameters)
+    notes = motion_notes([comparison_of(without, 0)], without.parameters)
+    assert any("looks like mass times an acceleration that was not recorded" in note for note in notes)
+    evidence = RecordEvidence(lack_of_fit=0.5, unrecorded_acceleration=True)
+    assert judge(RECORD_RULES, evidence)[0] is RecordVerdict.UNEXPLAINED
