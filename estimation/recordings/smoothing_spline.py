@@ -384,7 +384,7 @@ def _decorrelated(series: Array, rho: float) -> Array:
 
 def _banded_product(matrix: Array, vectors: Array) -> Array:
     """A symmetric banded matrix in lower storage times vectors (m, k)."""
-    found = matrix[0][:, None] * vectors
+    found: Array = matrix[0][:, None] * vectors
     for offset, diagonal in enumerate(matrix[1:], start=1):
         below = diagonal[: len(vectors) - offset, None]
         found[offset:] += below * vectors[:-offset]
