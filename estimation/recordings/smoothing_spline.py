@@ -284,9 +284,8 @@ class _Problem:
 
     @cached_property
     def _closest(self) -> tuple[Array, Array]:
-        """The solution with the least penalty, and its residual."""
-        least = Smoothness(order=FIRST_ORDER, log_penalty=float(LOG_PENALTIES[0]))
-        factor = self._factor(least)
+        """The solution with the least penalty that rounding leaves positive definite, and its residual."""
+        least, factor = self._least_penalty
         coefficients, residual = np.zeros((self.count, self.series.shape[1])), self.series
         for _ in range(2):  # the second is iterative refinement
             right = transposed_sum(self.first, self.basis, residual, self.count)
@@ -294,6 +293,16 @@ class _Problem:
             coefficients = coefficients + cho_solve_banded((factor, True), right)
             residual = self.series - weighted_sum(self.first, self.basis, coefficients)
         return coefficients, residual
+
+    @property
+    def _least_penalty(self) -> tuple[Smoothness, Array]:
+        """The least penalty of the grid with its Cholesky factor."""
+        for candidate in _grid(Smoothness(order=FIRST_ORDER, log_penalty=0.0)):
+            try:
+                return candidate, self._factor(candidate)
+            except np.linalg.LinAlgError:
+                continue
+        raise np.linalg.LinAlgError
 
     def _factor(self, smoothness: Smoothness) -> Array:
         """Banded Cholesky factor of G + lambda P, lower storage."""
@@ -312,8 +321,8 @@ class _Problem:
         )  # fmt: skip
 
     def freedom(self, smoothness: Smoothness) -> float:
-        """tr((G + lambda P)^-1 G) = m - d ln|G + lambda P| / d ln lambda, by a central difference."""
-        near = (replace(smoothness, log_penalty=smoothness.log_penalty + step) for step in (0.05, -0.05))
+        """tr((G + lambda P)^-1 G) = m - d ln|G + lambda P| / d ln lambda, by a difference upwards, where it exists."""
+        near = (replace(smoothness, log_penalty=smoothness.log_penalty + step) for step in (0.1, 0.0))
         ends = [2 * float(np.log(self._factor(one)[0]).sum()) for one in near]
         return self.count - (ends[0] - ends[1]) / 0.1
 
