@@ -142,3 +142,10 @@ def test_components_share_their_smoothness_so_that_the_frame_does_not_matter() -
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     one, other = (SmoothingSpline.of(t, v).derivative(t, 2) for v in (vector, vector @ turn))
     np.testing.assert_allclose(one @ turn, other, atol=1e-6 * np.abs(one).max())
+
+
+@pytest.mark.parametrize("value", [0.0, 0.3, -5e6])
+def test_what_stands_still_has_no_derivatives(value: float) -> None:
+    found = spline_derivatives(np.full((300, 2), value), 0.01)
+    np.testing.assert_allclose(found.value, value, atol=1e-12 * max(1.0, abs(value)))
+    np.testing.assert_allclose(found.second, 0.0, atol=1e-7 * max(1.0, abs(value)))

@@ -321,10 +321,22 @@ class _Problem:
         )  # fmt: skip
 
     def freedom(self, smoothness: Smoothness) -> float:
-        """tr((G + lambda P)^-1 G) = m - d ln|G + lambda P| / d ln lambda, by a difference upwards, where it exists."""
-        near = (replace(smoothness, log_penalty=smoothness.log_penalty + step) for step in (0.1, 0.0))
-        ends = [2 * float(np.log(self._factor(one)[0]).sum()) for one in near]
-        return self.count - (ends[0] - ends[1]) / 0.1
+        """tr((G + lambda P)^-1 G) = m - d ln|G + lambda P| / d ln lambda, by a difference on the side that exists.
+
+        Rounding ends the penalties with a Cholesky factor: below, where the samples are interpolated, and above, where
+        only the polynomials are left.
+        """
+        here = self._log_determinant(smoothness)
+        for step in (0.1, -0.1):
+            try:
+                beside = self._log_determinant(replace(smoothness, log_penalty=smoothness.log_penalty + step))
+            except np.linalg.LinAlgError:
+                continue
+            return self.count - (beside - here) / step
+        return float(smoothness.order)
+
+    def _log_determinant(self, smoothness: Smoothness) -> float:
+        return 2 * float(np.log(self._factor(smoothness)[0]).sum())
 
     def _gram(self, rho: float) -> Array:
         """B' R B with R the inverse covariance of the noise over its white part's: tridiagonal."""
