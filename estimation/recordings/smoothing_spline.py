@@ -42,6 +42,8 @@ BETTER_SCORE = 20.0
 """Of -2 ln likelihood: more than the knots' own share of it differs between two bases."""
 FIRST_STEP, LAST_STEP = 2.0, 0.5
 """Of ln lambda: half a step more changes no estimate by a tenth of its std."""
+ROUNDING = 64 * np.finfo(float).eps
+"""Of the largest sample: std of the sums over the splines, below which nothing is motion."""
 KNOTS_PER_SAMPLE = 2
 """At most: the motion between samples is open then, and its uncertainty not understated."""
 FEWEST_PIECES = 512
@@ -262,7 +264,7 @@ class _Problem:
         coefficients = origin + step
         squares += float(np.sum(step * (_banded_product(gram, step) - 2 * products)))
         squares = max(squares, 0.0) + penalty * float(np.sum(np.diff(coefficients, order, axis=0) ** 2))
-        rounding = (np.finfo(float).eps * float(np.abs(self.series).max())) ** 2 + np.finfo(float).tiny
+        rounding = (ROUNDING * float(np.abs(self.series).max())) ** 2 + np.finfo(float).tiny
         variance = max(squares / (samples * width), rounding)
         volume = 2 * float(np.log(factor[0]).sum()) - (self.count - order) * smoothness.log_penalty
         volume -= _log_determinant_of_differences(self.count, order) + self._log_polynomial_information(gram, order)
@@ -332,7 +334,7 @@ class _Problem:
                 beside = self._log_determinant(replace(smoothness, log_penalty=smoothness.log_penalty + step))
             except np.linalg.LinAlgError:
                 continue
-            return self.count - (beside - here) / step
+            return max(self.count - (beside - here) / step, float(smoothness.order))
         return float(smoothness.order)
 
     def _log_determinant(self, smoothness: Smoothness) -> float:
