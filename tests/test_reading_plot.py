@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 import truewrench as tw
 from estimation.logs.clocks.repeat_cutting import cut_into_repeats
-from estimation.logs.clocks.sample_hold import note_suspicious_channels
 from estimation.logs.clocks.sample_mending import STAMP
+from estimation.logs.clocks.suspicious_channels import note_suspicious_channels
 from estimation.logs.log_import import ImportedRecording
 from estimation.logs.log_reading import imported
 from estimation.logs.step_log import StepLog

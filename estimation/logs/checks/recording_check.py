@@ -6,13 +6,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-<<<<<<< HEAD:estimation/logs/checks/recording_check.py
 import numpy as np
 
-from estimation.logs.clocks.sample_hold import note_suspicious_channels
-=======
 from estimation.logs.clocks.suspicious_channels import note_suspicious_channels
->>>>>>> 3c4845b (The channels' check by its new name):estimation/logs/recording_check.py
 from estimation.logs.log_table import Array
 from estimation.logs.motion_evidence import angle_names, impossible_speed, motion_evidence
 from estimation.logs.step_log import StepLog

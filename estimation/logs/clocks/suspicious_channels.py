@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.evidence.channel_faults import clipped_rows, longest_stop
 from estimation.logs.log_table import Array
@@ -14,34 +15,12 @@ from estimation.recordings.reports.reading_curves import spans
 ZERO_SHARE = 0.01
 
 
-<<<<<<< HEAD:estimation/logs/clocks/sample_hold.py
-def held_rows(columns: Iterable[Array], samples: int) -> tuple[NDArray[np.bool_], int]:
-    """Mask (n,) of the rows with a new value in any column (n,), and the number of rows for which one is held.
-
-    0 when the holds are of no regular length.
-    """
-    changed = np.ones(samples, dtype=bool)
-    changed[1:] = False
-    for column in columns:
-        changed[1:] |= column[1:] != column[:-1]
-    holds = np.diff(np.flatnonzero(changed))
-    if len(holds) < 20 or changed.mean() > 0.67:
-        return changed, 0
-    usual = int(np.median(holds))
-    regular = (np.abs(holds - usual) <= max(1, usual // 4)).mean() if usual > 1 else 0.0
-    return changed, usual if regular > REGULAR_SHARE else 0
-
-
 def note_suspicious_channels(columns: Mapping[str, Array], stamps: Array, where: str, log: StepLog) -> None:
     """Log channels that never change, stay at their largest value, or are exactly zero in a dead band.
 
     Columns (n,) by channel at stamps (n,), s.
     """
     whole = (float(stamps[0]), float(stamps[-1]))
-=======
-def note_suspicious_channels(columns: Mapping[str, Array], where: str, log: StepLog) -> None:
-    """Log channels that never change, stay at their largest value, or are exactly zero in a dead band."""
->>>>>>> f64e3b0 (Single runs are smoothed by likelihood, and held samples left out):estimation/logs/clocks/suspicious_channels.py
     for name, column in columns.items():
         low, high = float(np.min(column)), float(np.max(column))
         if low == high:
