@@ -18,6 +18,7 @@ from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
+from estimation.recordings.recording import with_readings as of_same_motion
 from modeling.chain.model import WrenchModel, planar
 from modeling.effects import named
 from modeling.rig.rig import Rig
@@ -67,23 +68,27 @@ def fitted(effect_id: str) -> Fit:
     return fit(planar(RIG) + named(effect_id), drawn("both", 0.3, 1))
 
 
+@cache
+def blank_of(phase: float) -> Recording:
+    """The motion without readings; what is drawn of it shares its signals."""
+    return with_readings(motion(phase), np.zeros((400, 3)))
+
+
 def drawn(truth: str, phase: float, seed: int) -> Recording:
-    columns = motion(phase)
-    blank = with_readings(columns, np.zeros((400, 3)))
+    blank = blank_of(phase)
     model = planar(RIG) + named("viscous_drag") + named("quadratic_drag")
     size = {"viscous_drag__c": 0.3, "viscous_drag__d": 0.1} | {"quadratic_drag__c": 0.2, "quadratic_drag__d": 0.1}
     clean = predicted_readings(model, blank, theta(model, **(size if truth == "both" else {})))
-    return with_readings(columns, clean + np.random.default_rng(seed).normal(0, STD, (400, 3)))
+    return of_same_motion(blank, clean + np.random.default_rng(seed).normal(0, STD, (400, 3)))
 
 
 def halfway(seed: int) -> Recording:
     """Readings halfway between the predictions of two models: both err equally."""
-    columns = motion(1.1)
-    blank = with_readings(columns, np.zeros((400, 3)))
+    blank = blank_of(1.1)
     pair = [fitted("viscous_drag"), fitted("quadratic_drag")]
     sums = [predicted_readings(f.model, blank, f.theta) for f in pair]
     noise = np.random.default_rng(seed).normal(0, STD, (400, 3))
-    return with_readings(columns, (sums[0] + sums[1]) / 2 + noise)
+    return of_same_motion(blank, (sums[0] + sums[1]) / 2 + noise)
 
 
 def rejected(p_values: list[float]) -> int:

@@ -47,7 +47,10 @@ class RecordingNoise:
 
     @cached_property
     def autoregression(self) -> NoiseModel:
-        """The noise outside events as an autoregression, for streamed recordings; of a spectrum by Yule-Walker."""
+        """The noise outside events as an autoregression, for streamed recordings; of a spectrum by Yule-Walker.
+
+        Where the motion of a run is less certain than usual, its rows weigh less; an autoregression does not.
+        """
         if isinstance(self.whitener, AutoregressiveWhitener):
             found = self.whitener.noise
         else:

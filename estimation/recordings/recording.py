@@ -408,6 +408,7 @@ def _translation(
 def with_readings(recording: Recording, wrench: NDArray[np.float64]) -> Recording:
     """The recording with its readings replaced by `wrench` (n, p); its signals are not derived again."""
     other = replace(recording, wrench=wrench)
-    # The cache of `signals`: they depend on the motion alone, and deriving them costs more than a fit.
+    # The caches of `signals` and `derivatives`: they depend on the motion alone, and cost more than a fit.
     vars(other)["signals"] = recording.signals
+    vars(other)["derivatives"] = recording.derivatives
     return other

@@ -16,12 +16,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
+from scipy.linalg.blas import dsbmv
 
 from estimation.recordings.b_spline import BSpline, basis_values, transposed_sum, weighted_sum
 
@@ -260,14 +261,14 @@ class _Problem:
         for _ in range(2):  # the second is iterative refinement
             right = products - _banded_product(gram, step)
             right -= penalty * _banded_product(self._penalty(order), origin + step)
-            step = step + cho_solve_banded((factor, True), right)
+            step = step + cho_solve_banded((factor, True), right, check_finite=False)
         coefficients = origin + step
         squares += float(np.sum(step * (_banded_product(gram, step) - 2 * products)))
         squares = max(squares, 0.0) + penalty * float(np.sum(np.diff(coefficients, order, axis=0) ** 2))
         rounding = (ROUNDING * float(np.abs(self.series).max())) ** 2 + np.finfo(float).tiny
         variance = max(squares / (samples * width), rounding)
         volume = 2 * float(np.log(factor[0]).sum()) - (self.count - order) * smoothness.log_penalty
-        volume -= _log_determinant_of_differences(self.count, order) + self._log_polynomial_information(gram, order)
+        volume -= _log_determinant_of_differences(self.count, order) + self._log_polynomial_information(rho, order)
         score = width * (samples * math.log(variance) + volume - math.log(1 - rho**2))
         return score, coefficients, factor, variance
 
@@ -292,7 +293,7 @@ class _Problem:
         for _ in range(2):  # the second is iterative refinement
             right = transposed_sum(self.first, self.basis, residual, self.count)
             right -= math.exp(least.log_penalty) * _banded_product(self._penalty(least.order), coefficients)
-            coefficients = coefficients + cho_solve_banded((factor, True), right)
+            coefficients = coefficients + cho_solve_banded((factor, True), right, check_finite=False)
             residual = self.series - weighted_sum(self.first, self.basis, coefficients)
         return coefficients, residual
 
@@ -308,9 +309,9 @@ class _Problem:
 
     def _factor(self, smoothness: Smoothness) -> Array:
         """Banded Cholesky factor of G + lambda P, lower storage."""
-        matrix = self._gram(smoothness.correlation)
+        matrix = self._gram(smoothness.correlation).copy(order="F")
         matrix[: smoothness.order + 1] += math.exp(smoothness.log_penalty) * self._penalty(smoothness.order)
-        return np.asarray(cholesky_banded(matrix, lower=True))
+        return np.asarray(cholesky_banded(matrix, overwrite_ab=True, lower=True, check_finite=False))
 
     def spline(self, smoothness: Smoothness) -> SmoothingSpline:
         score, coefficients, factor, variance = self.solution(smoothness)
@@ -342,9 +343,14 @@ class _Problem:
 
     def _gram(self, rho: float) -> Array:
         """B' R B with R the inverse covariance of the noise over its white part's: tridiagonal."""
-        own, neighbours, ends = self.products
-        gram: Array = (1 + rho**2) * own - rho * neighbours - rho**2 * ends
-        return gram
+        if rho not in self._grams:
+            own, neighbours, ends = self.products
+            self._grams[rho] = np.asfortranarray((1 + rho**2) * own - rho * neighbours - rho**2 * ends)
+        return self._grams[rho]
+
+    @cached_property
+    def _grams(self) -> dict[float, Array]:
+        return {}
 
     def _penalty(self, order: int) -> Array:
         """D'D (order + 1, m)."""
@@ -354,17 +360,23 @@ class _Problem:
             for i in range(order + 1):
                 for j in range(i, order + 1):
                     found[j - i, i : i + self.count - order] += weights[i] * weights[j]
-            self._penalties[order] = found
+            self._penalties[order] = np.asfortranarray(found)
         return self._penalties[order]
 
     @cached_property
     def _penalties(self) -> dict[int, Array]:
         return {}
 
-    def _log_polynomial_information(self, gram: Array, order: int) -> float:
+    def _log_polynomial_information(self, rho: float, order: int) -> float:
         """ln|N' G N| of the polynomials below degree `order`, N orthonormal: what the samples say of them."""
-        polynomials = self._polynomials[:, :order]
-        return float(np.linalg.slogdet(polynomials.T @ _banded_product(gram, polynomials))[1])
+        if rho not in self._informations:
+            polynomials = self._polynomials
+            self._informations[rho] = polynomials.T @ _banded_product(self._gram(rho), polynomials)
+        return float(np.linalg.slogdet(self._informations[rho][:order, :order])[1])
+
+    @cached_property
+    def _informations(self) -> dict[float, Array]:
+        return {}
 
     @cached_property
     def _polynomials(self) -> Array:
@@ -407,14 +419,11 @@ def _decorrelated(series: Array, rho: float) -> Array:
 
 def _banded_product(matrix: Array, vectors: Array) -> Array:
     """A symmetric banded matrix in lower storage times vectors (m, k)."""
-    found: Array = matrix[0][:, None] * vectors
-    for offset, diagonal in enumerate(matrix[1:], start=1):
-        below = diagonal[: len(vectors) - offset, None]
-        found[offset:] += below * vectors[:-offset]
-        found[:-offset] += below * vectors[offset:]
-    return found
+    storage = np.asfortranarray(matrix)
+    return np.stack([dsbmv(len(matrix) - 1, 1.0, storage, vector, lower=1) for vector in vectors.T], axis=1)
 
 
+@lru_cache
 def _log_determinant_of_differences(count: int, order: int) -> float:
     """ln|D D'| of the differences of an order of m coefficients.
 
