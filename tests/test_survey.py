@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -210,7 +210,20 @@ def test_fingerprint(tmp_path: Path) -> None:
         fingerprint(table, {"robot": {}}, None),
         fingerprint(first, {"robot": {"gravity": 9.8}}, None),
         fingerprint(first, {"robot": {}}, ("viscous_drag",)),
+        fingerprint(first, {"robot": {}}, None, one_run=True),
     }
+
+
+def test_no_period_reaches_the_diagnosis(bench: Path, one: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stand-in for the diagnosis says how many repeats it was given."""
+
+    def counted(_: object, recordings: Sequence[tw.Recording], **__: object) -> None:
+        raise InputError(what=f"{recordings[0].repeats} repeats", where="here", remedy="none")
+
+    monkeypatch.setattr("diagnosis.diagnosis.diagnose", counted)
+    for one_run, says in ((False, "4 repeats"), (True, "1 repeats")):
+        (row,) = survey([bench / "run_2026-03-01.csv"], rig=bench / "rig.toml", executor=one, one_run=one_run).rows
+        assert says in (row.outcome.error or "")
 
 
 def test_store_keeps_every_field(tmp_path: Path, bench: Path, one: Executor) -> None:
@@ -326,6 +339,8 @@ def test_command(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert [row["file"] for row in data["rows"]] == recordings[:1]
     assert main(["survey", recordings[0], *options, "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
+    assert main(["survey", recordings[0], *options, "--json", "--no-period"]) == 0
+    assert json.loads(capsys.readouterr().out)["diagnosed"] == 1  # what was stored counted repeats
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from truewrench.command_options.options import Subcommands, add_recordings, print_result, worker_count
+from truewrench.command_options.options import Subcommands, add_no_period, add_recordings, print_result, worker_count
 
 FOLDER = Path("survey")
 
@@ -19,6 +19,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     )
     command = commands.add_parser("survey", help="diagnose many recordings, locally or on a cluster", description=text)
     add_recordings(command)
+    add_no_period(command)
     place = command.add_mutually_exclusive_group()
     place.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler")
     place.add_argument(
@@ -44,6 +45,7 @@ def run(arguments: argparse.Namespace) -> None:
             out=arguments.out,
             scheduler=arguments.scheduler,
             workers=arguments.workers,
+            one_run=arguments.no_period,
             progress=silent if arguments.quiet else progress,
         )
     if arguments.json or not arguments.quiet:

@@ -142,6 +142,7 @@ def survey(
     scheduler: str | None = None,
     workers: int | None = None,
     only: Sequence[str] | None = None,
+    one_run: bool = False,
     progress: Progress = silent,
     work: Work = diagnosed_outcome,
 ) -> Survey:
@@ -164,6 +165,8 @@ def survey(
         Processes of the local cluster; by default one for each core, at most one for each recording.
     only : sequence of str, optional
         Ids of the candidate effects; by default the whole catalogue.
+    one_run : bool, optional
+        Take every recording as one run: no period is looked for, and a column that counts repeats is left out.
     progress : callable, optional
         Called with one line of text; by default silent.
     work : callable, optional
@@ -198,7 +201,7 @@ def survey(
     store = None if out is None else _store(Path(out))
     progress("read the recordings")
     data = None if described is None else described.to_data()
-    tasks = [SurveyTask.of(path, data, candidates) for path in paths]
+    tasks = [SurveyTask.of(path, data, candidates, one_run=one_run) for path in paths]
     found = _stored_outcomes(tasks, store)
     missing = list(dict.fromkeys(task.recording for task in tasks if task.recording not in found))
     if missing:

@@ -26,19 +26,23 @@ FINGERPRINTED_PACKAGES = ("modeling", "design", "estimation", "diagnosis")
 """Packages whose code determines the outcome."""
 
 
-def fingerprint(recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None) -> str:
+def fingerprint(
+    recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None, *, one_run: bool = False
+) -> str:
     """SHA-256 of everything that the outcome of a recording depends on, in hexadecimal.
 
     Of the file's name only the ending counts, which gives the format: a renamed recording keeps its fingerprint.
     Raises OSError when the recording cannot be read.
     """
-    settings = {
+    settings: dict[str, Any] = {
         "layout": STORE_VERSION,
         "code": code_version(),
         "format": recording.suffix.lower(),
         "rig": rig,
         "only": only,
     }
+    if one_run:  # outcomes stored without the option keep their fingerprints
+        settings["one_run"] = True
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode("ascii"))
     with recording.open("rb") as stream:
         digest.update(hashlib.file_digest(stream, "sha256").digest())
@@ -60,6 +64,7 @@ class SurveyTask:
     recording  absolute path, the same for every worker
     rig        as `Rig.to_data` gives it, None without a rig
     only       ids of the candidate effects; None is the whole catalogue
+    one_run    no repeats are looked for
     key        fingerprint at the time of submission, None where the recording could not be read
     """
 
@@ -67,12 +72,16 @@ class SurveyTask:
     rig: Mapping[str, Any] | None
     only: tuple[str, ...] | None
     key: str | None
+    one_run: bool = False
 
     @classmethod
-    def of(cls, recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None) -> SurveyTask:
+    def of(
+        cls, recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None, *, one_run: bool = False
+    ) -> SurveyTask:
         """The task of a recording as it is now."""
         place = recording.absolute()
-        return cls(recording=str(place), rig=rig, only=only, key=_fingerprint_or_none(place, rig, only))
+        key = _fingerprint_or_none(place, rig, only, one_run)
+        return cls(recording=str(place), rig=rig, only=only, key=key, one_run=one_run)
 
 
 def diagnosed_outcome(task: SurveyTask) -> DiagnosisOutcome:
@@ -82,7 +91,7 @@ def diagnosed_outcome(task: SurveyTask) -> DiagnosisOutcome:
     """
     began = perf_counter()
     try:
-        if _fingerprint_or_none(Path(task.recording), task.rig, task.only) != task.key:
+        if _fingerprint_or_none(Path(task.recording), task.rig, task.only, task.one_run) != task.key:
             what = "is another file, or read by another version of truewrench, on the worker"
             remedy = "survey it again, with one version and one file system for all workers"
             return DiagnosisOutcome(error=f"{what}; {remedy}", final=False)
@@ -107,9 +116,11 @@ def _error_line(error: InputError, task: SurveyTask) -> str:
     return f"{where}: {error.what}; {error.remedy}" if where else f"{error.what}; {error.remedy}"
 
 
-def _fingerprint_or_none(recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None) -> str | None:
+def _fingerprint_or_none(
+    recording: Path, rig: Mapping[str, Any] | None, only: tuple[str, ...] | None, one_run: bool
+) -> str | None:
     try:
-        return fingerprint(recording, rig, only)
+        return fingerprint(recording, rig, only, one_run=one_run)
     except OSError:
         return None
 
@@ -120,6 +131,7 @@ def _diagnosis(task: SurveyTask) -> Diagnosis:
     from modeling.rig.rig import Rig
     from truewrench.files.data_set import DataSet
 
-    case = DataSet.read([task.recording], rig=None if task.rig is None else Rig.from_data(task.rig))
+    rig = None if task.rig is None else Rig.from_data(task.rig)
+    case = DataSet.read([task.recording], rig=rig, one_run=task.one_run)
     candidates = catalogue(case.model.space) if task.only is None else [named(i) for i in task.only]
     return diagnose(case.model, case.training, effects=candidates)
