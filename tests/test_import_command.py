@@ -165,9 +165,13 @@ def test_a_hidden_drag_is_found_in_what_was_imported(name: str, tmp_path: Path) 
 def test_two_commands_to_the_verdict(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write = SOURCES.get(name) or FORMATS[name]
     out = tmp_path / "run.csv"
-    assert (
-        run(capsys, "import", *write(original(5000 if name == "two clocks" else 2500), tmp_path), "--out", out)[0] == 0
-    )
+    sources = write(original(5000 if name == "two clocks" else 2500), tmp_path)
+    code, text, _ = run(capsys, "import", *sources, "--out", out, "--json")
+    assert code == 0
+    if name == "two clocks":  # 37 ms between them, and 3 samples lost
+        offset = json.loads(text)["offset"]
+        assert offset["interval"][0] < 0.037 < offset["interval"][1]
+        assert abs(np.mean(offset["interval"]) - 0.037) < 0.002
     code, text, _ = run(capsys, "diagnose", out, "--workers", "1", "--json")
     found = json.loads(text)
     assert code == 0
