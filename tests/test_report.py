@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import re
 from base64 import b64decode
 from dataclasses import replace
@@ -9,6 +11,7 @@ from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import cast
+from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
@@ -34,6 +37,7 @@ from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum
 from truewrench.plots.residuals.time_series_plot import running_mean
 from truewrench.report import report_page, write_report
 from truewrench.report.effect_row import effect_row
+from truewrench.report.zoom.plotly_script import script_hash
 from truewrench.simulated_rig import (
     BiasDrift,
     CentreOfMassOffset,
@@ -105,6 +109,8 @@ class Page(HTMLParser):
         super().__init__()
         self.open: list[str] = []
         self.references: list[str] = []
+        self.scripts: list[tuple[str, str]] = []
+        self.policy = ""
         self.words: list[str] = []
         self.headline = ""
         self.feed(html)
@@ -112,6 +118,12 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.references += [v or "" for k, v in attrs if k in ("src", "href", "srcset", "action", "data", "poster")]
+        known = {k: v or "" for k, v in attrs}
+        if tag == "script":
+            assert set(known) <= {"type", "id"}
+            self.scripts.append((known.get("type", ""), ""))
+        if known.get("http-equiv") == "Content-Security-Policy":
+            self.policy = known["content"]
         if tag not in VOID:
             self.open.append(tag)
 
@@ -119,6 +131,9 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] == "script":
+            self.scripts[-1] = (self.scripts[-1][0], self.scripts[-1][1] + data)
+            return
         self.words.append(data)
         if self.open and self.open[-1] == "h1":
             self.headline += data
@@ -141,18 +156,35 @@ def test_page(case: str) -> None:
 
 def is_whole_and_fetches_nothing(html: str, parsed: Page) -> None:
     assert parsed.open == []
-    assert re.search(r"https?:|url\(|@import|<script|<link|<iframe", html) is None
+    written = re.sub(r'src="data:[^"]*"', "", html)  # of the pictures every link is looked at below
+    assert re.search(r"https?:|url\(|@import|<script[^>]*src|<link|<iframe", written) is None
+    runs_only_its_own_script(parsed)
     pictures = [r for r in parsed.references if not r.startswith("#")]
     assert len(pictures) >= 5
     for source in pictures:
         kind, data = source.split(",", 1)
-        assert kind == "data:image/svg+xml;base64"
-        drawn = ElementTree.fromstring(b64decode(data))
+        assert kind == "data:image/svg+xml"
+        drawn = ElementTree.fromstring(unquote(data))
         links = [v for e in drawn.iter() for k, v in e.attrib.items() if k.endswith("href")]
         assert all(v.startswith("#") for v in links)
     anchors = {r.removeprefix("#") for r in parsed.references if r.startswith("#")}
     assert anchors <= set(re.findall(r'id="([^"]+)"', html))
     assert len(html) < 5e6
+
+
+def runs_only_its_own_script(parsed: Page) -> None:
+    """One script runs, known to the page's policy by its hash; the others are data: figures, and plotly.js packed."""
+    (script,) = (text for kind, text in parsed.scripts if not kind)
+    assert f"'{script_hash(script)}'" in parsed.policy
+    assert "default-src 'none'" in parsed.policy
+    assert "unsafe-eval" not in parsed.policy
+    (packed,) = (text for kind, text in parsed.scripts if kind == "text/plain")
+    assert "plotly.js v" in gzip.decompress(b64decode(packed)).decode()[:200]
+    figures = [json.loads(text) for kind, text in parsed.scripts if kind == "application/json"]
+    assert len(figures) >= 3
+    for figure in figures:
+        lengths = {len(b64decode(t[axis]["bdata"])) for t in figure["data"] for axis in "xy" if t["name"] != "noise"}
+        assert all(length > 0 and length % 4 == 0 for length in lengths)
 
 
 def shows_units_and_no_broken_numbers(parsed: Page) -> None:
@@ -173,13 +205,28 @@ def names_effect_size_and_advice(diagnosis: Diagnosis, html: str, parsed: Page) 
     assert "other.csv, validation" in parsed.text
     # In the verdict, and beside the recording's pictures.
     assert parsed.text.count("other.csv has a recording-specific drift: fx by") == 2
-    folded = html.split("<details", 1)[1].split("</details>")[0]
+    describes_the_effect(html, parsed)
+    folded = html.split("effects, not added" if "effects, not added" in html else "others, not added")[1]
+    folded = folded.split("</table>")[0]
     assert com_offset.title in folded
+    assert "Rejected, because" in folded
     assert viscous_drag.title not in folded
     # What users called their things is text, never markup.
     assert HOSTILE in parsed.text
     assert RIG.name in parsed.text
     assert "<b>tool" not in html
+
+
+def describes_the_effect(html: str, parsed: Page) -> None:
+    """Sketch, equations and the meaning of the parameters, and both models' estimates."""
+    card = html.split('<article class="card">')[1].split("</article>")[0]
+    assert '<svg class="sketch"' in card
+    equations = [ElementTree.fromstring(e) for e in re.findall(r"<math.*?</math>", card, re.DOTALL)]
+    assert len(equations) == 3  # of the planar channels
+    assert "force for each unit of speed" in parsed.text
+    assert "No other candidate effect is confusable" in parsed.text
+    assert "95 % interval" in parsed.text
+    assert "change in std" in parsed.text
 
 
 def says_where_it_lives(diagnosis: Diagnosis, _html: str, parsed: Page) -> None:
@@ -224,7 +271,7 @@ def test_many_parameters_unfold_the_surest_first() -> None:
 
 
 def test_written_file_is_renamed_into_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truewrench.report.report_html.report_page", lambda _diagnosis: "<p>é</p>")
+    monkeypatch.setattr("truewrench.report.report_html.report_page", lambda *_: "<p>é</p>")
     target = tmp_path / "new" / "report.html"
     assert write_report(ANY, target) == target
     assert target.read_text(encoding="utf-8") == "<p>é</p>"
@@ -232,7 +279,7 @@ def test_written_file_is_renamed_into_place(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_failed_report_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(_diagnosis: Diagnosis) -> str:
+    def broken(*_: object) -> str:
         raise RuntimeError
 
     target = tmp_path / "report.html"

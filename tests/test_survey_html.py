@@ -127,7 +127,7 @@ def test_hostile_file_name_stays_text(page: Page) -> None:
 
 
 def test_page_fetches_nothing_and_runs_its_own_script_alone(page: Page) -> None:
-    assert all(reference.startswith("data:image/svg+xml;base64,") for reference in page.references)
+    assert all(reference.startswith("data:image/svg+xml,") for reference in page.references)
     ((attributes, script),) = [s for s in page.scripts if "type" not in s[0]]
     assert attributes == {}
     own = b64encode(sha256(script.encode()).digest()).decode()

@@ -9,6 +9,7 @@ import argparse
 import atexit
 import gc
 import os
+import shlex
 import sys
 import traceback
 import warnings
@@ -92,6 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _prepare(as_program=argv is None)
     try:
         arguments = parser().parse_args(argv)
+        arguments.typed = shlex.join(["truewrench", *(sys.argv[1:] if argv is None else argv)])
         arguments.run(arguments)
         sys.stdout.flush()
     except TruewrenchError as error:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimation.recordings.recording import Recording
+    from truewrench.report.provenance import Provenance
 
 Subcommands = argparse._SubParsersAction  # argparse has no public name for what add_subparsers returns
 
@@ -33,6 +34,27 @@ def add_no_period(command: argparse.ArgumentParser) -> None:
 def add_custom_effects(command: argparse.ArgumentParser) -> None:
     """Add the option for a file of custom effects."""
     command.add_argument("--effects", type=Path, metavar="FILE", help="custom effects, formulas in TOML")
+
+
+def add_report(command: argparse.ArgumentParser) -> None:
+    """Add the folder of a report."""
+    text = "folder for report.html, self-contained and zoomable, and report.md, for an issue or a lab book"
+    command.add_argument("--report", type=Path, metavar="DIR", help=text)
+
+
+def require_report_folder(arguments: argparse.Namespace) -> None:
+    """Check before any work that the report can be written; InputError otherwise."""
+    if arguments.report is not None:
+        from truewrench.files.output import require_writable_folder
+
+        require_writable_folder(arguments.report)
+
+
+def provenance_of(arguments: argparse.Namespace, *files: str | Path | None) -> Provenance:
+    """What a report says about itself: the command as typed, and the files that it read."""
+    from truewrench.report.provenance import Provenance
+
+    return Provenance.now(getattr(arguments, "typed", ""), [file for file in files if file is not None])
 
 
 MAX_WORKERS = 1000

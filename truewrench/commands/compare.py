@@ -6,7 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from truewrench.command_options.options import Subcommands, print_result
+from truewrench.command_options.options import (
+    Subcommands,
+    add_report,
+    print_result,
+    provenance_of,
+    require_report_folder,
+)
 
 
 def add_to(commands: Subcommands[Any]) -> None:
@@ -19,17 +25,19 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("models", nargs="+", metavar="MODEL.json", help="model files of `fit --out`, `diagnose --out`")
     text = "recordings (CSV or Parquet) of the same rig and tool, best of a motion that no model was fitted to"
     command.add_argument("--on", nargs="+", required=True, metavar="REC", help=text)
+    add_report(command)
     command.add_argument("--json", action="store_true", help="print the comparison as JSON alone")
     command.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Compare, and print tables."""
+    """Compare, write the report, print tables."""
     from diagnosis.comparison.model_comparison import compare_models
     from truewrench.files.data_set import file_labels, read_recordings, require_different
     from truewrench.files.model_file import ModelFile
     from truewrench.files.output import progress_line
 
+    require_report_folder(arguments)
     paths = [Path(path) for path in arguments.models]
     require_different(paths, "the model is given twice")
     models = {label: ModelFile.read(path) for label, path in zip(file_labels(paths), paths, strict=True)}
@@ -38,4 +46,11 @@ def run(arguments: argparse.Namespace) -> None:
     with progress_line() as progress:
         progress("compare")
         found = compare_models(models, recordings)
-    print_result(arguments, lambda: found, found.to_data)
+    written = []
+    if arguments.report is not None:
+        from truewrench.report.comparison_report import comparison_report
+        from truewrench.report.report_files import write_report_files
+
+        provenance = provenance_of(arguments, *paths, *arguments.on)
+        written = write_report_files(comparison_report(found, provenance), arguments.report)
+    print_result(arguments, lambda: found, found.to_data, written)

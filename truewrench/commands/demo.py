@@ -67,7 +67,8 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Simulate, diagnose the recordings written, compare with the truth."""
-    from truewrench.commands.diagnose import FILES, diagnosed, write
+    from truewrench.command_options.options import provenance_of
+    from truewrench.commands.diagnose import FILES, diagnosed, report_texts, write
     from truewrench.files.data_set import DataSet
     from truewrench.files.output import make_folder
     from truewrench.text.diagnosis_text import diagnosis_text
@@ -79,7 +80,8 @@ def run(arguments: argparse.Namespace) -> None:
     print("Recorded: " + ", ".join(str(out / name) for name in names), end="\n\n", flush=True)
     training, validation = str(out / TRAINING.name), str(out / VALIDATION.name)
     found = diagnosed(DataSet.read([training], validation=[validation], rig=str(out / "rig.toml")))
-    write(found, found.to_data(), out)
+    texts = report_texts(found, provenance_of(arguments, *(out / name for name in names[:3])))
+    write(found, found.to_data(), texts, out)
     print(diagnosis_text(found), end="\n\n")
     print(outcome(found, arguments.effect), end="\n\n")
     print(contact_summary(found, out), end="\n\n")

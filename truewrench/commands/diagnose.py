@@ -22,8 +22,11 @@ from truewrench.command_options.options import (
     add_no_period,
     add_recordings,
     add_repeatable,
+    add_report,
     add_workers,
     print_result,
+    provenance_of,
+    require_report_folder,
     suspicions_named,
 )
 
@@ -32,6 +35,8 @@ if TYPE_CHECKING:
     from diagnosis.diagnosis import Diagnosis
     from modeling.chain.effect import Effect
     from truewrench.files.data_set import DataSet
+    from truewrench.report.provenance import Provenance
+    from truewrench.report.report_files import ReportTexts
 
 FILES = ("report.html", "result.json", "model.json")
 
@@ -48,6 +53,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "calibration of REC, by `calibrate --out`: quoted, and p-values withheld where they do not hold"
     command.add_argument("--calibration", type=Path, metavar="FILE", help=text)
     command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
+    add_report(command)
     add_workers(command)
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
     command.set_defaults(run=run)
@@ -62,6 +68,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.out is not None:
         require_writable_folder(arguments.out)
+    require_report_folder(arguments)
     keep_freed_memory()
     case = DataSet.read(
         arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
@@ -75,10 +82,12 @@ def run(arguments: argparse.Namespace) -> None:
     found = found if calibration is None else found.calibrated(calibration)
     out = None if arguments.out is None else make_folder(arguments.out)
     data = found.to_data() | frames_data(case)
-    if out is not None:
-        write(found, data, out)
+    written = []
+    if out is not None or arguments.report is not None:
+        inputs = (arguments.rig, arguments.effects, arguments.calibration)
+        texts = report_texts(found, provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs))
+        written = write(found, data, texts, out, arguments.report)
     frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(case))
-    written = [] if out is None else [out / name for name in FILES]
     print_result(arguments, lambda: diagnosis_text(found) + frames, lambda: data, written)
 
 
@@ -113,15 +122,36 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers
     return found if case.gravity is None else replace(found, gravity=case.gravity)
 
 
-def write(found: Diagnosis, data: dict[str, Any], out: Path) -> None:
-    """Write report, result and model into a folder: all of them, or none."""
-    from truewrench.files.model_file import ModelFile
-    from truewrench.files.output import atomic_write, progress_line
-    from truewrench.report import write_report
+def report_texts(found: Diagnosis, provenance: Provenance) -> ReportTexts:
+    """The report as HTML and as Markdown."""
+    from truewrench.files.output import progress_line
+    from truewrench.report.report_html import diagnosis_report
 
-    with progress_line() as progress, ExitStack() as files:
+    with progress_line() as progress:
         progress("write the report")
-        report, result, model = (files.enter_context(atomic_write(out / name)) for name in FILES)
-        result.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        model.write_text(ModelFile.of(found.fit).to_text(), encoding="utf-8")
-        write_report(found, report)
+        return diagnosis_report(found, provenance)
+
+
+def write(
+    found: Diagnosis, data: dict[str, Any], texts: ReportTexts, out: Path | None, report: Path | None = None
+) -> list[Path]:
+    """Write report, result and model into folder `out`, and the report into folder `report`; return the files.
+
+    Of each folder all files are written, or none.
+    """
+    from truewrench.files.model_file import ModelFile
+    from truewrench.files.output import atomic_write
+    from truewrench.report.report_files import write_report_files
+
+    written = [] if report is None else write_report_files(texts, report)
+    if out is None:
+        return written
+    contents = (
+        texts.html,
+        json.dumps(data, indent=2, allow_nan=False) + "\n",
+        ModelFile.of(found.fit).to_text(),
+    )
+    with ExitStack() as files:
+        for name, text in zip(FILES, contents, strict=True):
+            files.enter_context(atomic_write(out / name)).write_text(text, encoding="utf-8")
+    return [*(out / name for name in FILES), *written]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,10 @@ from truewrench.command_options.options import (
     add_no_period,
     add_recordings,
     add_repeatable,
+    add_report,
     print_result,
+    provenance_of,
+    require_report_folder,
     suspicions_named,
 )
 
@@ -45,6 +48,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--stream", action="store_true", help=text)
     command.add_argument("--runs", action="store_true", help="print mean error and variance of every repeat")
     command.add_argument("--out", type=Path, metavar="MODEL.json", help="file for the model")
+    add_report(command)
     command.add_argument("--json", action="store_true", help="print model and residual statistics as JSON alone")
     command.set_defaults(run=run)
 
@@ -55,6 +59,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.out is not None:
         require_writable_folder(arguments.out.parent)
+    require_report_folder(arguments)
     if arguments.stream:
         run_stream(arguments)
         return
@@ -68,7 +73,21 @@ def run(arguments: argparse.Namespace) -> None:
     with suspicions_named((*case.training, *case.validation)), progress_line() as progress:
         progress("fit")
         found = fit_summary_of(model, case, constraints, robust=arguments.robust)
-    print_fit(arguments, found.fit, lambda: found.to_data(case), lambda: found.text(case, runs=arguments.runs))
+    written = [] if arguments.report is None else write_report(arguments, found, case)
+    print_fit(
+        arguments, found.fit, lambda: found.to_data(case), lambda: found.text(case, runs=arguments.runs), written
+    )
+
+
+def write_report(arguments: argparse.Namespace, found: FitSummary, case: DataSet) -> list[Path]:
+    """Write the report of --report; return its files."""
+    from truewrench.files.data_set import frame_sentences
+    from truewrench.report.fit_report import fit_report
+    from truewrench.report.report_files import write_report_files
+
+    inputs = (arguments.rig, arguments.effects, arguments.bounds, arguments.prior)
+    provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
+    return write_report_files(fit_report(found, provenance, frame_sentences(case)), arguments.report)
 
 
 def run_stream(arguments: argparse.Namespace) -> None:
@@ -80,7 +99,7 @@ def run_stream(arguments: argparse.Namespace) -> None:
     from modeling.errors import InputError
     from modeling.rig.rig import Rig
 
-    for option in ("robust", "bounds", "physical", "prior", "runs", "effects", "validate"):
+    for option in ("robust", "bounds", "physical", "prior", "runs", "effects", "validate", "report"):
         if getattr(arguments, option):
             what = "not available for a streamed log"
             raise InputError(what=what, where=f"--{option}", remedy="leave it out, or fit without --stream")
@@ -107,6 +126,7 @@ def print_fit(
     found: Fit | StreamedFit,
     data: Callable[[], dict[str, Any]],
     text: Callable[[], str],
+    report: Sequence[Path] = (),
 ) -> None:
     """Write the model file of --out, and print the fit as text or as JSON."""
     saved = None
@@ -118,7 +138,7 @@ def print_fit(
         if arguments.out is not None:
             with atomic_write(arguments.out) as path:
                 path.write_text(saved.to_text(), encoding="utf-8")
-    written = [] if arguments.out is None else [arguments.out]
+    written = [*report, *([] if arguments.out is None else [arguments.out])]
     print_result(arguments, text, lambda: (saved.to_data() if saved else {}) | data(), written)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+from markupsafe import Markup
 
 from diagnosis.verdict.finding import Finding
 from modeling.number_format import (
@@ -12,16 +14,35 @@ from modeling.number_format import (
     format_percentage,
 )
 from modeling.space import Space
+from truewrench.report.effect_card import sketch_markup
+from truewrench.text.verdict_words import EFFECT_VERDICT_LABELS, finding_sentence
 
 MAX_SHOWN_PARAMETERS = 6
 """Parameters of an effect shown; the rest is collapsed."""
 
 
 @dataclass(frozen=True)
+class ConfusableEffect:
+    """An effect that explains the recordings as well as another; `why` says how close."""
+
+    id: str
+    title: str
+    why: str
+
+
+@dataclass(frozen=True)
 class EffectRow:
-    """One candidate effect with its numbers as text; `share` is the width of the bar in per cent."""
+    """One candidate effect with its numbers as text; `share` is the width of the bar in per cent.
+
+    verdict     in words, and `reason` why, as a sentence
+    confusable  effects of which an added one is indistinguishable in these recordings
+    """
 
     finding: Finding
+    verdict: str
+    reason: str
+    sketch: Markup
+    confusable: tuple[ConfusableEffect, ...]
     p_value: str
     removed: str
     share: float
@@ -31,13 +52,17 @@ class EffectRow:
     more_detectable: tuple[FormattedQuantity, ...]
 
 
-def effect_row(finding: Finding, space: Space) -> EffectRow:
-    """Row of one effect."""
+def effect_row(finding: Finding, space: Space, findings: Sequence[Finding] = ()) -> EffectRow:
+    """Row of one effect; the other `findings` say how close those are that it is confusable with."""
     units = {p.name: p.unit for p in finding.effect.parameters(space)}
     sizes = quantities((name, e.value, e.std, e.unit) for name, e in finding.parameters.items())
     limits = [FormattedQuantity.of(n, v, units.get(n, ""), digits=2) for n, v in finding.detectable.items()]
     return EffectRow(
         finding=finding,
+        verdict=EFFECT_VERDICT_LABELS[finding.verdict],
+        reason=finding_sentence(finding),
+        sketch=sketch_markup(finding.effect),
+        confusable=tuple(_confusable(f) for f in findings if f.effect.id in finding.confusable_with),
         p_value=format_p_value(finding.p_value),
         removed=format_percentage(finding.error_removed),
         share=round(100 * min(1.0, max(0.0, finding.error_removed or 0.0)), 1),
@@ -46,6 +71,11 @@ def effect_row(finding: Finding, space: Space) -> EffectRow:
         detectable=tuple(limits[:MAX_SHOWN_PARAMETERS]),
         more_detectable=tuple(limits[MAX_SHOWN_PARAMETERS:]),
     )
+
+
+def _confusable(finding: Finding) -> ConfusableEffect:
+    close = finding.reason.partition("(")[2].removesuffix(")")
+    return ConfusableEffect(finding.effect.id, finding.effect.title, close)
 
 
 def quantities(estimates: Iterable[tuple[str, float | None, float, str]]) -> list[FormattedQuantity]:

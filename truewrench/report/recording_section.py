@@ -22,6 +22,12 @@ from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum_
 from truewrench.plots.residuals.time_series_plot import time_series_figure
 from truewrench.plots.svg_image import SvgImage, svg_image
 from truewrench.report.compared_models import compared_models
+from truewrench.report.zoom.zoomable_figure import (
+    ZoomableFigure,
+    points_of_line,
+    zoomable_series,
+    zoomable_spectrum,
+)
 
 MAX_MAP_VARIABLES = 6
 """Variables of the residual maps of a channel: those that explain most of its residual."""
@@ -29,43 +35,54 @@ MAX_MAP_VARIABLES = 6
 
 @dataclass(frozen=True)
 class RecordingSection:
-    """Figures of one recording; `disturbances` are sentences on its recording-specific disturbances."""
+    """Figures of one recording; `disturbances` are sentences on its recording-specific disturbances.
+
+    zoomable, zoomable_spectra   drawn at a reader's request: a figure for each of `series`, a spectrum by channel
+    """
 
     name: str
     facts: str
     fitted: bool
     repeats: bool
     series: tuple[SvgImage, ...]
+    zoomable: tuple[ZoomableFigure, ...] = ()
+    zoomable_spectra: tuple[tuple[str, ZoomableFigure], ...] = ()
     nonperiodic: SvgImage | None = None
     maps: tuple[SvgImage, ...] = ()
     spectrum: SvgImage | None = None
     disturbances: tuple[str, ...] = ()
 
 
-def fitted_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
-    """A section for each fitted recording."""
-    return [fitted_section(diagnosis, i) for i in range(len(diagnosis.steps[0].training))]
+Sides = Sequence[LabelledComparison]
 
 
-def fitted_section(diagnosis: Diagnosis, number: int) -> RecordingSection:
-    """Time series, residual maps and spectrum of one fitted recording."""
-    sides = compared_models(diagnosis, number)
+def line_count(recordings: Sequence[Sides]) -> int:
+    """Lines of all zoomable series, which share the numbers of a report."""
+    return sum(len(sides[0].recording.channels) * (2 + 2 * len(sides)) for sides in recordings)
+
+
+def full_section(sides: Sides, tolerance: Mapping[str, float], points: int) -> RecordingSection:
+    """Time series, residual maps and spectrum of one recording; `points` of each zoomable line."""
     recording = sides[0].recording
     periodic = recording.repeats > 1 and recording.continuous and not recording.at_rest
     alt = "Amplitude spectrum of the residual, per channel."
     return replace(
-        _section(sides, fitted=True),
-        maps=_map_images(sides, diagnosis.tolerance),
+        short_section(sides, points, fitted=True),
+        maps=_map_images(sides, tolerance),
         spectrum=None if recording.at_rest else svg_image(residual_spectrum_figure(sides), alt),
+        zoomable_spectra=()
+        if recording.at_rest
+        else tuple((name, zoomable_spectrum(sides, i)) for i, name in enumerate(recording.channels)),
         nonperiodic=_nonperiodic_residual_image(sides) if periodic else None,
     )
 
 
-def _section(sides: Sequence[LabelledComparison], *, fitted: bool) -> RecordingSection:
+def short_section(sides: Sides, points: int, *, fitted: bool) -> RecordingSection:
     """Facts and time series of a recording."""
     recording = sides[0].recording
     repeats, series = recording.repeats > 1, _series_images(sides)
-    return RecordingSection(recording.name, recording_facts(recording), fitted, repeats, series)
+    zoomable = tuple(zoomable_series(sides, i, points) for i in range(len(recording.channels)))
+    return RecordingSection(recording.name, recording_facts(recording), fitted, repeats, series, zoomable)
 
 
 def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage:
@@ -77,11 +94,19 @@ def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage
     )
 
 
-def held_out_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
-    """A section for each validation recording, with its recording-specific disturbances."""
-    compared = [compared_models(diagnosis, i, held_out=True) for i in range(len(diagnosis.steps[0].validation))]
-    own = [tuple(str(o) for o in diagnosis.disturbances if o.recording is sides[0].recording) for sides in compared]
-    return [replace(_section(s, fitted=False), disturbances=o) for s, o in zip(compared, own, strict=True)]
+def diagnosis_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
+    """A section for each fitted recording, then for each validation one, with its recording-specific disturbances."""
+    fitted = [compared_models(diagnosis, i) for i in range(len(diagnosis.steps[0].training))]
+    held_out = [compared_models(diagnosis, i, held_out=True) for i in range(len(diagnosis.steps[0].validation))]
+    points = points_of_line(line_count([*fitted, *held_out]))
+    own = [tuple(str(o) for o in diagnosis.disturbances if o.recording is sides[0].recording) for sides in held_out]
+    return [
+        *(full_section(sides, diagnosis.tolerance, points) for sides in fitted),
+        *(
+            replace(short_section(sides, points, fitted=False), disturbances=disturbances)
+            for sides, disturbances in zip(held_out, own, strict=True)
+        ),
+    ]
 
 
 def _series_images(sides: Sequence[LabelledComparison]) -> tuple[SvgImage, ...]:

@@ -15,6 +15,14 @@ RECORD_VERDICT_LABELS = {
     RecordVerdict.PARTLY_EXPLAINED: "Partly explained",
     RecordVerdict.UNEXPLAINED: "Unexplained",
 }
+EFFECT_VERDICT_LABELS = {
+    EffectVerdict.SUPPORTED: "added",
+    EffectVerdict.CONFUSABLE: "indistinguishable",
+    EffectVerdict.NEGLIGIBLE: "negligible",
+    EffectVerdict.NOT_EXCITED: "not excited",
+    EffectVerdict.NOT_SUPPORTED: "rejected",
+}
+"""What a report calls the verdict on an effect."""
 NOISE_SOURCES = {
     NoiseSource.REPEATS: "measured from {repeats} repeats",
     NoiseSource.RIG: "as stated in the rig file; no repeats",
@@ -40,6 +48,15 @@ def verdict_headline(diagnosis: Diagnosis) -> str:
     if missing:
         return f"Significant residual; adding {missing} removes less than half of the systematic error"
     return "Significant residual, and no candidate effect explains it"
+
+
+def finding_sentence(finding: Finding) -> str:
+    """Why an effect has its verdict, as a sentence; empty for an added one."""
+    if finding.reason:
+        return f"{finding.reason[0].upper()}{finding.reason[1:]}."
+    if finding.verdict is EffectVerdict.NOT_SUPPORTED:
+        return "Rejected, because it is not significant: what it would explain is within the noise."
+    return ""
 
 
 def fixed_point_sentence(finding: Finding) -> str:

@@ -1,0 +1,83 @@
+"""Report of a fit: whether the model fits, its parameters, and its residual on every recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.verdict.upper_limit import channel_tolerance
+from modeling.significance import LEVELS
+from modeling.table import Column, Table
+from truewrench.plots.residuals.labelled_comparison import LabelledComparison
+from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
+from truewrench.report.effect_card import effect_cards
+from truewrench.report.page_templates import html_page, markdown_page
+from truewrench.report.parameter_changes import ParameterChanges
+from truewrench.report.provenance import Provenance
+from truewrench.report.recording_section import RecordingSection, full_section, line_count, short_section
+from truewrench.report.report_files import ReportTexts
+from truewrench.report.zoom.zoomable_figure import points_of_line
+from truewrench.text.fit_summary import FitSummary
+
+
+def fit_report(summary: FitSummary, provenance: Provenance, frames: Sequence[str] = ()) -> ReportTexts:
+    """The report as HTML and as Markdown; `frames` are sentences on what the data decided of frames."""
+    values = _values(summary, provenance) | {"notes": [*frames, *summary.fit.remarks()]}
+    return ReportTexts(html_page("fit.html", values), markdown_page("fit.md", values))
+
+
+def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:
+    fit = summary.fit
+    rig = fit.recordings[0].rig
+    headline, _, remark = summary.headline().partition(": ")
+    return {
+        "title": f"Fit: {', '.join(r.name for r in fit.recordings)}",
+        "rig": "" if rig is None else rig.name,
+        "provenance": provenance,
+        "kind": "unexplained" if summary.misfitting else "explained",
+        "symbol": "?" if summary.misfitting else "✓",
+        "headline": headline,
+        "remark": f"{remark[:1].upper()}{remark[1:]}",
+        "errors": _error_table(summary),
+        "parameters": ParameterChanges(None, fit),
+        "cards": effect_cards(fit),
+        "recordings": _sections(summary),
+    }
+
+
+def _error_table(summary: FitSummary) -> Table:
+    """RMS, noise floor and systematic error of each channel of each recording."""
+    sizes = (Column(name, format=".3g") for name in ("residual (RMS)", "noise floor", "systematic (RMS)"))
+    measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format="p"))
+    rows: list[tuple[Any, ...]] = []
+    for label, compared in (("fitted", summary.comparisons), ("validation", summary.validation)):
+        rows += [row for c in compared for row in _error_rows(c, label)]
+    return Table.of(("recording", "channel", *sizes, *measures), rows)
+
+
+def _error_rows(comparison: Comparison, label: str) -> list[tuple[Any, ...]]:
+    systematic, name = comparison.explainable_rms or {}, comparison.recording.name
+    units = comparison.space.channel_units
+    rows: list[tuple[Any, ...]] = [
+        (f"{name} ({label})", f"{c} [{units[c]}]", rms, comparison.noise_floor[c], systematic.get(c), None, None)
+        for c, rms in comparison.rms.items()
+    ]
+    rows[0] = (*rows[0][:-2], comparison.misfit, comparison.lack_of_fit)
+    return rows
+
+
+def _sections(summary: FitSummary) -> list[RecordingSection]:
+    fitted = [[_side(c)] for c in summary.comparisons]
+    held_out = [[_side(c)] for c in summary.validation]
+    points = points_of_line(line_count([*fitted, *held_out]))
+    tolerance, _ = channel_tolerance(summary.fit)
+    return [
+        *(full_section(sides, tolerance, points) for sides in fitted),
+        *(short_section(sides, points, fitted=False) for sides in held_out),
+    ]
+
+
+def _side(comparison: Comparison) -> LabelledComparison:
+    colour = ADEQUATE_COLOUR if comparison.lack_of_fit >= LEVELS.effect else MISFIT_COLOUR
+    return LabelledComparison("the fitted model", colour, comparison)

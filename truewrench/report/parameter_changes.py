@@ -1,0 +1,99 @@
+"""Parameters before and after: the estimates of two fits, with interval, change and correlation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from estimation.fit import Fit
+from estimation.least_squares.estimates import Estimate
+from modeling.number_format import NO_VALUE, format_number, format_unit, format_with_std
+from modeling.table import Column, Table
+
+MOST_CORRELATED = 14
+"""Parameters in the matrix of correlations: those most correlated with another one."""
+NOTABLE = 0.5
+"""A correlation from which a table names the other parameter."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterChanges:
+    """Estimates of a fit, with those of an earlier model, None without."""
+
+    before: Fit | None
+    after: Fit
+
+    @property
+    def table(self) -> Table:
+        """Value ± std in each model, 95 % interval, and the parameter that each is most correlated with."""
+        intervals = self.after.intervals()
+        ends = dict(zip(self.after.parameters, zip(intervals.low, intervals.high, strict=True), strict=True))
+        earlier = {} if self.before is None else self.before.parameters
+        partners = self.partners
+        rows = []
+        for name in dict.fromkeys((*self.after.parameters, *earlier)):
+            first, last = earlier.get(name), self.after.parameters.get(name)
+            unit = format_unit(next(e.unit for e in (last, first) if e is not None))
+            cells = [_text(last), _interval(*ends[name]) if last else NO_VALUE, partners.get(name, "")]
+            if self.before is not None:
+                cells = [_text(first), cells[0], _change(first, last), *cells[1:]]
+            rows.append((name, unit, *cells))
+        shown = ("estimate",) if self.before is None else ("before", "after", "change in std")
+        level = f"{intervals.level:.0%} interval".replace("%", " %")
+        return Table.of((Column("parameter"), Column("unit"), *shown, level, "most correlated with"), rows)
+
+    @property
+    def partners(self) -> Mapping[str, str]:
+        """The parameter that each one is most correlated with, where that is notable."""
+        names, correlation = self._correlation()
+        found = {}
+        for row, name in enumerate(names):
+            other = int(np.argmax(np.abs(correlation[row])))
+            if abs(correlation[row, other]) >= NOTABLE:
+                found[name] = f"{names[other]} ({_signed(correlation[row, other])})"
+        return found
+
+    @property
+    def correlation_table(self) -> Table:
+        """Correlation coefficients of the estimates of the later fit, the most correlated ones alone where many."""
+        names, correlation = self._correlation()
+        largest = np.abs(correlation).max(axis=0, initial=0.0)
+        chosen = np.sort(np.argsort(-largest, kind="stable")[:MOST_CORRELATED])
+        columns = (Column("parameter"), *(Column(names[i]) for i in chosen))
+        rows = [(names[i], *("1" if i == j else _signed(correlation[i, j]) for j in chosen)) for i in chosen]
+        return Table.of(columns, rows)
+
+    def _correlation(self) -> tuple[list[str], np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
+        """Names and coefficients of the parameters that are estimated; the diagonal is zero."""
+        frame = self.after.correlation
+        names = [str(n) for n in frame.index if isfinite(frame.loc[n, n])]
+        matrix = np.nan_to_num(frame.loc[names, names].to_numpy(dtype=np.float64, copy=True))
+        np.fill_diagonal(matrix, 0.0)
+        return names, matrix
+
+
+def _text(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return NO_VALUE
+    return format_with_std(estimate.value, estimate.std) + (" (fixed)" if estimate.std == 0 else "")
+
+
+def _interval(low: float, high: float) -> str:
+    if not isfinite(low) or low == high:
+        return NO_VALUE
+    digits = max(3, int(np.ceil(np.log10(max(abs(low), abs(high)) / (high - low)))) + 2)
+    return f"{format_number(low, digits)} to {format_number(high, digits)}"
+
+
+def _change(first: Estimate | None, last: Estimate | None) -> str:
+    """In stds of the earlier model."""
+    if first is None or last is None or not isfinite(first.std) or first.std == 0:
+        return NO_VALUE
+    return f"{(last.value - first.value) / first.std:+.1f}".replace("-", "−")
+
+
+def _signed(value: float) -> str:
+    return f"{value:.2f}".replace("-", "−")

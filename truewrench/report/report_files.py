@@ -1,0 +1,31 @@
+"""Files of a report: one folder with HTML, for reading, and Markdown, for an issue or a lab book."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from truewrench.files.output import atomic_write, make_folder
+
+REPORT_FILES = ("report.html", "report.md")
+
+
+@dataclass(frozen=True)
+class ReportTexts:
+    """A report as a self-contained HTML page, and as Markdown without pictures."""
+
+    html: str
+    markdown: str
+
+
+def write_report_files(texts: ReportTexts, folder: str | Path) -> list[Path]:
+    """Write both files into a folder, or none; return their paths.
+
+    Raises InputError when they cannot be written.
+    """
+    paths = [make_folder(Path(folder)) / name for name in REPORT_FILES]
+    with ExitStack() as files:
+        for path, text in zip(paths, (texts.html, texts.markdown), strict=True):
+            files.enter_context(atomic_write(path)).write_text(text, encoding="utf-8")
+    return paths
