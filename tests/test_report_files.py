@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from hashlib import sha256
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
+from markupsafe import Markup
 
 from modeling.table import Column, Table
 from truewrench.command_line import main
+from truewrench.report.effect_card import EffectCard
 from truewrench.report.markdown import markdown_table, markdown_text
+from truewrench.report.page_templates import page_templates
 from truewrench.report.provenance import InputFile, Provenance
 from truewrench.report.zoom.zoomable_figure import ZoomableFigure, kept_samples
 
@@ -167,3 +172,15 @@ def test_a_report_that_cannot_be_written_is_said_before_the_work(
     for command in (["fit", "gone.csv"], ["diagnose", "gone.csv"], ["compare", "gone.json", "--on", "gone.csv"]):
         assert main([*command, "--report", str(taken)]) == 2
         assert "is not a folder" in capsys.readouterr().err
+
+
+@given(st.one_of(TEXT, MARKUP), st.one_of(TEXT, MARKUP))
+def test_text_of_an_effects_file_is_never_markup(title: str, stated: str) -> None:
+    """A custom effect's words in its card: shown as they are, no element more than with plain words."""
+    table = Table.of(("parameter", "what it is"), [(title, stated)])
+    card = EffectCard("mine", title, stated, stated, Markup(), (), "", table)
+    macros: Any = page_templates().get_template("macros.html").module
+    page, plain = (Seen(str(macros.effect_card(c))) for c in (card, replace(card, title="x", stated="y")))
+    assert page.tags == plain.tags
+    assert page.text.count(title) >= 2
+    assert page.text.count(stated) >= 2
