@@ -24,7 +24,14 @@ MODELS = {
 }
 CASES = [(effect, space) for space in Space for effect in catalogue(space)]
 DESCRIBED = [(e, s) for e, s in CASES if s is Space.PLANE or not e.needs_joints]
-ADDED = [(i, s) for s in Space for i in ("viscous_drag", "quadratic_drag", "coulomb_friction")]
+ADDED = [
+    ("viscous_drag", Space.PLANE),
+    ("quadratic_drag", Space.PLANE),
+    ("coulomb_friction", Space.PLANE),
+    ("viscous_drag", Space.SPACE),
+    ("coulomb_friction", Space.SPACE),
+    pytest.param("quadratic_drag", Space.SPACE, marks=pytest.mark.long),
+]
 
 
 def case_name(value: object) -> str:

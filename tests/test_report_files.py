@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from markupsafe import Markup
@@ -174,6 +174,7 @@ def test_a_report_that_cannot_be_written_is_said_before_the_work(
         assert "is not a folder" in capsys.readouterr().err
 
 
+@settings(max_examples=30)
 @given(st.one_of(TEXT, MARKUP), st.one_of(TEXT, MARKUP))
 def test_text_of_an_effects_file_is_never_markup(title: str, stated: str) -> None:
     """A custom effect's words in its card: shown as they are, no element more than with plain words."""

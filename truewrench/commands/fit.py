@@ -74,9 +74,7 @@ def run(arguments: argparse.Namespace) -> None:
         progress("fit")
         found = fit_summary_of(model, case, constraints, robust=arguments.robust)
     written = [] if arguments.report is None else write_report(arguments, found, case)
-    print_fit(
-        arguments, found.fit, lambda: found.to_data(case), lambda: found.text(case, runs=arguments.runs), written
-    )
+    print_fit(arguments, found.fit, lambda: found.to_data(case), lambda: found.text(case, runs=arguments.runs), written)
 
 
 def write_report(arguments: argparse.Namespace, found: FitSummary, case: DataSet) -> list[Path]:
