@@ -9,14 +9,13 @@ from html import escape
 from itertools import zip_longest
 from math import isfinite
 from textwrap import wrap
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from modeling.number_format import NO_VALUE, format_unit, plain_number, typeset_number
 from modeling.presenter import presenter
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 MOST_LINES = 38
 """Of the `repr` of a result; `print` shows all."""
@@ -188,8 +187,10 @@ class Tabular(ABC):
         """The result as text, with everything worth knowing about it."""
         return presenter().summary(self)
 
-    def plot(self, *, kind: str | None = None, channel: str | None = None) -> Figure:
-        """The result as a figure of matplotlib.
+    def plot(
+        self, *, kind: str | None = None, channel: str | None = None, backend: str = "matplotlib", ax: Any = None
+    ) -> Any:
+        """The result as a figure, of matplotlib for print or of plotly for zooming; both show the same numbers.
 
         Parameters
         ----------
@@ -197,19 +198,23 @@ class Tabular(ABC):
             What to draw, where there are several kinds of figures; a wrong one is answered by those there are.
         channel : str, optional
             Channel of a figure of one channel, by default the worst.
+        backend : str, optional
+            "matplotlib", the default, or "plotly".
+        ax : matplotlib.axes.Axes, or a sequence of them, optional
+            Axes to draw on, by default a figure of its own: one gets the main panel, as many as there are panels get
+            all.
 
         Returns
         -------
-        matplotlib.figure.Figure
-            Shown by a notebook; `figure.savefig("file.png")` writes it.
+        matplotlib.figure.Figure or plotly.graph_objects.Figure
+            Shown by a notebook; `figure.savefig("file.png")`, or of plotly `figure.write_html("file.html")`, writes it.
 
         Raises
         ------
         InputError
-            For a result without a figure, and an unknown kind or channel.
+            For a result without a figure, and an unknown kind, channel, backend or axes.
         """
-        figure: Figure = presenter().plot(self, kind=kind, channel=channel)
-        return figure
+        return presenter().plot(self, kind=kind, channel=channel, backend=backend, ax=ax)
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.printed()))

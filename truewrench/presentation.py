@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from diagnosis.diagnosis import Diagnosis
 from estimation.fit import Fit
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-def plot(result: Any, *, kind: str | None = None, channel: str | None = None) -> Figure:
-    """The result as a figure."""
+def plot(
+    result: Any,
+    *,
+    kind: str | None = None,
+    channel: str | None = None,
+    backend: str = "matplotlib",
+    ax: Any = None,
+) -> Any:
+    """The result as a figure of matplotlib or plotly."""
     from truewrench.plots.result_figure import result_figure  # loads matplotlib
 
-    return result_figure(result, kind=kind, channel=channel)
+    return result_figure(result, kind=kind, channel=channel, backend=backend, ax=ax)
 
 
 def summary(result: Any) -> str:

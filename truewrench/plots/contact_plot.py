@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from estimation.contact.contact_wrench import ContactWrench
+from modeling.errors import InputError, quoted, suggestion
 from modeling.number_format import axis_label
-from truewrench.plots.style import INK, LEGEND, MUTED, QUIET_NOISE, SMALL, PanelGrid, label_y_axis, panel_title
+from truewrench.plots.charts.chart import Band, Chart, Level, Line, Mark, Panel, Span
+from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
+from truewrench.plots.style import HELD_OUT, INK, QUIET_NOISE
 
 Array = NDArray[np.float64]
 
@@ -27,42 +29,66 @@ class LabelledContact:
 
 
 def contact_figure(sides: Sequence[LabelledContact], true: Array | None = None) -> Figure:
+    """Contact wrench averaged over the repeats, a column per model, a row per component, with the `true` one (n, p)."""
+    return matplotlib_figure(contact_chart(sides, true))
+
+
+def contact_chart(sides: Sequence[LabelledContact], true: Array | None = None, component: str | None = None) -> Chart:
     """Contact wrench averaged over the repeats, a column per model, a row per component, with the `true` one (n, p).
 
-    The band is ± 2 std of the noise of that mean; a line outside it is model error.
+    The band is ± 2 std of the noise of that mean; a line outside it is contact or model error. Detected contact is
+    shaded in a single run. Models share the scale of a component. A single axes shows `component`, by default the one
+    with the largest force.
     """
-    names, space = sides[0].contact.names, sides[0].contact.space
-    sheet = PanelGrid(rows=len(names), columns=len(sides), panel_height=110, between_rows=14, top=48)
-    figure, panels = sheet.panels(sharex=True, sharey="row")
-    for column, side in enumerate(sides):
-        panel_title(panels[0, column], side.label, side.colour)
-        for row in range(len(names)):
-            _panel(panels[row, column], side, row, true)
-        panels[-1, column].set_xlabel(_time_label(side.contact))
-    for row, (name, unit) in enumerate(zip(names, space.units, strict=True)):
-        label_y_axis(panels[row, 0], axis_label(name, unit))
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, **LEGEND, ncols=4, loc="upper left", bbox_to_anchor=(sheet.left / sheet.width, 1.0))
-    return figure
+    names = sides[0].contact.names
+    count = len(names)
+    rows = tuple(tuple(_panel(side, row, true, last=row == count - 1) for side in sides) for row in range(count))
+    if component is not None and component not in names:
+        remedy = suggestion(component, names)
+        raise InputError(what=f"no component is {quoted(component)}", where="plot", remedy=remedy)
+    forces = [i for i, unit in enumerate(sides[0].contact.space.units) if unit == "N"]
+    largest = max(forces, key=lambda i: float(np.abs(sides[0].contact.wrench[:, i]).max()))
+    shown = largest if component is None else names.index(component)
+    return Chart(rows=rows, row_height=110, main=(shown, len(sides) - 1), shared_x=True, shared_y=True,
+                 between_rows=14)  # fmt: skip
 
 
-def _panel(axes: Axes, side: LabelledContact, row: int, true: Array | None) -> None:
+def _panel(side: LabelledContact, row: int, true: Array | None, *, last: bool) -> Panel:
     contact = side.contact
+    name, unit = contact.names[row], contact.space.units[row]
+    note = ""
+    if true is not None:
+        error, tenth = contact.systematic_contact_error(true)[row], float(contact.floor[row]) / 10
+        note = f"error {error:.2g} {unit}" if error > tenth else f"error below {tenth:.2g} {unit}"
+    return Panel(
+        marks=tuple(_marks(contact, row, side.colour, true)),
+        title="" if row else side.label,
+        title_colour=side.colour,
+        x_label=_time_label(contact) if last else "",
+        y_label=axis_label(name, unit),
+        note=note,
+    )
+
+
+def _marks(contact: ContactWrench, row: int, colour: str, true: Array | None) -> Iterator[Mark]:
     repeats, once = contact.recording.repeats, contact.recording.samples_per_repeat
     time = contact.recording.time
     across = np.arange(once, dtype=float) if time is None else time[:once]
     base = np.zeros(once) if true is None else _mean(true[:, row], repeats)
-    noise = float(contact.floor[row] / np.sqrt(repeats))
-    axes.fill_between(across, base - 2 * noise, base + 2 * noise, color=QUIET_NOISE, lw=0, label=_noise_label(repeats))
-    axes.plot(across, _mean(contact.wrench[:, row], repeats), color=side.colour, lw=1.0, label="estimated contact")
+    noise = 2 * float(contact.floor[row] / np.sqrt(repeats))
+    label = _noise_label(repeats)
     if true is None:
-        axes.axhline(0, color=MUTED, lw=0.5)
-        return
-    axes.plot(across, base, color=INK, lw=0.9, ls=(0, (4, 2)), label="true contact")
-    error, unit = contact.systematic_contact_error(true)[row], contact.space.units[row]
-    tenth = float(contact.floor[row]) / 10
-    text = f"error {error:.2g} {unit}" if error > tenth else f"error below {tenth:.2g} {unit}"
-    axes.text(0.995, 0.93, text, transform=axes.transAxes, ha="right", va="top", color=side.colour, fontsize=SMALL)
+        yield Band(low=-noise, high=noise, colour=QUIET_NOISE, label=label)
+        yield Level(y=0)
+    else:
+        yield Band(x=across, low=base - noise, high=base + noise, colour=QUIET_NOISE, label=label)
+    for interval in contact.intervals if repeats == 1 else ():
+        start, end = contact.time_of(interval.first), contact.time_of(interval.last)
+        yield Span(start=start, end=end, colour=HELD_OUT, opacity=0.2, label="detected contact")
+    estimated = _mean(contact.wrench[:, row], repeats)
+    yield Line(x=across, y=estimated, colour=colour, width=1.0, label="estimated contact")
+    if true is not None:
+        yield Line(x=across, y=base, colour=INK, width=0.9, dashed=True, label="true contact")
 
 
 def _noise_label(repeats: int) -> str:
@@ -77,4 +103,4 @@ def _time_label(contact: ContactWrench) -> str:
     if contact.recording.at_rest:
         return "pose, in the order of recording"
     repeats = contact.recording.repeats
-    return f"time in the motion, s (mean of {repeats} repeats)" if repeats > 1 else "time, s"
+    return f"time in the motion, s (mean of {repeats} repeats)" if repeats > 1 else "time (s)"

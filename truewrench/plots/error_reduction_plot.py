@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from diagnosis.comparison.error_table import (
@@ -16,20 +14,10 @@ from diagnosis.comparison.error_table import (
     systematic_error,
     systematic_error_text,
 )
-from modeling.number_format import format_number, format_unit
-from truewrench.plots.style import (
-    ADEQUATE_COLOUR,
-    HELD_OUT,
-    INK,
-    LEGEND,
-    MISFIT_COLOUR,
-    MUTED,
-    NOISE,
-    SMALL,
-    PanelGrid,
-    label_y_axis,
-    panel_title,
-)
+from modeling.number_format import axis_label, format_number
+from truewrench.plots.charts.chart import Band, Chart, Level, Line, Mark, Panel, Points, in_rows
+from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
+from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, INK, NOISE
 from truewrench.plots.svg_image import SvgImage, svg_image
 
 COLUMNS = 3
@@ -39,31 +27,41 @@ MARKERS = "osD^vPX"
 def error_reduction_figure(
     steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]
 ) -> Figure:
+    """A panel for each channel: error over noise floor, logarithmic, for every recording; tolerance shaded."""
+    return matplotlib_figure(error_reduction_chart(steps, names, tolerance))
+
+
+def error_reduction_chart(
+    steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float], channel: str | None = None
+) -> Chart:
     """A panel for each channel: error over noise floor, logarithmic, for every recording; tolerance shaded.
 
-    `names` label the steps; the tolerance is by channel, in its unit.
+    `names` label the steps; the tolerance is by channel, in its unit. A single axes shows `channel`, by default the
+    one with the largest error of the first model.
     """
     first = steps[0].training[0]
-    channels, units = first.recording.channels, first.space.units
-    rows = -(-len(channels) // COLUMNS)
-    sheet = PanelGrid(rows=rows, columns=COLUMNS, panel_height=165, top=46, bottom=34, between_rows=34)
-    figure, panels = sheet.panels(sharex=True, sharey=True)
     shown = recording_errors(steps)
-    bottom, top = _limits(tolerance, shown)
-    for axes, channel, unit in zip(panels.flat, channels, units, strict=True):
-        panel_title(axes, f"{channel} ({format_unit(unit)})")
-        _reference_lines(axes, tolerance[channel] / max(first.noise_floor[channel], 1e-300), bottom)
-        for number, errors in enumerate(shown):
-            _draw_steps(axes, errors, channel, number, len(shown), bottom)
-        _write_errors(axes, shown[0], channel, len(shown), bottom)
-    panels[0, 0].set_yscale("log")
-    panels[0, 0].set_ylim(bottom, top)
-    panels[0, 0].set_xlim(-0.5, len(names) - 0.5)
-    panels[0, 0].set_xticks(range(len(names)), [n.replace(" ", "\n") if len(names) > 3 else n for n in names])
-    for axes in panels[:, 0]:
-        label_y_axis(axes, "error / noise floor")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), **LEGEND, ncols=4, loc="upper right", borderaxespad=0.2)
-    return figure
+    limits = _limits(tolerance, shown)
+    ticks = tuple(n.replace(" ", "\n") if len(names) > 3 else n for n in names)
+    channels = first.recording.channels
+    panels = [
+        Panel(
+            marks=tuple(_marks(shown, name, tolerance[name], limits[0])),
+            title=axis_label(name, unit),
+            x_ticks=ticks,
+            x_limits=(-0.5, len(names) - 0.5),
+            y_label="error / noise floor",
+            y_log=True,
+            y_limits=limits,
+        )
+        for name, unit in zip(channels, first.space.units, strict=True)
+    ]
+    ratio = {c: v / max(first.noise_floor[c], 1e-300) for c, v in systematic_error(first).items()}
+    main = channels.index(channel or max(ratio, key=lambda c: ratio[c]))
+    return Chart(
+        rows=in_rows(panels, COLUMNS), row_height=165, main=divmod(main, min(COLUMNS, len(panels))), shared_y=True,
+        between_rows=52 if len(names) > 3 else 40,
+    )  # fmt: skip
 
 
 def _limits(tolerance: Mapping[str, float], shown: Sequence[RecordingErrors]) -> tuple[float, float]:
@@ -74,22 +72,20 @@ def _limits(tolerance: Mapping[str, float], shown: Sequence[RecordingErrors]) ->
     return max(lowest, min(tolerances) / 10) / 2.5, 3 * max([*sizes, 1.0])
 
 
-def _reference_lines(axes: Axes, tolerance: float, bottom: float) -> None:
-    axes.axhspan(bottom / 10, tolerance, color=NOISE, lw=0, zorder=0)
-    axes.axhline(1.0, color=INK, lw=0.9, ls="--", zorder=0.5)
-    edge: dict[str, Any] = {"ha": "right", "fontsize": SMALL - 0.5, "color": MUTED, "zorder": 0.6}
-    axes.annotate("noise floor", (0.995, 1.0), (0, 2), axes.get_yaxis_transform(), "offset points", va="bottom", **edge)
-    axes.annotate(
-        "tolerance", (0.995, tolerance), (0, -2), axes.get_yaxis_transform(), "offset points", va="top", **edge
-    )
-
-
 def point_spacing(count: int) -> float:
     """Horizontal distance between the points of `count` recordings, in steps."""
     return min(0.14, 0.5 / count)
 
 
-def _draw_steps(axes: Axes, errors: RecordingErrors, channel: str, number: int, count: int, bottom: float) -> None:
+def _marks(shown: Sequence[RecordingErrors], channel: str, tolerance: float, bottom: float) -> Iterator[Mark]:
+    share = tolerance / max(shown[0].comparisons[0].noise_floor[channel], 1e-300)
+    yield Band(low=bottom / 10, high=share, colour=NOISE, label="tolerance")
+    yield Level(y=1.0, colour=INK, dashed=True, note="noise floor")
+    for number, errors in enumerate(shown):
+        yield from _recording_marks(errors, channel, number, len(shown), bottom)
+
+
+def _recording_marks(errors: RecordingErrors, channel: str, number: int, count: int, bottom: float) -> Iterator[Mark]:
     """Points of one recording, offset from the others; below the axis an arrow, the upper limit as a bar."""
     place = np.arange(len(errors.comparisons)) + (number - (count - 1) / 2) * point_spacing(count)
     floor = errors.floor(channel)
@@ -97,41 +93,15 @@ def _draw_steps(axes: Axes, errors: RecordingErrors, channel: str, number: int, 
     limit = np.array([(c.explainable_limit or systematic_error(c))[channel] for c in errors.comparisons]) / floor
     colour = ADEQUATE_COLOUR if errors.fitted else HELD_OUT
     drawn = np.maximum(ratio, bottom * 1.35)
-    axes.plot(place, drawn, color=colour, lw=1.2, alpha=0.6, zorder=2)
-    axes.vlines(place, drawn, np.maximum(limit, drawn), color=colour, lw=1.0, alpha=0.8, zorder=2)
-    style: dict[str, Any] = {
-        "color": colour,
-        "mfc": colour if errors.fitted else "white",
-        "mew": 1.4,
-        "ls": "none",
-        "zorder": 3,
-    }
-    axes.plot(
-        place,
-        np.where(ratio >= bottom, drawn, np.nan),
-        MARKERS[number % len(MARKERS)],
-        ms=6,
-        label=errors.label,
-        **style,
-    )
-    axes.plot(place, np.where(ratio < bottom, drawn, np.nan), "v", ms=6, **style)
-
-
-def _write_errors(axes: Axes, errors: RecordingErrors, channel: str, count: int, bottom: float) -> None:
-    """The error in the channel's unit next to each point of the first recording."""
-    for place, comparison in enumerate(errors.comparisons):
-        ratio = max(systematic_error(comparison)[channel] / errors.floor(channel), bottom * 1.35)
-        axes.annotate(
-            systematic_error_text(comparison, channel, 2),
-            (place - (count - 1) / 2 * point_spacing(count), ratio),
-            (-8, 0),
-            textcoords="offset points",
-            ha="right",
-            va="center",
-            bbox={"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 0.6},
-            fontsize=SMALL,
-            color=MISFIT_COLOUR if ratio > 1 else INK,
-        )
+    yield Line(x=place, y=drawn, colour=colour, width=1.2, opacity=0.6)
+    texts = [systematic_error_text(c, channel, 2) for c in errors.comparisons] if not number else []
+    for inside, symbol in ((ratio >= bottom, MARKERS[number % len(MARKERS)]), (ratio < bottom, "v")):
+        if inside.any():
+            yield Points(
+                x=place[inside], y=drawn[inside], low=drawn[inside], high=np.maximum(limit, drawn)[inside],
+                colour=colour, size=6, hollow=not errors.fitted, symbol=symbol, label=errors.label,
+                notes=tuple(text for text, keep in zip(texts, inside, strict=False) if keep),
+            )  # fmt: skip
 
 
 def error_reduction_image(

@@ -5,50 +5,104 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from design.exciting_trajectory import ExcitingTrajectory
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.model_comparison import ModelComparison, compare
 from diagnosis.comparison.residual_map import residual_maps
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.screening.suspects import Suspects
-from diagnosis.study import Study
+from diagnosis.study import Location, Study
+from estimation.confidence_intervals import Intervals
 from estimation.contact.contact_wrench import ContactWrench
 from estimation.fit import Fit
+from estimation.least_squares.estimates import Estimates
+from estimation.recordings.recording import Recording
+from estimation.recordings.reports.reading_report import ReadingReport
+from estimation.robust.robust_fit import RobustFit
 from modeling.errors import InputError, quoted, suggestion
 from modeling.significance import LEVELS
-from truewrench.plots.contact_plot import LabelledContact, contact_figure
-from truewrench.plots.error_reduction_plot import error_reduction_figure
+from modeling.table import Table, Tabular
+from truewrench.files.model_file import ModelFile
+from truewrench.plots.charts.chart import Chart
+from truewrench.plots.contact_plot import LabelledContact, contact_chart
+from truewrench.plots.error_reduction_plot import error_reduction_chart
+from truewrench.plots.motion_plot import fit_motion_chart, recording_chart, trajectory_motion_chart
+from truewrench.plots.parameters_plot import LabelledParameters, correlation_chart, parameters_chart
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
-from truewrench.plots.residuals.residual_map_plot import residual_map_figure
-from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum_figure
-from truewrench.plots.residuals.time_series_plot import time_series_figure
+from truewrench.plots.residuals.residual_map_plot import residual_map_chart
+from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum_chart
+from truewrench.plots.residuals.time_series_plot import measured_chart, time_series_chart
 from truewrench.plots.residuals.worst_channel_plot import worst_channel
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
-from truewrench.plots.suspects_plot import suspects_figure
-from truewrench.plots.trajectory.trajectory_plot import trajectory_figure
+from truewrench.plots.suspects_plot import suspects_chart
+from truewrench.plots.table_plot import table_chart
 from truewrench.text.step_names import step_names
 
 MAX_MAPS = 4
 """Residual maps side by side."""
 COLOURS = (MISFIT_COLOUR, ADEQUATE_COLOUR, HELD_OUT)
 """Of models side by side, over again after the last."""
+BACKENDS = ("matplotlib", "plotly")
+
+Draw = Callable[[Any, str | None], Any]
+"""What a kind of figure shows of a result, for a channel or None: a chart; a figure that matplotlib alone draws."""
 
 
-def result_figure(result: Any, *, kind: str | None = None, channel: str | None = None) -> Figure:
+def result_figure(
+    result: Any,
+    *,
+    kind: str | None = None,
+    channel: str | None = None,
+    backend: str = "matplotlib",
+    ax: Any = None,
+) -> Any:
     """The figure of a result; `channel` for those of one channel, by default the worst.
 
-    Raises InputError for a result without a figure, and a kind or channel that it has not.
+    Raises InputError for a result without a figure, and a kind, channel, backend or axes that it has not.
     """
+    if backend not in BACKENDS:
+        raise InputError(what=f"no backend is {quoted(backend)}", where="plot", remedy=suggestion(backend, BACKENDS))
+    figures = _figures(result)
+    if backend == "matplotlib" and ax is None:
+        return _drawn(_chosen(figures, kind)(result, channel))
+    charts = {name: draw for name, draw in figures.items() if name not in PAGES}
+    if kind in PAGES:
+        remedy = f"leave backend and ax out, or draw {' or '.join(charts)}"
+        raise InputError(what=f"{kind} is a page of matplotlib's own", where="plot", remedy=remedy)
+    chart = _chosen(charts, kind)(result, channel)
+    if backend == "plotly":
+        return _interactive(chart, ax)
+    from truewrench.plots.charts.matplotlib_chart import draw_on
+
+    return draw_on(ax, chart)
+
+
+def _drawn(found: Any) -> Any:
+    from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
+
+    return matplotlib_figure(found) if isinstance(found, Chart) else found
+
+
+def _interactive(chart: Chart, ax: Any) -> Any:
+    if ax is not None:
+        remedy = 'leave ax out, or backend="matplotlib"'
+        raise InputError(what="plotly has no axes of matplotlib", where="plot", remedy=remedy)
+    try:
+        from truewrench.plots.charts.plotly_chart import plotly_figure  # loads plotly
+    except ModuleNotFoundError:
+        raise InputError(what="plotly is not installed", where="plot", remedy="pip install plotly") from None
+    return plotly_figure(chart)
+
+
+def _figures(result: Any) -> Mapping[str, Draw]:
+    """The kinds of figures of a result, the default first: its own, or those of its table."""
     for known, figures in FIGURES.items():
         if isinstance(result, known):
-            return _chosen(figures, kind)(result, channel)
+            return figures
+    if isinstance(result, Tabular | Table):
+        return {"table": lambda found, _: table_chart(found if isinstance(found, Table) else found.table)}
     remedy = f"plot one of {', '.join(known.__name__ for known in FIGURES)}"
     raise InputError(what=f"a {type(result).__name__} has no figure", where="plot", remedy=remedy)
-
-
-Draw = Callable[[Any, str | None], Figure]
 
 
 def _chosen(figures: Mapping[str, Draw], kind: str | None) -> Draw:
@@ -62,8 +116,10 @@ def _chosen(figures: Mapping[str, Draw], kind: str | None) -> Draw:
 # ---------------------------------------------------------------------------- comparisons side by side
 
 
-def _sides(result: Fit | Comparison | ModelComparison | Diagnosis | Study) -> list[LabelledComparison]:
+def _sides(result: Fit | Comparison | Location | ModelComparison | Diagnosis | Study) -> list[LabelledComparison]:
     """What is drawn side by side: models on the first recording."""
+    if isinstance(result, Location):
+        result = result.comparison
     if isinstance(result, Fit | Comparison):
         found = compare(result) if isinstance(result, Fit) else result
         adequate = found.lack_of_fit >= LEVELS.effect
@@ -93,32 +149,88 @@ def _channel(sides: Sequence[LabelledComparison], channel: str | None) -> int:
     return channels.index(channel)
 
 
-def _residual(result: Any, channel: str | None) -> Figure:
+def _residual(result: Any, channel: str | None) -> Chart:
     sides = _sides(result)
-    return time_series_figure(sides, _channel(sides, channel))
+    return time_series_chart(sides, _channel(sides, channel))
 
 
-def _spectrum(result: Any, _channel: str | None) -> Figure:
-    return residual_spectrum_figure(_sides(result))
+def _measured(result: Any, channel: str | None) -> Chart:
+    sides = _sides(result)
+    return measured_chart(sides, _channel(sides, channel))
 
 
-def _map(result: Any, channel: str | None) -> Figure:
+def _spectrum(result: Any, channel: str | None) -> Chart:
+    sides = _sides(result)
+    if sides[0].recording.at_rest:
+        remedy = 'use kind="residual"'
+        raise InputError(what="static poses have no spectrum", where="plot", remedy=remedy)
+    return residual_spectrum_chart(sides, None if channel is None else _channel(sides, channel))
+
+
+def _map(result: Any, channel: str | None) -> Chart:
     """Residual maps of a channel against the variables that explain most of the first model's residual."""
     sides = _sides(result)
     name = sides[0].recording.channels[_channel(sides, channel)]
     tolerance = {c: floor / 10 for c, floor in sides[0].comparison.noise_floor.items()}
     maps = [[m for m in residual_maps(s.comparison, tolerance) if m.channel == name] for s in sides]
-    variables = [m.variable for m in maps[0]][:MAX_MAPS]
-    rows = [[next(m for m in found if m.variable == v) for v in variables] for found in maps]
-    return residual_map_figure([(side.label, row) for side, row in zip(sides, rows, strict=True)])
+    common = [m.variable for m in maps[0] if all(m.variable in {o.variable for o in other} for other in maps)]
+    if not common:
+        remedy = 'use kind="residual"'
+        raise InputError(what="no variable is visited often enough for a map", where="plot", remedy=remedy)
+    rows = [[next(m for m in found if m.variable == v) for v in common[:MAX_MAPS]] for found in maps]
+    return residual_map_chart([(side.label, row) for side, row in zip(sides, rows, strict=True)])
 
 
-def _stairs(result: Study | Diagnosis, _channel: str | None) -> Figure:
+def _stairs(result: Study | Diagnosis, channel: str | None) -> Chart:
     names = [step.change for step in result.steps] if isinstance(result, Study) else step_names(result)
-    return error_reduction_figure(result.steps, names, result.tolerance)
+    first = result.steps[0].training[0].recording
+    if channel is not None and channel not in first.channels:
+        remedy = suggestion(channel, first.channels)
+        raise InputError(what=f"no channel is {quoted(channel)}", where="plot", remedy=remedy)
+    return error_reduction_chart(result.steps, names, result.tolerance, channel)
 
 
-def _trajectory(plan: ExcitingTrajectory, _channel: str | None) -> Figure:
+# ---------------------------------------------------------------------------------------- parameters
+
+
+def _parameters(result: Any, _channel: str | None) -> Chart:
+    """Before and after, where there is a before."""
+    return parameters_chart(_labelled_parameters(result))
+
+
+def _labelled_parameters(result: Any) -> list[LabelledParameters]:
+    if isinstance(result, Study):
+        return [LabelledParameters.of(step.change, step.fit) for step in _ends(result.steps)]
+    if isinstance(result, Diagnosis):
+        steps = list(zip(step_names(result), result.steps, strict=True))
+        return [LabelledParameters.of(name, step.fit) for name, step in _ends(steps)]
+    if isinstance(result, ModelComparison):
+        return [LabelledParameters.known(m.name, m.estimated) for m in result.models]
+    if isinstance(result, RobustFit):
+        return [LabelledParameters.of("least squares", result.plain), LabelledParameters.robust(result)]
+    if isinstance(result, Intervals):
+        return [LabelledParameters.of("fit", result.fit, result)]
+    return [LabelledParameters.known("fit", result)]
+
+
+def _correlation(result: Any, _channel: str | None) -> Chart:
+    return correlation_chart(result.fit if isinstance(result, Diagnosis | Study | RobustFit) else result)
+
+
+def _motion(result: Any, _channel: str | None) -> Chart:
+    return fit_motion_chart(result.fit if isinstance(result, Diagnosis | Study) else result)
+
+
+# ------------------------------------------------------------------------------------------- others
+
+
+def _contact(found: ContactWrench, channel: str | None) -> Chart:
+    return contact_chart([LabelledContact("contact", ADEQUATE_COLOUR, found)], component=channel)
+
+
+def _trajectory(plan: ExcitingTrajectory, _channel: str | None) -> Any:
+    from truewrench.plots.trajectory.trajectory_plot import trajectory_figure
+
     task = plan.task
     return trajectory_figure(
         plan.motion,
@@ -130,15 +242,31 @@ def _trajectory(plan: ExcitingTrajectory, _channel: str | None) -> Figure:
     )
 
 
-RESIDUALS: dict[str, Draw] = {"residual": _residual, "map": _map, "spectrum": _spectrum}
+def _reading(report: ReadingReport, _channel: str | None) -> Any:
+    from truewrench.plots.reading.reading_plot import plot_reading
+
+    return plot_reading(report)
+
+
+PAGES = ("trajectory", "reading")
+"""Kinds that are a page of their own, drawn by matplotlib alone."""
+RESIDUALS: dict[str, Draw] = {"residual": _residual, "measured": _measured, "map": _map, "spectrum": _spectrum}
+PARAMETERS: dict[str, Draw] = {"parameters": _parameters, "correlation": _correlation}
 FIGURES: dict[type, dict[str, Draw]] = {
-    Fit: RESIDUALS,
+    Fit: {**RESIDUALS, **PARAMETERS, "motion": _motion},
     Comparison: RESIDUALS,
-    ModelComparison: RESIDUALS,
-    Diagnosis: {"stairs": _stairs, **RESIDUALS},
-    Study: {"stairs": _stairs, **RESIDUALS},
-    Suspects: {"suspects": lambda found, _: suspects_figure(found)},
-    ContactWrench: {"contact": lambda found, _: contact_figure([LabelledContact("contact", ADEQUATE_COLOUR, found)])},
-    ExcitingTrajectory: {"trajectory": _trajectory},
+    Location: {"map": _map, **RESIDUALS},
+    ModelComparison: {**RESIDUALS, "parameters": _parameters},
+    Diagnosis: {"stairs": _stairs, **RESIDUALS, **PARAMETERS, "motion": _motion},
+    Study: {"stairs": _stairs, **RESIDUALS, **PARAMETERS, "motion": _motion},
+    RobustFit: PARAMETERS,
+    Estimates: PARAMETERS,
+    ModelFile: PARAMETERS,
+    Intervals: {"parameters": _parameters},
+    Suspects: {"suspects": lambda found, _: suspects_chart(found)},
+    ContactWrench: {"contact": _contact},
+    Recording: {"recording": lambda found, _: recording_chart(found)},
+    ExcitingTrajectory: {"trajectory": _trajectory, "motion": lambda plan, _: trajectory_motion_chart(plan)},
+    ReadingReport: {"reading": _reading, "table": lambda report, _: table_chart(report.table)},
 }
 """Of each kind of result its kinds of figures, the default first."""

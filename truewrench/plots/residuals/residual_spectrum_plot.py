@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from estimation.noise.recording_noise import NoiseSource, sample_step
-from estimation.recordings.reports.decimation import extremes
 from modeling.number_format import axis_label
 from modeling.significance import LEVELS
+from truewrench.plots.charts.chart import Chart, Line, Mark, Panel, Points
+from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
-from truewrench.plots.style import FAINT, INK, LEGEND, MEASURED, PanelGrid, label_y_axis, panel_title
+from truewrench.plots.style import FAINT, INK, MEASURED
 
 Array = NDArray[np.float64]
-
-PIXEL_COLUMNS = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,85 +65,79 @@ def _noise_amplitude(side: LabelledComparison, frequency: Array, gain: float) ->
 
 def residual_spectrum_figure(sides: Sequence[LabelledComparison]) -> Figure:
     """A row per channel, a column per model: non-excited lines grey, excited lines as points, noise as a curve."""
+    return matplotlib_figure(residual_spectrum_chart(sides))
+
+
+def residual_spectrum_chart(sides: Sequence[LabelledComparison], channel: int | None = None) -> Chart:
+    """Amplitude spectra of the residual, a column per model, a row per channel or of one `channel` alone.
+
+    Non-excited lines are grey, excited lines points, noise a curve; models share the scale of a channel, which is
+    logarithmic.
+    """
+    spectra = [residual_spectrum(side) for side in sides]
     labels = channel_labels(sides)
-    sheet = PanelGrid(rows=len(labels), columns=len(sides), panel_height=105, top=44)
-    figure, panels = sheet.panels(sharex=True, sharey="row")
-    for column, side in enumerate(sides):
-        lines = residual_spectrum(side)
-        panel_title(panels[0, column], side.label, side.colour)
-        for row, (name, unit) in enumerate(labels):
-            axes = panels[row, column]
-            axes.set_xscale("log")
-            axes.set_yscale("log")
-            _channel(axes, lines, row, side.colour)
-            if not column:
-                label_y_axis(axes, axis_label(f"{name} amplitude", unit))
-        panels[-1, column].set_xlabel("frequency (Hz)")
-    for row in range(len(labels)):
-        panels[row, 0].set_ylim(*_limits(sides, row))
-    figure.legend(*_all_handles(panels[0]), **LEGEND, ncols=4, loc="upper right", borderaxespad=0.2)
-    return figure
+    chosen = range(len(labels)) if channel is None else (channel,)
+    rows = []
+    for row in chosen:
+        name, unit = labels[row]
+        limits = _limits(spectra, row)
+        panels = tuple(
+            Panel(
+                marks=tuple(_marks(lines, row, side.colour)),
+                title="" if rows else side.label,
+                title_colour=side.colour,
+                x_label="frequency (Hz)" if row == chosen[-1] else "",
+                y_label=axis_label(f"{name} amplitude", unit),
+                x_log=True,
+                y_log=True,
+                y_limits=limits,
+            )
+            for side, lines in zip(sides, spectra, strict=True)
+        )
+        rows.append(panels)
+    return Chart(
+        rows=tuple(rows), row_height=105 if channel is None else 200, main=(0, len(sides) - 1), shared_x=True,
+        shared_y=True, between_rows=16,
+    )  # fmt: skip
 
 
-def _all_handles(panels: Iterable[Axes]) -> tuple[list[Any], list[str]]:
-    """Legend entries of all panels, each once."""
-    found: dict[str, Any] = {}
-    for axes in panels:
-        handles, labels = axes.get_legend_handles_labels()
-        found = dict(zip(labels, handles, strict=True)) | found
-    return list(found.values()), list(found)
-
-
-def _limits(sides: Sequence[LabelledComparison], channel: int) -> tuple[float, float]:
+def _limits(spectra: Sequence[ResidualSpectrum], channel: int) -> tuple[float, float]:
     """From an eighth of the median amplitude to twice the largest."""
-    amplitude = np.concatenate([residual_spectrum(side).amplitude[:, channel] for side in sides])
+    amplitude = np.concatenate([spectrum.amplitude[:, channel] for spectrum in spectra])
     middle, top = float(np.median(amplitude)), float(amplitude.max())
     return max(middle / 8, 1e-12), max(top, middle, 1e-11) * 2
 
 
-def _channel(axes: Axes, lines: ResidualSpectrum, channel: int, colour: str) -> None:
-    amplitude = lines.amplitude[:, channel]
-    non_excited = ~lines.motion
-    label = "non-excited lines" if lines.motion.any() else "amplitude"
-    if non_excited.any():
-        axes.plot(*_decimated(lines.frequency[non_excited], amplitude[non_excited]), color=FAINT, lw=0.7, label=label)
+def _marks(lines: ResidualSpectrum, channel: int, colour: str) -> Iterator[Mark]:
+    amplitude, free = lines.amplitude[:, channel], ~lines.motion
+    if free.any():
+        label = "non-excited lines" if lines.motion.any() else "amplitude"
+        yield Line(x=lines.frequency[free], y=amplitude[free], colour=FAINT, width=0.7, label=label)
     if lines.motion.any():
-        _excited_lines(axes, lines, channel, colour)
+        yield from _excited_lines(lines, channel, colour)
     else:
-        axes.plot(*_smoothed(lines.frequency, amplitude), color=colour, lw=1.3, label="RMS over a band")
+        middle, mean = _smoothed(lines.frequency, amplitude)
+        yield Line(x=middle, y=mean, colour=colour, width=1.3, label="RMS over a band")
     if lines.noise is not None:
         shown = np.unique(np.geomspace(1, len(lines.frequency), 200).astype(int)) - 1
-        axes.plot(lines.frequency[shown], lines.noise[shown, channel], color=INK, lw=1.0, ls="--", label="noise")
+        noise = lines.noise[shown, channel]
+        yield Line(x=lines.frequency[shown], y=noise, colour=INK, width=1.0, dashed=True, label="noise")
 
 
-def _excited_lines(axes: Axes, lines: ResidualSpectrum, channel: int, colour: str) -> None:
+def _excited_lines(lines: ResidualSpectrum, channel: int, colour: str) -> Iterator[Mark]:
+    """Those above the noise stand on it; without a known noise all are alike."""
     frequency, amplitude = lines.frequency[lines.motion], lines.amplitude[lines.motion, channel]
     if lines.noise is None:
-        axes.plot(frequency, amplitude, "o", ms=3.2, color=colour, label="excited lines")
+        yield Points(x=frequency, y=amplitude, colour=colour, size=3.2, label="excited lines")
         return
     noise = lines.noise[lines.motion, channel]
-    significant = amplitude > noise * np.sqrt(np.log(len(amplitude) / LEVELS.spectral_line))
-    axes.plot(
-        frequency[~significant],
-        amplitude[~significant],
-        "o",
-        ms=1.8,
-        color=MEASURED,
-        mew=0,
-        label="excited lines, within noise",
-    )
-    axes.vlines(frequency[significant], noise[significant], amplitude[significant], color=colour, lw=1.0)
-    axes.plot(
-        frequency[significant], amplitude[significant], "o", ms=3.6, color=colour, label="excited lines, above noise"
-    )
-
-
-def _decimated(frequency: Array, amplitude: Array) -> tuple[Array, Array]:
-    """The smallest and the largest amplitude in each pixel column of a logarithmic axis."""
-    if len(frequency) < 2 * PIXEL_COLUMNS:
-        return frequency, amplitude
-    column = np.floor(PIXEL_COLUMNS * np.log(frequency / frequency[0]) / np.log(frequency[-1] / frequency[0]))
-    return extremes(frequency, amplitude, np.append(np.unique(column, return_index=True)[1], len(column)))
+    above = amplitude > noise * np.sqrt(np.log(len(amplitude) / LEVELS.spectral_line))
+    within = Points(x=frequency[~above], y=amplitude[~above], colour=MEASURED, size=1.8,
+                    label="excited lines, within noise")  # fmt: skip
+    yield within
+    if above.any():
+        x, y = frequency[above], amplitude[above]
+        yield Points(x=x, y=y, low=noise[above], high=y, colour=colour, size=3.6, label="excited lines, above noise")
 
 
 def _smoothed(frequency: Array, amplitude: Array) -> tuple[Array, Array]:

@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from estimation.recordings.reports.decimation import min_max_decimated
 from modeling.number_format import axis_label
+from truewrench.plots.charts.chart import Band, Chart, Level, Line, Mark, Panel, Points, Span, value_limits
+from truewrench.plots.charts.matplotlib_chart import draw_panel, matplotlib_figure
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
-from truewrench.plots.style import (
-    HELD_OUT,
-    LEGEND,
-    MEASURED,
-    MUTED,
-    NOISE,
-    QUIET_NOISE,
-    WIDTH,
-    PanelGrid,
-    label_y_axis,
-    panel_title,
-)
+from truewrench.plots.style import HELD_OUT, MEASURED, QUIET_NOISE
 
 Array = NDArray[np.float64]
 
@@ -44,22 +35,49 @@ TREND_PARTS = 80
 
 def time_series_figure(sides: Sequence[LabelledComparison], channel: int) -> Figure:
     """One channel, a column per model: measured and predicted, and the residual with ± noise bands."""
-    width = WIDTH if len(sides) > 1 else WIDTH / 2 - 10
-    sheet = PanelGrid(rows=2, columns=len(sides), panel_height=HEIGHT, width=width, between_rows=24)
-    figure, panels = sheet.panels(sharex=True, sharey="row", heights=(1, 1.25))
-    name, unit = channel_labels(sides)[channel]
-    for column, side in enumerate(sides):
-        top, bottom = panels[:, column]
-        panel_title(top, side.label, side.colour)
-        (_points if side.recording.at_rest else _lines)(top, side, channel)
-        draw_residual(bottom, side, channel)
-        bottom.set_xlabel("pose, in the order of recording" if side.recording.at_rest else _time_label(side))
-    panels[1, 0].set_ylim(*residual_limits(sides, channel))
-    label_y_axis(panels[0, 0], axis_label(name, unit))
-    label_y_axis(panels[1, 0], axis_label(f"residual of {name}", unit))
-    panels[0, 0].legend(**LEGEND, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.96))
-    panels[1, -1].legend(**LEGEND, ncols=2, loc="upper right", bbox_to_anchor=(1.0, 1.24))
-    return figure
+    return matplotlib_figure(time_series_chart(sides, channel))
+
+
+def time_series_chart(sides: Sequence[LabelledComparison], channel: int) -> Chart:
+    """Measured and predicted above the residual of a channel, a column per model; each residual in its own scale."""
+    above = tuple(measured_panel(side, channel, titled=True) for side in sides)
+    below = tuple(residual_panel(side, channel, residual_limits([side], channel)) for side in sides)
+    return Chart(
+        rows=(above, below), heights=(1, 1.25), row_height=HEIGHT, main=(1, len(sides) - 1), shared_x=True,
+        between_rows=16,
+    )  # fmt: skip
+
+
+def measured_chart(sides: Sequence[LabelledComparison], channel: int) -> Chart:
+    """Measured and predicted of a channel, a column per model, in one scale."""
+    panels = tuple(measured_panel(side, channel, titled=True) for side in sides)
+    return Chart(rows=(panels,), row_height=2 * HEIGHT, main=(0, len(sides) - 1), shared_y=True)
+
+
+def measured_panel(side: LabelledComparison, channel: int, *, titled: bool = False) -> Panel:
+    """Measured and predicted of a channel over time, of static poses by their number."""
+    measured, predicted = side.measured[:, channel], side.predicted[:, channel]
+    return Panel(
+        marks=(_points if side.recording.at_rest else _lines)(side, measured, predicted),
+        title=side.label if titled else "",
+        title_colour=side.colour,
+        x_label=instants_label(side),
+        y_label=axis_label(*channel_labels([side])[channel]),
+        x_limits=time_limits(side),
+        y_limits=value_limits([measured, predicted]),
+    )
+
+
+def residual_panel(side: LabelledComparison, channel: int, limits: tuple[float, float]) -> Panel:
+    """Residual with its noise band over time, samples (pale) and trend; of static poses as points with stems."""
+    name, unit = channel_labels([side])[channel]
+    return Panel(
+        marks=(*noise_marks(side, channel), *_residual_marks(side, side.residual[:, channel])),
+        x_label=instants_label(side),
+        y_label=axis_label(f"residual of {name}", unit),
+        x_limits=time_limits(side),
+        y_limits=limits,
+    )
 
 
 def residual_limits(sides: Sequence[LabelledComparison], channel: int) -> tuple[float, float]:
@@ -69,59 +87,61 @@ def residual_limits(sides: Sequence[LabelledComparison], channel: int) -> tuple[
     return (-limit, limit) if limit > 0 else (-1.0, 1.0)
 
 
-def noise_band(axes: Axes, side: LabelledComparison, channel: int) -> None:
+def noise_marks(side: LabelledComparison, channel: int) -> tuple[Mark, ...]:
     """Bands: ± noise of one sample, and within it ± noise of the mean over the repeats."""
     floor, repeats = float(side.floor[channel]), side.recording.repeats
-    axes.axhspan(-floor, floor, color=NOISE, lw=0, zorder=0, label=f"± {side.noise_label}")
-    if repeats > 1:
-        quiet = floor / np.sqrt(repeats)
-        axes.axhspan(-quiet, quiet, color=QUIET_NOISE, lw=0, zorder=0.1, label=f"± noise of the mean of {repeats}")
-    axes.axhline(0, color=MUTED, lw=0.5, zorder=0.2)
+    sample = Band(low=-floor, high=floor, label=f"± {side.noise_label}")
+    if repeats == 1:
+        return sample, Level(y=0)
+    quiet = floor / np.sqrt(repeats)
+    mean = Band(low=-quiet, high=quiet, colour=QUIET_NOISE, label=f"± noise of the mean of {repeats}")
+    return sample, mean, Level(y=0)
 
 
 def draw_residual(axes: Axes, side: LabelledComparison, channel: int) -> None:
-    """Residual with its noise band over time, samples (pale) and trend; of static poses as a stem plot."""
-    noise_band(axes, side, channel)
-    residual = side.residual[:, channel]
+    """The residual on axes that are labelled elsewhere."""
+    draw_panel(axes, replace(residual_panel(side, channel, residual_limits([side], channel)), x_label="", y_label=""))
+
+
+def _residual_marks(side: LabelledComparison, residual: Array) -> tuple[Mark, ...]:
     if side.recording.at_rest:
-        axes.vlines(side.instants, 0, residual, color=side.colour, lw=1.0)
-        axes.plot(side.instants, residual, "o", color=side.colour, ms=3.2)
-        return
+        low, high = np.minimum(residual, 0), np.maximum(residual, 0)
+        return (Points(x=side.instants, y=residual, colour=side.colour, size=3.2, low=low, high=high),)
     trend = running_mean(residual, max(1, len(residual) // TREND_PARTS))
-    axes.plot(*min_max_decimated(side.instants, residual), color=side.colour, lw=0.5, alpha=0.45)
-    axes.plot(*min_max_decimated(side.instants, trend), color=side.colour, lw=1.3, solid_joinstyle="round")
-    if side.recording.repeats == 1:
-        for number, (start, end) in enumerate(side.comparison.noise.events):
-            label = None if number else "transient event"
-            axes.axvspan(start, end, color=HELD_OUT, alpha=0.18, lw=0, zorder=0.15, label=label)
-    axes.set_xlim(*time_limits(side))
+    samples = Line(x=side.instants, y=residual, colour=side.colour, width=0.5, opacity=0.45)
+    return (samples, Line(x=side.instants, y=trend, colour=side.colour, width=1.3), *_events(side))
+
+
+def _events(side: LabelledComparison) -> tuple[Mark, ...]:
+    events = side.comparison.noise.events if side.recording.repeats == 1 else ()
+    return tuple(Span(start=a, end=b, colour=HELD_OUT, opacity=0.18, label="transient event") for a, b in events)
 
 
 def time_limits(side: LabelledComparison) -> tuple[float, float]:
     """One repeat with a margin at both ends."""
     first, last = float(side.instants[0]), float(side.instants[-1])
-    margin = 0.012 * (last - first)
+    margin = 0.012 * (last - first) or 0.5
     return first - margin, last + margin
 
 
-def _lines(axes: Axes, side: LabelledComparison, channel: int) -> None:
-    axes.plot(
-        *min_max_decimated(side.instants, side.measured[:, channel]),
-        color=MEASURED,
-        lw=2.4,
-        alpha=0.75,
-        label="measured",
-    )
-    axes.plot(
-        *min_max_decimated(side.instants, side.predicted[:, channel]), color=side.colour, lw=1.0, label="predicted"
+def _lines(side: LabelledComparison, measured: Array, predicted: Array) -> tuple[Mark, ...]:
+    at = side.instants
+    return (
+        Line(x=at, y=measured, colour=MEASURED, width=2.4, opacity=0.75, label="measured"),
+        Line(x=at, y=predicted, colour=side.colour, width=1.0, label="predicted"),
     )
 
 
-def _points(axes: Axes, side: LabelledComparison, channel: int) -> None:
-    axes.plot(side.instants, side.measured[:, channel], "o", color=MEASURED, ms=5.5, alpha=0.75, label="measured")
-    axes.plot(side.instants, side.predicted[:, channel], "_", color=side.colour, ms=9, mew=1.6, label="predicted")
-    axes.margins(x=0.02)
+def _points(side: LabelledComparison, measured: Array, predicted: Array) -> tuple[Mark, ...]:
+    at = side.instants
+    return (
+        Points(x=at, y=measured, colour=MEASURED, size=5.5, label="measured"),
+        Points(x=at, y=predicted, colour=side.colour, size=9, symbol="_", label="predicted"),
+    )
 
 
-def _time_label(side: LabelledComparison) -> str:
+def instants_label(side: LabelledComparison) -> str:
+    """What is across: time in a repeat or run, or the number of a pose."""
+    if side.recording.at_rest:
+        return "pose, in the order of recording"
     return "time in one repeat (s)" if side.recording.repeats > 1 else "time (s)"

@@ -1,0 +1,195 @@
+"""A chart: panels of marks with data, labels and units; matplotlib and plotly draw it from the same numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truewrench.plots.style import INK, MUTED, NOISE
+
+Array: TypeAlias = NDArray[np.float64]
+
+LOG_MARGIN = 1.2
+MARGIN = 0.06
+"""Of the span of the values, beyond the outermost."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Line:
+    """A series y (n,) over x (n,); long ones are decimated by whoever draws them."""
+
+    x: Array
+    y: Array
+    colour: str
+    width: float = 1.2
+    opacity: float = 1.0
+    dashed: bool = False
+    steps: bool = False
+    label: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Points:
+    """Values y (n,) at x (n,), with intervals from low to high (n,) where there are any."""
+
+    x: Array
+    y: Array
+    colour: str
+    size: float = 4.0
+    hollow: bool = False
+    symbol: str = "o"
+    low: Array | None = None
+    high: Array | None = None
+    notes: tuple[str, ...] = ()
+    label: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Band:
+    """A shaded region between low and high: of all x where they are numbers, else series (n,) over x (n,)."""
+
+    low: float | Array
+    high: float | Array
+    x: Array | None = None
+    colour: str = NOISE
+    opacity: float = 1.0
+    label: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """A shaded interval of x."""
+
+    start: float
+    end: float
+    colour: str
+    opacity: float = 0.2
+    label: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Level:
+    """A horizontal line, with a word at its end."""
+
+    y: float
+    colour: str = MUTED
+    dashed: bool = False
+    note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bars:
+    """Horizontal bars of named sizes, the first on top, each with its colour and a note beside it."""
+
+    names: tuple[str, ...]
+    sizes: tuple[float, ...]
+    colours: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Heat:
+    """Values (rows, columns) as colours; rows are named, columns named or at x; NaN is empty."""
+
+    values: Array
+    rows: tuple[str, ...]
+    columns: tuple[str, ...] = ()
+    x: Array | None = None
+    limits: tuple[float, float] = (0.0, 1.0)
+    colours: tuple[str, ...]
+    scale: str
+    written: bool = False
+
+
+Mark: TypeAlias = Line | Points | Band | Span | Level | Bars | Heat
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Panel:
+    """Marks on one pair of axes.
+
+    x_label, y_label  with the unit; y_label is needed where there is a quantity
+    x_ticks           names at 0, 1, 2, ... of an axis without numbers
+    x_limits, y_limits  by default those of the marks
+    note              a remark in the corner
+    """
+
+    marks: tuple[Mark, ...]
+    title: str = ""
+    title_colour: str = INK
+    x_label: str = ""
+    y_label: str = ""
+    x_ticks: tuple[str, ...] = ()
+    x_log: bool = False
+    y_log: bool = False
+    x_limits: tuple[float, float] | None = None
+    y_limits: tuple[float, float] | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Chart:
+    """Rows of panels; None is an empty place.
+
+    heights      relative, of the rows
+    row_height   CSS pixels, on average
+    main         row and column of the panel that is drawn on a user's single axes
+    shared_x     whether all panels of a column have one x axis
+    shared_y     whether all panels of a row have one y axis
+    """
+
+    rows: tuple[tuple[Panel | None, ...], ...]
+    title: str = ""
+    heights: tuple[float, ...] = ()
+    row_height: float = 130
+    main: tuple[int, int] = (0, 0)
+    shared_x: bool = False
+    shared_y: bool = False
+    width: float | None = None
+    left: float = 66
+    right: float = 12
+    bottom: float = 40
+    between_rows: float = 30
+    between_columns: float | None = None
+    legend: bool = True
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return max(len(row) for row in self.rows)
+
+    @property
+    def panels(self) -> tuple[Panel, ...]:
+        """All panels, row by row."""
+        return tuple(panel for panel in chain(*self.rows) if panel is not None)
+
+    @property
+    def main_panel(self) -> Panel:
+        """The panel for a single pair of axes."""
+        panel = self.rows[self.main[0]][self.main[1]]
+        return self.panels[0] if panel is None else panel
+
+
+def in_rows(panels: Sequence[Panel], columns: int) -> tuple[tuple[Panel | None, ...], ...]:
+    """Panels in rows of so many columns, the last row filled with empty places."""
+    count = min(columns, max(len(panels), 1))
+    padded: list[Panel | None] = [*panels, *[None] * (-len(panels) % count)]
+    return tuple(tuple(padded[i : i + count]) for i in range(0, len(padded), count))
+
+
+def value_limits(values: Sequence[Array | float], *, log: bool = False) -> tuple[float, float]:
+    """Limits that contain all finite values (positive ones on a logarithmic axis), with a margin."""
+    known = np.concatenate([np.ravel(np.asarray(v, dtype=np.float64)) for v in values])
+    known = known[np.isfinite(known) & ((known > 0) | (not log))]
+    if not len(known):
+        return (0.1, 10.0) if log else (-1.0, 1.0)
+    low, high = float(known.min()), float(known.max())
+    if log:
+        return low / LOG_MARGIN, high * LOG_MARGIN
+    margin = MARGIN * (high - low) or abs(high) * MARGIN or 1.0
+    return low - margin, high + margin

@@ -1,0 +1,114 @@
+"""Parameters of one model or several, with their intervals, and the correlation of their estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimation.confidence_intervals import Intervals
+from estimation.fit import Fit
+from estimation.least_squares.estimates import Estimate
+from estimation.robust.robust_fit import RobustFit
+from modeling.number_format import axis_label, estimate_text
+from modeling.significance import LEVELS
+from truewrench.plots.charts.chart import Chart, Heat, Panel, Points, in_rows, value_limits
+from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
+
+COLUMNS = 4
+CORRELATION_COLOURS = ("#D55E00", "#F3B98C", "#FFFFFF", "#86B9DC", "#0072B2")
+"""Of -1 to 1."""
+MOST_WRITTEN = 24
+"""Parameters up to which the coefficients are written into their cells."""
+COLOURS = (MISFIT_COLOUR, ADEQUATE_COLOUR, HELD_OUT)
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledParameters:
+    """Estimates of one model, and the ends of their intervals by name."""
+
+    label: str
+    estimates: Mapping[str, Estimate]
+    ends: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, label: str, fitted: Fit, intervals: Intervals | None = None) -> LabelledParameters:
+        """Of a fit to whole recordings, with the effective degrees of freedom of its noise."""
+        found = fitted.intervals() if intervals is None else intervals
+        names = [p.name for p in fitted.unknowns]
+        ends = dict(zip(names, zip(found.low.tolist(), found.high.tolist(), strict=True), strict=True))
+        return cls(label, {p.name: fitted.parameters[p.name] for p in fitted.unknowns if not p.fixed}, ends)
+
+    @classmethod
+    def robust(cls, fitted: RobustFit) -> LabelledParameters:
+        """Of a robust fit."""
+        return cls.of("robust", fitted.fit, fitted.intervals())
+
+    @classmethod
+    def known(cls, label: str, estimated: Any) -> LabelledParameters:
+        """Of anything with parameters; where the noise is a given one, 95 % of a normal distribution."""
+        if isinstance(estimated, Fit):
+            return cls.of(label, estimated)
+        fixed = {p.name for p in estimated.model.parameters if p.fixed}
+        known = {name: e for name, e in estimated.parameters.items() if name not in fixed}
+        return cls(label, known, {n: normal_ends(e) for n, e in known.items()})
+
+
+def normal_ends(estimate: Estimate) -> tuple[float, float]:
+    """95 % interval of a normal distribution."""
+    half = LEVELS.upper_limit * estimate.std
+    return estimate.value - half, estimate.value + half
+
+
+def parameters_chart(models: Sequence[LabelledParameters]) -> Chart:
+    """A panel for each parameter: estimate and 95 % interval in every model that has it, each in its own scale."""
+    names = list(dict.fromkeys(name for model in models for name in model.estimates))
+    panels = [_panel(models, name) for name in names]
+    return Chart(rows=in_rows(panels, COLUMNS), row_height=96, between_rows=50, width=1080)
+
+
+def _panel(models: Sequence[LabelledParameters], name: str) -> Panel:
+    unit = next(m.estimates[name].unit for m in models if name in m.estimates)
+    marks = tuple(_points(models, name))
+    ends = [end for mark in marks for end in (mark.low, mark.high, mark.y) if end is not None]
+    return Panel(
+        marks=marks,
+        title=axis_label(name, unit),
+        x_ticks=tuple(_tick(m.label) for m in models),
+        x_limits=(-0.4, len(models) - 0.2),
+        y_limits=value_limits(ends) if ends else (-1.0, 1.0),
+        note="" if marks else "not identifiable",
+    )
+
+
+def _tick(label: str) -> str:
+    return label.replace(" + ", "\n+ ") if len(label) > 14 else label
+
+
+def _points(models: Sequence[LabelledParameters], name: str) -> Iterator[Points]:
+    for number, model in enumerate(models):
+        found = model.estimates.get(name)
+        if found is not None and np.isfinite(found.std):
+            low, high = model.ends[name]
+            yield Points(
+                x=np.array([float(number)]), y=np.array([found.value]), low=np.array([low]), high=np.array([high]),
+                colour=COLOURS[number % len(COLOURS)] if len(models) > 1 else ADEQUATE_COLOUR, size=5,
+                notes=(estimate_text(found.value, found.std, ""),), label="95 % interval" if not number else "",
+            )  # fmt: skip
+
+
+def correlation_chart(fitted: Any) -> Chart:
+    """Correlation of the estimates that are identifiable, from -1 to 1."""
+    frame = fitted.correlation.dropna(axis=0, how="all").dropna(axis=1, how="all")
+    names = list(frame.index)
+    heat = Heat(
+        values=frame.to_numpy(dtype=np.float64), rows=tuple(names), columns=tuple(names),
+        limits=(-1.0, 1.0), colours=CORRELATION_COLOURS, scale="correlation", written=len(names) <= MOST_WRITTEN,
+    )  # fmt: skip
+    panel = Panel(marks=(heat,), title="correlation of the estimates")
+    longest = 5.2 * max(len(name) for name in names)
+    size = 34 * len(names) + 2 * longest
+    return Chart(rows=((panel,),), row_height=24 * max(len(names), 3), left=24 + longest, right=76,
+                 width=max(size, 420), bottom=34 + longest)  # fmt: skip
