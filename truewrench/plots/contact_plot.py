@@ -42,7 +42,7 @@ def contact_chart(sides: Sequence[LabelledContact], true: Array | None = None, c
     """
     names = sides[0].contact.names
     count = len(names)
-    rows = tuple(tuple(_panel(side, row, true, last=row == count - 1) for side in sides) for row in range(count))
+    rows = tuple(tuple(_panel(side, row, true) for side in sides) for row in range(count))
     if component is not None and component not in names:
         remedy = suggestion(component, names)
         raise InputError(what=f"no component is {quoted(component)}", where="plot", remedy=remedy)
@@ -53,7 +53,7 @@ def contact_chart(sides: Sequence[LabelledContact], true: Array | None = None, c
                  between_rows=14)  # fmt: skip
 
 
-def _panel(side: LabelledContact, row: int, true: Array | None, *, last: bool) -> Panel:
+def _panel(side: LabelledContact, row: int, true: Array | None) -> Panel:
     contact = side.contact
     name, unit = contact.names[row], contact.space.units[row]
     note = ""
@@ -64,7 +64,7 @@ def _panel(side: LabelledContact, row: int, true: Array | None, *, last: bool) -
         marks=tuple(_marks(contact, row, side.colour, true)),
         title="" if row else side.label,
         title_colour=side.colour,
-        x_label=_time_label(contact) if last else "",
+        x_label=_time_label(contact),
         y_label=axis_label(name, unit),
         note=note,
     )

@@ -95,13 +95,15 @@ def _recording_marks(errors: RecordingErrors, channel: str, number: int, count: 
     drawn = np.maximum(ratio, bottom * 1.35)
     yield Line(x=place, y=drawn, colour=colour, width=1.2, opacity=0.6)
     texts = [systematic_error_text(c, channel, 2) for c in errors.comparisons] if not number else []
+    label = errors.label
     for inside, symbol in ((ratio >= bottom, MARKERS[number % len(MARKERS)]), (ratio < bottom, "v")):
         if inside.any():
             yield Points(
                 x=place[inside], y=drawn[inside], low=drawn[inside], high=np.maximum(limit, drawn)[inside],
-                colour=colour, size=6, hollow=not errors.fitted, symbol=symbol, label=errors.label,
+                colour=colour, size=6, hollow=not errors.fitted, symbol=symbol, label=label,
                 notes=tuple(text for text, keep in zip(texts, inside, strict=False) if keep),
             )  # fmt: skip
+            label = ""
 
 
 def error_reduction_image(

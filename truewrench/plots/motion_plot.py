@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 INFORMATION_COLOURS = ("#ECEEF2", "#C3B1E1", "#8250B8", "#3B0F6F")
 DARKEST = 3.0
 """Relative information (mean sample = 1) of the darkest colour."""
+UNIT_HEIGHT = 112
+"""Of a panel of lines, CSS pixels: as high as its label is long."""
 MOST_SAMPLES = 1000
 """Columns of the map of information by parameter: longer motions are averaged over intervals."""
 GROUPS: Mapping[str, tuple[tuple[str, ...], str]] = {
@@ -48,8 +50,8 @@ def recording_chart(recording: Recording) -> Chart:
         series = {c: wrench[:, i] for i, c in enumerate(recording.channels) if c[0] == kind}
         panels.append(_series_panel({"f": "force", "t": "torque"}[kind], unit, series, across))
     panels += motion_panels(recording)
-    return Chart(rows=tuple((_labelled(p, label, p is panels[-1]),) for p in panels), row_height=95, shared_x=True,
-                 between_rows=14, width=1080)  # fmt: skip
+    rows = tuple((_labelled(p, label, p is panels[-1]),) for p in panels)
+    return Chart(rows=rows, row_height=UNIT_HEIGHT, shared_x=True, between_rows=14, width=1080)
 
 
 def motion_panels(recording: Recording) -> list[Panel]:
@@ -103,7 +105,7 @@ def information_panels(across: Array, columns: Array, names: list[str]) -> list[
 
 def _information_panels_of(across: Array, information: SampleInformation) -> list[Panel]:
     """Information of each sample over that of the mean sample, in total, and by parameter."""
-    total = Line(x=across, y=information.total / information.total.mean(), colour="#8250B8", width=1.0, label="total")
+    total = Line(x=across, y=information.total / information.total.mean(), colour="#8250B8", width=1.0)
     shares = information.by_parameter * len(information.total)
     place, middle = averaged_columns(shares, across)
     heat = Heat(
@@ -133,8 +135,10 @@ def _across(recording: Recording) -> Array:
 
 
 def _series_panel(name: str, unit: str, series: Mapping[str, Array], across: Array) -> Panel:
+    several = len(series) > 1
+    name = name if several else next(iter(series))
     lines = tuple(
-        Line(x=across, y=np.asarray(y, dtype=np.float64), colour=joint_colour(i), width=1.0, label=label)
+        Line(x=across, y=np.asarray(y), colour=joint_colour(i), width=1.0, label=label if several else "")
         for i, (label, y) in enumerate(series.items())
     )
     return Panel(marks=(Level(y=0.0, colour=MEASURED), *lines), y_label=axis_label(name, unit))
@@ -143,13 +147,16 @@ def _series_panel(name: str, unit: str, series: Mapping[str, Array], across: Arr
 def _chart(panels: list[Panel], label: str) -> Chart:
     rows = tuple((_labelled(p, label, p is panels[-1]),) for p in panels)
     heights = tuple(_height(p) for p in panels)
-    return Chart(rows=rows, heights=heights, row_height=100, shared_x=True, between_rows=24, width=1080,
-                 left=110, right=80)  # fmt: skip
+    names = [len(n) for p in panels for m in p.marks if isinstance(m, Heat) for n in m.rows]
+    mean = UNIT_HEIGHT * sum(heights) / len(heights)
+    left = max([66.0, *(22 + 4.9 * n for n in names)])
+    return Chart(rows=rows, heights=heights, row_height=mean, shared_x=True, between_rows=24, width=1080, left=left,
+                 right=80)  # fmt: skip
 
 
 def _height(panel: Panel) -> float:
     rows = [len(mark.rows) for mark in panel.marks if isinstance(mark, Heat)]
-    return max(1.0, rows[0] / 7) if rows else 1.0
+    return max(1.0, rows[0] / 8) if rows else 1.0
 
 
 def _labelled(panel: Panel, label: str, last: bool) -> Panel:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from modeling.significance import LEVELS
 from truewrench.plots.charts.chart import Chart, Heat, Panel, Points, in_rows, value_limits
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
 
-COLUMNS = 4
+PLACES = 9
+"""Estimates side by side in a row of panels."""
 CORRELATION_COLOURS = ("#D55E00", "#F3B98C", "#FFFFFF", "#86B9DC", "#0072B2")
 """Of -1 to 1."""
 MOST_WRITTEN = 24
@@ -66,7 +68,8 @@ def parameters_chart(models: Sequence[LabelledParameters]) -> Chart:
     """A panel for each parameter: estimate and 95 % interval in every model that has it, each in its own scale."""
     names = list(dict.fromkeys(name for model in models for name in model.estimates))
     panels = [_panel(models, name) for name in names]
-    return Chart(rows=in_rows(panels, COLUMNS), row_height=96, between_rows=50, width=1080)
+    columns = min(4, max(1, PLACES // len(models)))
+    return Chart(rows=in_rows(panels, columns), row_height=96, between_rows=84, bottom=66, width=1080)
 
 
 def _panel(models: Sequence[LabelledParameters], name: str) -> Panel:
@@ -76,15 +79,21 @@ def _panel(models: Sequence[LabelledParameters], name: str) -> Panel:
     return Panel(
         marks=marks,
         title=axis_label(name, unit),
-        x_ticks=tuple(_tick(m.label) for m in models),
-        x_limits=(-0.4, len(models) - 0.2),
+        x_ticks=tuple(_tick(m, name) for m in models),
+        x_limits=(-0.6, len(models) - 0.4),
         y_limits=value_limits(ends) if ends else (-1.0, 1.0),
         note="" if marks else "not identifiable",
     )
 
 
-def _tick(label: str) -> str:
-    return label.replace(" + ", "\n+ ") if len(label) > 14 else label
+def _tick(model: LabelledParameters, name: str) -> str:
+    """Name of the model, and its estimate; on lines that do not run into each other."""
+    found = model.estimates.get(name)
+    label = "\n".join(wrap(model.label.replace("_", " "), 16))
+    if found is None or not np.isfinite(found.std):
+        return label
+    value = estimate_text(found.value, found.std, "1").replace(" ± ", "\n± ", 1).replace("-", "−")
+    return f"{value}\n{label}"
 
 
 def _points(models: Sequence[LabelledParameters], name: str) -> Iterator[Points]:
@@ -95,7 +104,7 @@ def _points(models: Sequence[LabelledParameters], name: str) -> Iterator[Points]
             yield Points(
                 x=np.array([float(number)]), y=np.array([found.value]), low=np.array([low]), high=np.array([high]),
                 colour=COLOURS[number % len(COLOURS)] if len(models) > 1 else ADEQUATE_COLOUR, size=5,
-                notes=(estimate_text(found.value, found.std, ""),), label="95 % interval" if not number else "",
+                label="estimate with 95 % interval" if not number else "",
             )  # fmt: skip
 
 

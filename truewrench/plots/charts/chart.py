@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TypeAlias
 
@@ -35,7 +35,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Points:
-    """Values y (n,) at x (n,), with intervals from low to high (n,) where there are any."""
+    """Values y (n,) at x (n,), with intervals from low to high (n,) where there are any, and notes left of them."""
 
     x: Array
     y: Array
@@ -167,6 +167,23 @@ class Chart:
     def panels(self) -> tuple[Panel, ...]:
         """All panels, row by row."""
         return tuple(panel for panel in chain(*self.rows) if panel is not None)
+
+    @property
+    def labelled_rows(self) -> tuple[tuple[Panel | None, ...], ...]:
+        """The rows of panels, a label of a shared axis only on the outermost panel that has it."""
+        last = len(self.rows) - 1
+        return tuple(
+            tuple(
+                panel
+                and replace(
+                    panel,
+                    x_label="" if self.shared_x and row < last else panel.x_label,
+                    y_label="" if self.shared_y and column else panel.y_label,
+                )
+                for column, panel in enumerate(line)
+            )
+            for row, line in enumerate(self.rows)
+        )
 
     @property
     def main_panel(self) -> Panel:

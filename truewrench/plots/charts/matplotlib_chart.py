@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from modeling.errors import InputError
 from truewrench.plots.charts.chart import Band, Bars, Chart, Heat, Level, Line, Panel, Points, Span
@@ -45,7 +46,7 @@ def matplotlib_figure(chart: Chart) -> Figure:
     )
     shared = {"sharex": "col" if chart.shared_x else False, "sharey": "row" if chart.shared_y else False}
     figure, places = sheet.panels(heights=chart.heights or None, **shared)
-    for row, (panels, line) in enumerate(zip(chart.rows, places, strict=True)):
+    for row, (panels, line) in enumerate(zip(chart.labelled_rows, places, strict=True)):
         for column, (panel, axes) in enumerate(zip(panels, line, strict=True)):
             if panel is None:
                 axes.set_visible(False)
@@ -97,12 +98,19 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y_label)
     if panel.x_ticks:
         axes.set_xticks(range(len(panel.x_ticks)), list(panel.x_ticks))
+    if not panel.y_log and not any(isinstance(mark, Bars | Heat) for mark in panel.marks):
+        axes.yaxis.set_major_formatter(FuncFormatter(_tick))
     if panel.x_limits:
         axes.set_xlim(*panel.x_limits)
     if panel.y_limits:
         axes.set_ylim(*panel.y_limits)
     if panel.note:
         axes.text(0.995, 0.95, panel.note, transform=axes.transAxes, ha="right", va="top", fontsize=SMALL, color=MUTED)
+
+
+def _tick(value: float, _position: int) -> str:
+    """A number of an axis, without an offset elsewhere."""
+    return f"{value:.6g}".replace("-", "−")
 
 
 # ------------------------------------------------------------------------------------------------ legend
@@ -172,8 +180,8 @@ def _points(mark: Points, axes: Axes, panel: Panel, order: float) -> None:
     )  # fmt: skip
     for x, y, note in zip(mark.x, mark.y, mark.notes, strict=False):
         axes.annotate(
-            note, (x, y), (7, 0), textcoords="offset points", va="center", fontsize=SMALL, color=INK, zorder=4,
-            bbox={"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 0.6},
+            note, (x, y), (-8, 0), textcoords="offset points", ha="right", va="center", fontsize=SMALL,
+            color=INK, zorder=4, bbox={"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 0.6},
         )  # fmt: skip
 
 

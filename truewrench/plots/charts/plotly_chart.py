@@ -17,8 +17,19 @@ LINE_COLUMNS = 2000
 """Intervals of a long line, each with its smallest and largest sample: several times a screen, so that one can zoom."""
 SYMBOLS = {"o": "circle", "_": "line-ew-open", "v": "triangle-down", "s": "square", "D": "diamond", "^": "triangle-up"}
 FONT = "-apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'Liberation Sans', sans-serif"
-HEAD, FOOT, LEGEND_LINE, LEGEND_ENTRIES = 34, 56, 20, 5
+HEAD, FOOT, LEGEND_LINE, LEGEND_ENTRIES = 58, 56, 20, 5
 """CSS pixels above and below the panels, and of a line of the legend, with about so many entries."""
+EVERY = {"exclude_empty_subplots": False}
+"""A region is drawn before the first line of its panel."""
+AXIS: dict[str, Any] = {
+    "exponentformat": "power",
+    "showgrid": False,
+    "showline": True,
+    "linecolor": FAINT,
+    "ticks": "outside",
+    "tickcolor": FAINT,
+    "zeroline": False,
+}
 PANEL_SCALE = 1.5
 """Of a panel's height: a screen has more room than a page."""
 
@@ -41,7 +52,7 @@ def plotly_figure(chart: Chart) -> go.Figure:
         specs=[[None if panel is None else {} for panel in line] for line in chart.rows],
     )
     known: set[str] = set()
-    for row, line in enumerate(chart.rows, 1):
+    for row, line in enumerate(chart.labelled_rows, 1):
         for column, panel in enumerate(line, 1):
             if panel is not None:
                 _draw_panel(figure, panel, row, column, known)
@@ -59,8 +70,8 @@ def plotly_figure(chart: Chart) -> go.Figure:
         hovermode="closest",
         showlegend=chart.legend,
     )  # fmt: skip
-    figure.update_xaxes(showline=True, linecolor=FAINT, ticks="outside", tickcolor=FAINT, zeroline=False)
-    figure.update_yaxes(showline=True, linecolor=FAINT, ticks="outside", tickcolor=FAINT, zeroline=False)
+    figure.update_xaxes(**AXIS)
+    figure.update_yaxes(**AXIS)
     return figure
 
 
@@ -86,9 +97,15 @@ def _draw_panel(figure: go.Figure, panel: Panel, row: int, column: int, known: s
     x: dict[str, Any] = {"title": {"text": panel.x_label, "standoff": 6}, "type": "log" if panel.x_log else "linear"}
     y: dict[str, Any] = {"title": {"text": panel.y_label, "standoff": 6}, "type": "log" if panel.y_log else "linear"}
     if panel.x_ticks:
-        x |= {"tickvals": list(range(len(panel.x_ticks))), "ticktext": [_html(t) for t in panel.x_ticks]}
+        x |= {
+            "tickvals": list(range(len(panel.x_ticks))),
+            "ticktext": [_html(t) for t in panel.x_ticks],
+            "tickangle": 0,
+        }
+    if any(isinstance(m, Heat | Bars) for m in panel.marks):
+        del y["type"]
     if any(isinstance(m, Heat) for m in panel.marks):
-        del x["type"], y["type"]
+        del x["type"]
     figure.update_xaxes(**x, **_range(panel.x_limits, panel.x_log), **place, showticklabels=True)
     figure.update_yaxes(**y, **_range(panel.y_limits, panel.y_log), **place, showticklabels=True)
     _write(figure, place, panel.title, panel.title_colour, {"x": 0, "y": 1, "xanchor": "left", "yanchor": "bottom"})
@@ -156,7 +173,7 @@ def _points(mark: Points, figure: go.Figure, panel: Panel, place: dict[str, int]
         mode="markers+text" if written else "markers",
         marker=marker,
         text=list(mark.notes) if written else None,
-        textposition="middle right",
+        textposition="middle left",
         textfont={"size": 11},
         error_y=_errors(mark),
         cliponaxis=False,
@@ -176,7 +193,7 @@ def _errors(mark: Points) -> dict[str, Any] | None:
 def _band(mark: Band, figure: go.Figure, panel: Panel, place: dict[str, int], known: set[str]) -> None:
     fill = _faded(mark.colour, mark.opacity)
     if mark.x is None:
-        figure.add_hrect(y0=mark.low, y1=mark.high, fillcolor=fill, line_width=0, layer="below", **place)
+        figure.add_hrect(y0=mark.low, y1=mark.high, fillcolor=fill, line_width=0, layer="below", **place, **EVERY)
         _key(figure, mark.label, mark.colour, place, known)
         return
     low, high = (np.broadcast_to(np.asarray(v, dtype=np.float64), mark.x.shape) for v in (mark.low, mark.high))
@@ -200,7 +217,7 @@ def _key(figure: go.Figure, label: str, colour: str, place: dict[str, int], know
 @_draw.register
 def _span(mark: Span, figure: go.Figure, panel: Panel, place: dict[str, int], known: set[str]) -> None:
     fill = _faded(mark.colour, mark.opacity)
-    figure.add_vrect(x0=mark.start, x1=mark.end, fillcolor=fill, line_width=0, layer="below", **place)
+    figure.add_vrect(x0=mark.start, x1=mark.end, fillcolor=fill, line_width=0, layer="below", **place, **EVERY)
     _key(figure, mark.label, mark.colour, place, known)
 
 

@@ -13,7 +13,7 @@ from truewrench.plots.charts.chart import Band, Chart, Level, Line, Mark, Panel,
 from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
 from truewrench.plots.style import MEASURED, MISFIT_COLOUR
 
-ROW_HEIGHT = 92
+ROW_HEIGHT = 112
 
 
 def residual_map_figure(rows: Sequence[tuple[str, Sequence[ResidualMap]]]) -> Figure:
@@ -27,19 +27,19 @@ def residual_map_chart(rows: Sequence[tuple[str, Sequence[ResidualMap]]]) -> Cha
     Cells that are significant and above tolerance are full and coloured, the others hollow and grey; bars are 95 %
     intervals; the band is the tolerance.
     """
-    panels = [tuple(_panel(label, m, _limits(maps), last=n == len(rows) - 1) for m in maps)
-              for n, (label, maps) in enumerate(rows)]  # fmt: skip
+    panels = [tuple(_panel("" if n else label, m, _limits(maps)) for n, m in enumerate(maps)) for label, maps in rows]
     return Chart(
         rows=tuple(panels), row_height=ROW_HEIGHT, main=(len(rows) - 1, 0), shared_x=True, shared_y=True,
-        left=84, between_rows=16,
+        left=76, between_rows=30,
     )  # fmt: skip
 
 
-def _panel(label: str, shown: ResidualMap, limits: tuple[float, float], *, last: bool) -> Panel:
+def _panel(label: str, shown: ResidualMap, limits: tuple[float, float]) -> Panel:
     return Panel(
         marks=(Band(low=-shown.tolerance, high=shown.tolerance, label="tolerance"), Level(y=0), *_cells(shown)),
-        x_label=axis_label(shown.variable, shown.variable_unit) if last else "",
-        y_label=f"{label}\n{axis_label(f'residual of {shown.channel}', shown.channel_unit)}",
+        title=label,
+        x_label=axis_label(shown.variable, shown.variable_unit),
+        y_label=axis_label(f"residual of {shown.channel}", shown.channel_unit),
         y_limits=limits,
     )
 
@@ -62,8 +62,12 @@ def _cells(shown: ResidualMap) -> tuple[Mark, ...]:
 
 
 def _limits(maps: Sequence[ResidualMap]) -> tuple[float, float]:
-    """Limits that contain every mean, and the intervals up to their 95 % quantile or twice the largest mean."""
+    """Limits that contain every mean, and every interval up to thrice what most of them need.
+
+    Most: the 95 % quantile of the intervals, at most twice the largest mean.
+    """
     mean = max(float(np.abs(m.mean).max()) for m in maps)
     bars = np.concatenate([np.maximum(np.abs(m.low), np.abs(m.high)) for m in maps])
-    limit = 1.1 * max(mean, min(float(np.quantile(bars, 0.95)), 2 * mean), 1.3 * maps[0].tolerance)
+    most = max(mean, min(float(np.quantile(bars, 0.95)), 2 * mean), 1.3 * maps[0].tolerance)
+    limit = 1.1 * max(most, min(float(bars.max()), 3 * most))
     return -limit, limit

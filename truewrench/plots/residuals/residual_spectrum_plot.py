@@ -86,7 +86,7 @@ def residual_spectrum_chart(sides: Sequence[LabelledComparison], channel: int | 
                 marks=tuple(_marks(lines, row, side.colour)),
                 title="" if rows else side.label,
                 title_colour=side.colour,
-                x_label="frequency (Hz)" if row == chosen[-1] else "",
+                x_label="frequency (Hz)",
                 y_label=axis_label(f"{name} amplitude", unit),
                 x_log=True,
                 y_log=True,
