@@ -27,13 +27,7 @@ from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
 from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
 from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
-from diagnosis.verdict.result_json import (
-    disturbance_data,
-    estimates_data,
-    finding_data,
-    step_data,
-    unexplained_data,
-)
+from diagnosis.verdict.result_json import disturbance_data, unexplained_data
 from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, selection_steps
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
@@ -42,6 +36,7 @@ from diagnosis.verdict_rule import judge
 from estimation.fit import Fit, check_channels, initial_noise, refit, require_positive_fitted_mass
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
+from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
@@ -153,8 +148,8 @@ class Diagnosis(Tabular):
             "lack_of_fit_p": self.stated_lack_of_fit,
             "converged": self.fit.converged,
             "slow_residual": [s.to_data() for s in self.slow_residuals],
-            "steps": [step_data(s) for s in self.steps],
-            "effects": [finding_data(f) for f in self.findings],
+            "steps": [s.to_data() for s in self.steps],
+            "effects": [f.to_data() for f in self.findings],
             "parameters": estimates_data(self.fit.parameters),
             "zero_shift": None if self.zero_shift is None else dict(self.zero_shift),
             "validation_own": [disturbance_data(d) for d in self.disturbances] if self.steps[0].validation else None,

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from diagnosis.acceptance.held_out import HeldOut
+from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
 from diagnosis.comparison.error_table import error_table, systematic_error
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
@@ -40,7 +41,7 @@ MOST_MAPS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class StudyStep:
+class StudyStep(ComparedFit):
     """One model of a study.
 
     change      what led to it: `+ viscous_drag`, `- viscous_drag`
@@ -52,8 +53,10 @@ class StudyStep:
     training: tuple[Comparison, ...]
     validation: tuple[Comparison, ...]
 
-    def __repr__(self) -> str:
-        return f"StudyStep: {self.change}, {self.training[0].remarks()[0]}"
+    @property
+    def label(self) -> str:
+        """What led to it."""
+        return self.change
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +251,7 @@ class Study(Tabular):
         rows = []
         for number, step in enumerate(self.steps):
             ratios = [_worst_ratio(step.training)] + ([_worst_ratio(step.validation)] if self._held_out else [])
-            rows.append((str(number), step.change, *ratios, step.training[0].misfit, step.training[0].lack_of_fit))
+            rows.append((str(number), step.change, *ratios, step.training[0].misfit, step.training[0].lack_of_fit_cell))
         measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
         return Table.of(("step", "model", *(Column(n, format=".3g") for n in names), *measures), rows)
 

@@ -131,23 +131,32 @@ class Fit(Estimates):
         pandas.DataFrame
             Readings in N and N m, one row a sample: the index is the time in s, of static poses their number.
         """
-        given: object = recording
-        if not isinstance(given, Recording | None):
-            what = f"a recording is needed, not a {type(given).__name__}"
-            raise InputError(what=what, where="predict", remedy="read it: tw.read(path), tw.from_dataframe(frame)")
+        require_recording(recording, "predict")
         number = next((i for i, r in enumerate(self.recordings) if r is recording), None)
         if recording is None or number is not None:
             return reading_frame(self.recordings[number or 0], self.response(number or 0).value)
-        shared = self.model.without_recording_specific
-        theta = np.array([self.values[p.name] for p in shared.parameters])
-        check_channels(shared, (recording,))
-        return reading_frame(recording, predicted_readings(shared, recording, theta))
+        return predicted_frame(self.model, self.values, recording)
 
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
         """Measured minus predicted of each recording, (n, p) in the channels' units."""
         parts = zip(self.layout.models, self.recordings, self.layout.index, strict=True)
         return tuple(r.wrench - model_response(own, r, self.theta[i], derivative=False).value for own, r, i in parts)
+
+
+def require_recording(given: object, where: str) -> None:
+    """InputError, in a sentence, for what is neither a recording nor None."""
+    if not isinstance(given, Recording | None):
+        what = f"a recording is needed, not a {type(given).__name__}"
+        raise InputError(what=what, where=where, remedy="read it: tw.read(path), tw.from_dataframe(frame)")
+
+
+def predicted_frame(model: WrenchModel, values: Mapping[str, float], recording: Recording) -> pd.DataFrame:
+    """Readings that a model with these parameter values predicts, without its recording-specific effects."""
+    shared = model.without_recording_specific
+    theta = np.array([values[p.name] for p in shared.parameters])
+    check_channels(shared, (recording,))
+    return reading_frame(recording, predicted_readings(shared, recording, theta))
 
 
 def reading_frame(recording: Recording, readings: Array) -> pd.DataFrame:
@@ -259,6 +268,10 @@ def fit(
     >>> type(tw.fit(tw.planar(rig), tw.chunks(recording, 1000), noise=white)).__name__
     'StreamedFit'
     """
+    given: object = model
+    if not isinstance(given, WrenchModel):
+        remedy = "give a model first: tw.fit(tw.planar(rig), recording)"
+        raise InputError(what=f"a {type(given).__name__} is no model", where="fit", remedy=remedy)
     if isinstance(noise, NoiseModel):
         return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=constraints)
     parts = (recordings,) if isinstance(recordings, Recording | Chunk) else recordings
@@ -282,6 +295,7 @@ def _whole_recordings(parts: Iterable[RecordingOrChunk], executor: Executor | No
     for part in parts:
         if isinstance(part, Chunk):
             raise InputError(what="noise cannot be estimated from chunks", where=part.run, remedy=remedy)
+        require_recording(part, "fit")
         several.append(part)
     return tuple(several)
 

@@ -17,6 +17,12 @@ class Presenter(Protocol):
     def plot(self, result: Any, **options: Any) -> Any:
         """The result as a picture."""
 
+    def data(self, result: Any) -> dict[str, Any]:
+        """The result as plain data."""
+
+    def dataset(self, result: Any) -> Any:
+        """The result as labelled arrays."""
+
 
 _modules: list[str] = []
 

@@ -9,10 +9,10 @@ from html import escape
 from itertools import zip_longest
 from math import isfinite
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from modeling.number_format import NO_VALUE, format_unit, plain_number, typeset_number
-from modeling.presenter import presenter
+from modeling.presented import Presented
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,8 +93,8 @@ class Column:
         return f' class="{escape(names)}"' if names else ""
 
 
-@dataclass(frozen=True)
-class Table:
+@dataclass(frozen=True, repr=False)
+class Table(Presented):
     """Columns and rows of entries, a row as long as the columns; without any heading only the rows are printed."""
 
     columns: tuple[Column, ...]
@@ -155,7 +155,7 @@ def _aligned(row: Sequence[Sequence[str]], widths: Sequence[int]) -> Iterator[st
         yield "  ".join(part.ljust(width) for part, width in zip(parts, widths, strict=True)).rstrip()
 
 
-class Tabular(ABC):
+class Tabular(Presented, ABC):
     """A result that shows itself as a table with remarks below it, on a terminal and in a notebook.
 
     Its `repr` is that table: dataclasses among the subclasses do not list their fields.
@@ -182,39 +182,6 @@ class Tabular(ABC):
     def to_frame(self) -> pd.DataFrame:
         """The table as a pandas data frame."""
         return self.table.to_frame()
-
-    def summary(self) -> str:
-        """The result as text, with everything worth knowing about it."""
-        return presenter().summary(self)
-
-    def plot(
-        self, *, kind: str | None = None, channel: str | None = None, backend: str = "matplotlib", ax: Any = None
-    ) -> Any:
-        """The result as a figure, of matplotlib for print or of plotly for zooming; both show the same numbers.
-
-        Parameters
-        ----------
-        kind : str, optional
-            What to draw, where there are several kinds of figures; a wrong one is answered by those there are.
-        channel : str, optional
-            Channel of a figure of one channel, by default the worst.
-        backend : str, optional
-            "matplotlib", the default, or "plotly".
-        ax : matplotlib.axes.Axes, or a sequence of them, optional
-            Axes to draw on, by default a figure of its own: one gets the main panel, as many as there are panels get
-            all.
-
-        Returns
-        -------
-        matplotlib.figure.Figure or plotly.graph_objects.Figure
-            Shown by a notebook; `figure.savefig("file.png")`, or of plotly `figure.write_html("file.html")`, writes it.
-
-        Raises
-        ------
-        InputError
-            For a result without a figure, and an unknown kind, channel, backend or axes.
-        """
-        return presenter().plot(self, kind=kind, channel=channel, backend=backend, ax=ax)
 
     def __str__(self) -> str:
         return "\n".join(map(str, self.printed()))

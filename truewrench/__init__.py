@@ -42,4 +42,5 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Everything that `__getattr__` gives, for completion in a notebook."""
-    return sorted([*globals(), *_modules(), "__version__"])
+    own = [name for name in globals() if name.startswith("__")]
+    return sorted([*own, *_modules(), "__version__"])

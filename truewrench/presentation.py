@@ -33,3 +33,17 @@ def summary(result: Any) -> str:
 
         return FitSummary(result, result.intervals()).text(None, runs=False)
     return str(result)
+
+
+def data(result: Any) -> dict[str, Any]:
+    """The result as plain data: that of its file where it has one, else its table and remarks."""
+    from truewrench.plain_data import plain_data
+
+    return plain_data(result)
+
+
+def dataset(result: Any) -> Any:
+    """The result as labelled arrays of xarray."""
+    from truewrench.labelled_arrays import labelled_arrays
+
+    return labelled_arrays(result)

@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from math import isclose
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.comparison.generic_terms import cross_validated_gain, event_mean_p_value
+from diagnosis.comparison.generic_terms import cross_validated_gain, event_mean_p_value, smallest_gain_p_value
 from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space
 from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
-from estimation.noise.whitening import FourierLineWhitener
+from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
 from estimation.recordings.recording import Recording
 from modeling.number_format import P_VALUE, plain_number
 from modeling.space import Space
-from modeling.table import Column, Table, Tabular
+from modeling.table import Cell, Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,7 @@ class Comparison(Tabular):
     explainable_std  standard error of the systematic power (explainable_rms²), from the noise alone
     misfit           reduced chi-square of the whitened residual; None where the noise is estimated from the residual
     lack_of_fit      p-value of "the residual is consistent with the noise"
+    smallest_lack_of_fit  that its test can give: permutations are countable; 0 of the other tests
     """
 
     recording: Recording
@@ -46,6 +48,19 @@ class Comparison(Tabular):
     explainable_std: Mapping[str, float] | None
     misfit: float | None
     lack_of_fit: float
+    smallest_lack_of_fit: float = 0.0
+
+    @property
+    def lack_of_fit_cell(self) -> Cell:
+        """The p-value of the lack of fit for a table, marked where it is the smallest that its test can give."""
+        smallest = self.smallest_lack_of_fit > 0 and isclose(self.lack_of_fit, self.smallest_lack_of_fit)
+        return Cell(self.lack_of_fit, "≤ " if smallest else "")
+
+    @property
+    def lack_of_fit_text(self) -> str:
+        """The p-value of the lack of fit in words."""
+        cell, number = self.lack_of_fit_cell, plain_number(self.lack_of_fit, P_VALUE)
+        return f"p ≤ {number}, the smallest that this test can give" if cell.mark else f"p = {number}"
 
     @property
     def space(self) -> Space:
@@ -73,7 +88,7 @@ class Comparison(Tabular):
     def remarks(self) -> list[str]:
         """Reduced chi-square and lack of fit."""
         misfit = "-" if self.misfit is None else f"{self.misfit:.4g}"
-        return [f"reduced chi-square {misfit}, lack of fit p = {plain_number(self.lack_of_fit, P_VALUE)}"]
+        return [f"reduced chi-square {misfit}, lack of fit {self.lack_of_fit_text}"]
 
 
 def comparison_of(fit: Fit, number: int) -> Comparison:
@@ -93,6 +108,7 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
         explainable_std=None if explainable is None else _by_channel(channels, explainable[1]),
         misfit=misfit,
         lack_of_fit=p_value,
+        smallest_lack_of_fit=smallest_lack_of_fit(noise),
     )
 
 
@@ -158,6 +174,14 @@ def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
 def noise_from_residual(fit: Fit) -> bool:
     """Whether any recording's noise is estimated from the residual."""
     return any(n.source is NoiseSource.RESIDUAL for n in fit.noise)
+
+
+def smallest_lack_of_fit(noise: RecordingNoise) -> float:
+    """The smallest p-value of `lack_of_fit_test` that sign flips can give, corrected as it is; 0 of other tests."""
+    whitener = noise.whitener
+    if noise.source is not NoiseSource.RESIDUAL or not isinstance(whitener, AutoregressiveWhitener):
+        return 0.0
+    return bonferroni_p_value([smallest_gain_p_value(whitener), 1.0])
 
 
 def _rows_and_leverage(fit: Fit, number: int) -> tuple[Array, Array]:

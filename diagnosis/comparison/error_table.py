@@ -78,7 +78,7 @@ def _rows(errors: RecordingErrors, names: Sequence[str], tolerance: Mapping[str,
     yield (errors.label, "noise floor", *(Cell(floor, kind="floor") for floor in floors.values()), "", "")
     for name, c in zip(names, errors.comparisons, strict=True):
         cells = (_error_cell(c, channel, tolerance[channel]) for channel in floors)
-        yield (errors.label, name, *cells, c.misfit, c.lack_of_fit)
+        yield (errors.label, name, *cells, c.misfit, c.lack_of_fit_cell)
 
 
 def _error_cell(comparison: Comparison, channel: str, tolerance: float) -> Cell:

@@ -68,6 +68,11 @@ def standardised_columns(terms: dict[str, Array]) -> Array:
     return np.asarray(matrix / matrix.std(axis=0))
 
 
+def smallest_gain_p_value(whitener: AutoregressiveWhitener) -> float:
+    """The smallest p-value that the sign flips of `cross_validated_gain` can give: one pattern of all."""
+    return 2.0 ** (1 - min(FOLDS, whitener.rows // len(whitener.noise.covariance)))
+
+
 @dataclass(frozen=True)
 class CrossValidatedGain:
     """Cross-validated prediction of the residual by generic terms.

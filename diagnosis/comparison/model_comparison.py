@@ -15,7 +15,7 @@ from diagnosis.comparison.band_error import BandError
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.validation import EstimatedModel, validation_fit
 from estimation.distributions import chi2_sf, normal_cdf
-from estimation.fit import Fit, reestimated_noise
+from estimation.fit import Fit, reestimated_noise, require_recording
 from estimation.least_squares.estimates import Estimate
 from estimation.multiplicity import holm_adjusted
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
@@ -146,7 +146,7 @@ class ModelComparison(Tabular):
                 model.name,
                 *(_error(p.comparison).values()),
                 p.comparison.misfit,
-                p.comparison.lack_of_fit,
+                p.comparison.lack_of_fit_cell,
             )
             for model in self.models
             for p in model.predictions
@@ -218,23 +218,27 @@ def compare(fit: Fit, recording: Recording | None = None) -> Comparison: ...
 
 @overload
 def compare(
-    fit: Sequence[Fit] | Mapping[str, EstimatedModel], recording: Recording | Sequence[Recording] | None = None
+    fit: Sequence[EstimatedModel] | Mapping[str, EstimatedModel],
+    recording: Recording | Sequence[Recording] | None = None,
 ) -> ModelComparison: ...
 
 
 def compare(
-    fit: Fit | Sequence[Fit] | Mapping[str, EstimatedModel],
+    fit: EstimatedModel | Sequence[EstimatedModel] | Mapping[str, EstimatedModel],
     recording: Recording | Sequence[Recording] | None = None,
+    *more: object,
 ) -> Comparison | ModelComparison:
     """Compare a fit with a recording, or several fits with each other on the same recordings.
 
     Parameters
     ----------
-    fit : Fit, sequence of Fit, or mapping of str to Fit
-        A fit of a model to recordings; several, or several by name.
+    fit : Fit or ModelFile, sequence of these, or mapping of str to these
+        A fit of a model to recordings, or what `load` gave; several, or several by name.
     recording : Recording, or of several fits a sequence of them, optional
         One of the fit's recordings, by default the first; or a held-out one of the same rig and tool, on which the
         biases alone are re-estimated (validation fit). Of several fits by default the recordings of the first.
+    *more : object
+        Nothing: several fits are one argument, a list, and so are several recordings.
 
     Returns
     -------
@@ -246,7 +250,8 @@ def compare(
     Raises
     ------
     InputError
-        When a recording lacks a signal that a model needs, or nothing is given to compare.
+        When a recording lacks a signal that a model needs, nothing is given to compare, or the arguments are no fits
+        and recordings.
 
     Examples
     --------
@@ -263,8 +268,9 @@ def compare(
     >>> tw.compare([fit, better], other).differences[0].better
     'rigid tool + viscous_drag'
     """
+    _require_fits_and_recordings(fit, recording, more)
     if not isinstance(fit, Fit):
-        named = fit if isinstance(fit, Mapping) else _named(fit)
+        named = fit if isinstance(fit, Mapping) else _named([fit] if isinstance(fit, EstimatedModel) else fit)
         several = (recording,) if isinstance(recording, Recording) else tuple(recording or _own_recordings(named))
         return compare_models(named, several)
     if not isinstance(recording, Recording | None):
@@ -274,7 +280,21 @@ def compare(
     return comparison_of(validation_fit(fit, recording), 0)
 
 
-def _named(fits: Sequence[Fit]) -> dict[str, EstimatedModel]:
+def _require_fits_and_recordings(fit: object, recording: object, more: tuple[object, ...]) -> None:
+    """InputError, in a sentence, for arguments of other kinds, and for fits that are not in a list."""
+    remedy = "give the fits as a list, then the recording: tw.compare([first, second], recording)"
+    if more or isinstance(recording, Fit):
+        raise InputError(what="several fits are one argument", where="compare", remedy=remedy)
+    fits = fit.values() if isinstance(fit, Mapping) else fit if isinstance(fit, list | tuple) else (fit,)
+    for one in fits:
+        if not isinstance(one, EstimatedModel):
+            raise InputError(what=f"a {type(one).__name__} is no fit", where="compare", remedy=remedy)
+    given = recording if isinstance(recording, list | tuple) else (recording,)
+    for part in given:
+        require_recording(part, "compare")
+
+
+def _named(fits: Sequence[EstimatedModel]) -> dict[str, EstimatedModel]:
     """Fits by what their models are: the rigid tool and effects; numbered where two are alike."""
     named: dict[str, EstimatedModel] = {}
     for fit in fits:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from modeling.parameter import Parameter
 Array = NDArray[np.float64]
 
 
+@runtime_checkable
 class EstimatedModel(Protocol):
     """A model with estimated parameters: a fit, or one from a model file."""
 

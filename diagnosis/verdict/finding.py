@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,15 +27,18 @@ from diagnosis.verdict.upper_limit import contribution_upper_limit, within_toler
 from diagnosis.verdict.verdict import EffectVerdict
 from diagnosis.verdict_rule import judge
 from estimation.fit import Estimate
+from estimation.least_squares.estimates import PARAMETER_COLUMNS, estimates_data
 from modeling.chain.effect import Effect
+from modeling.number_format import P_VALUE, finite, plain_number
 from modeling.significance import LEVELS
 from modeling.space import Space
+from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class Finding(Tabular):
     """Verdict on one effect, with its evidence.
 
     p_value         multiplicity-corrected, of the score test; None when not tested
@@ -52,6 +56,32 @@ class Finding:
     confusable_with: tuple[str, ...]
     reason: str
     parameters: Mapping[str, Estimate]
+
+    @property
+    def table(self) -> Table:
+        """Name, value, std and unit of its parameters."""
+        return Table.of(PARAMETER_COLUMNS, [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()])
+
+    def printed(self) -> list[Table | str]:
+        """Verdict with p-value and reason, then the parameters."""
+        p_value = "" if self.p_value is None else f", p = {plain_number(self.p_value, P_VALUE)}"
+        head = f"{self.effect.id}: {self.verdict.value}{p_value}" + (f"; {self.reason}" if self.reason else "")
+        return [head, *([self.table] if self.parameters else [])]
+
+    def to_data(self) -> dict[str, Any]:
+        """The finding in result.json: numbers are finite or None."""
+        data = {
+            "id": self.effect.id,
+            "verdict": self.verdict.value,
+            "p_value": self.p_value,
+            "error_removed": self.error_removed,
+            "detectable": dict(self.detectable),
+            "confusable_with": list(self.confusable_with),
+            "reason": self.reason,
+            "parameters": estimates_data(self.parameters),
+        }
+        plain: dict[str, Any] = finite(data)
+        return plain
 
 
 @dataclass(frozen=True)

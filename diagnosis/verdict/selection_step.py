@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.acceptance.held_out import HeldOut
+from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.generic_terms import cross_validated_gain
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
@@ -19,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class SelectionStep:
+class SelectionStep(ComparedFit):
     """The model after one more effect, compared with the training and the held-out recordings."""
 
     effect: str | None
@@ -27,8 +29,27 @@ class SelectionStep:
     training: tuple[Comparison, ...]
     validation: tuple[Comparison, ...]
 
-    def __repr__(self) -> str:
-        return f"SelectionStep: {self.effect or 'base model'}, {self.training[0].remarks()[0]}"
+    @property
+    def label(self) -> str:
+        """The effect added."""
+        return self.effect or "base model"
+
+    def to_data(self) -> dict[str, Any]:
+        """The step in result.json."""
+        first = self.training[0]
+        held_out = self.validation[0] if self.validation else None
+        return {
+            "effect": self.effect,
+            "misfit": first.misfit,
+            "rms": dict(first.rms),
+            "explainable_rms": _optional(first.explainable_rms),
+            "validation_rms": None if held_out is None else dict(held_out.rms),
+            "validation_explainable_rms": None if held_out is None else _optional(held_out.explainable_rms),
+        }
+
+
+def _optional(values: Mapping[str, float] | None) -> dict[str, float] | None:
+    return None if values is None else dict(values)
 
 
 def selection_steps(

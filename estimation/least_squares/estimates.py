@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,20 +103,12 @@ class Estimates(Tabular):
     @property
     def params(self) -> pd.DataFrame:
         """Value, std and unit of every parameter, by name, as a data frame."""
-        import pandas as pd
-
-        rows = [(e.value, e.std, e.unit) for e in self.parameters.values()]
-        return pd.DataFrame(rows, columns=["value", "std", "unit"], index=pd.Index(self.parameters, name="parameter"))
+        return parameter_frame(self.parameters)
 
     @property
     def correlation(self) -> pd.DataFrame:
         """Correlation coefficients (k, k) of the estimates; missing for an unidentifiable parameter."""
-        import pandas as pd
-
-        std = np.sqrt(np.where(self.identifiable, np.maximum(np.diag(self.covariance), 0.0), np.nan))
-        matrix = self.covariance / np.where(std > 0, std, np.nan) / np.where(std > 0, std, np.nan)[:, None]
-        names = pd.Index(self.parameters, name="parameter")
-        return pd.DataFrame(matrix, index=names, columns=names)
+        return correlation_frame(list(self.parameters), self.covariance, self.identifiable)
 
     @property
     def values(self) -> dict[str, float]:
@@ -159,3 +151,26 @@ class Estimates(Tabular):
         return (
             found if self.converged else [*found, f"not converged after {MAX_STEPS} steps: the estimates are not final"]
         )
+
+
+def parameter_frame(estimates: Mapping[str, Estimate]) -> pd.DataFrame:
+    """Value, std and unit by name."""
+    import pandas as pd
+
+    rows = [(e.value, e.std, e.unit) for e in estimates.values()]
+    return pd.DataFrame(rows, columns=["value", "std", "unit"], index=pd.Index(estimates, name="parameter"))
+
+
+def correlation_frame(names: Sequence[str], covariance: Array, identifiable: NDArray[np.bool_]) -> pd.DataFrame:
+    """Correlation coefficients (k, k) by name; missing where a parameter is fixed or not identifiable."""
+    import pandas as pd
+
+    variance = np.where(identifiable & np.isfinite(np.diag(covariance)), np.diag(covariance), 0.0)
+    std = np.where(variance > 0, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+    index = pd.Index(names, name="parameter")
+    return pd.DataFrame(covariance / std / std[:, None], index=index, columns=index)
+
+
+def estimates_data(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    """Parameter estimates by name as plain data."""
+    return {name: {"value": e.value, "std": e.std, "unit": e.unit} for name, e in estimates.items()}

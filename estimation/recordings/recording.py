@@ -6,15 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modeling.kinematics.base_mounting import motion_in_world
 from modeling.rig.rig import PLANAR_CHANNELS, Rig
+from modeling.table import Column, Table, Tabular, Value
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from estimation.recordings.differentiation import Derivatives
     from estimation.recordings.reports.reading_report import ReadingReport
     from estimation.recordings.sample_hold import TrueSamples
@@ -35,7 +38,7 @@ class MotionForm(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recording:
+class Recording(Tabular):
     """Samples of a wrench and of the motion, as recorded; `read` gives it.
 
     Parameters
@@ -88,6 +91,37 @@ class Recording:
         runs = f"{self.repeats} x " if self.repeats > 1 else ""
         known = f"motion {self.form.value}" + "".join(f", {name}" for name in self.auxiliary)
         return f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {known}"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    @property
+    def table(self) -> Table:
+        """Smallest value, mean, largest value and std of each channel and column, SI."""
+        numbers = (Column(name, format=".4g") for name in ("smallest", "mean", "largest", "std"))
+        series = dict(zip(self.channels, self.wrench.T, strict=True)) | dict(self.columns)
+        rows: list[tuple[Value, ...]] = [
+            (name, *(float(f(y)) for f in (np.min, np.mean, np.max, np.std))) for name, y in series.items()
+        ]
+        return Table.of(("column", *numbers), rows)
+
+    def printed(self) -> list[Table | str]:
+        """What it is, then its columns."""
+        return [repr(self), self.table]
+
+    def to_frame(self) -> pd.DataFrame:
+        """Time, repeat, wrench and every other column as a data frame, which `from_dataframe` takes."""
+        import pandas as pd
+
+        found = {} if self.time is None else {"time": np.arange(self.samples) * (self.dt or 1.0)}
+        if self.repeats > 1:
+            found["repeat"] = np.repeat(np.arange(self.repeats), self.samples_per_repeat)
+        return pd.DataFrame(found | dict(zip(self.channels, self.wrench.T, strict=True)) | dict(self.columns))
+
+    def to_data(self) -> dict[str, Any]:
+        """Name and columns as plain data; `from_dataframe` takes a data frame of the columns."""
+        columns = {name: column.tolist() for name, column in self.to_frame().items()}
+        return {"name": self.name, "continuous": self.continuous, "columns": columns}
 
     @property
     def samples(self) -> int:

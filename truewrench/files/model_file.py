@@ -9,15 +9,15 @@ from functools import reduce
 from math import isclose
 from operator import add
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from estimation.contact.calibrated_model import CalibratedModel
-from estimation.fit import Estimate, Fit
-from estimation.least_squares.estimates import PARAMETER_COLUMNS
+from estimation.fit import Estimate, Fit, predicted_frame, require_recording
+from estimation.least_squares.estimates import PARAMETER_COLUMNS, correlation_frame, parameter_frame
 from estimation.noise.recording_noise import NoiseSource
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.effect import Effect
@@ -30,9 +30,14 @@ from modeling.number_format import finite
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
 from modeling.strict_table import StrictTable, validated
-from modeling.table import Table
+from modeling.table import Table, Tabular
 from modeling.text_file import file_text
 from truewrench.files.output import atomic_write
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from estimation.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -45,7 +50,7 @@ REMEDY = "write the file again with `truewrench fit --out`, or correct it there"
 
 
 @dataclass(frozen=True, eq=False)
-class ModelFile:
+class ModelFile(Tabular):
     """A fitted model: estimates, covariance, noise and systematic residual.
 
     parameters    in the model's order; biases are those of the first recording
@@ -79,9 +84,14 @@ class ModelFile:
             remainder=_by_channel(fitted.model, calibration.remainder),
         )
 
-    def __repr__(self) -> str:
-        rows = [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()]
-        return f"{self.model!r}\n{Table.of(PARAMETER_COLUMNS, rows)}"
+    @property
+    def table(self) -> Table:
+        """Name, value, std and unit of every parameter."""
+        return Table.of(PARAMETER_COLUMNS, [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()])
+
+    def printed(self) -> list[Table | str]:
+        """The model, then its parameters."""
+        return [repr(self.model), self.table]
 
     def __getitem__(self, name: str) -> Estimate:
         """The estimate of that name; InputError, with what was meant, for none."""
@@ -89,6 +99,29 @@ class ModelFile:
             remedy = suggestion(str(name), self.parameters)
             raise InputError(what=f"no parameter is called {quoted(name)}", where="model", remedy=remedy)
         return self.parameters[name]
+
+    @property
+    def params(self) -> pd.DataFrame:
+        """Value, std and unit of every parameter, by name, as a data frame; a fit knows intervals too."""
+        return parameter_frame(self.parameters)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of every parameter by name."""
+        return {name: estimate.value for name, estimate in self.parameters.items()}
+
+    @property
+    def correlation(self) -> pd.DataFrame:
+        """Correlation coefficients (k, k) of the estimates; missing for an unidentifiable parameter."""
+        return correlation_frame(list(self.parameters), self.covariance, self.calibration.known)
+
+    def predict(self, recording: Recording) -> pd.DataFrame:
+        """Predicted readings of a recording, N and N m, by time (s; of static poses their number) and channel.
+
+        The biases are those of the first recording of the fit, and recording-specific effects are left out.
+        """
+        require_recording(recording, "predict")
+        return predicted_frame(self.model, self.values, recording)
 
     @property
     def calibration(self) -> CalibratedModel:
@@ -194,20 +227,29 @@ def save(fit: Fit | StreamedFit | ModelFile, path: str | Path) -> Path:
     >>> tw.load(path)["m"].unit
     'kg'
     """
-    saved = fit if isinstance(fit, ModelFile) else ModelFile.of(fit)
+    given: object = fit
+    file: object = path
+    if not isinstance(given, Fit | StreamedFit | ModelFile):
+        remedy = 'save a fit: tw.save(tw.fit(model, recording), "model.json"); of a diagnosis found.fit'
+        raise InputError(what=f"a {type(given).__name__} is no fitted model", where="save", remedy=remedy)
+    if not isinstance(file, str | Path):
+        remedy = 'give the path of the file, such as "model.json"'
+        raise InputError(what=f"a {type(file).__name__} is no path", where="save", remedy=remedy)
+    saved = given if isinstance(given, ModelFile) else ModelFile.of(given)
     target = Path(path)
     with atomic_write(target) as temporary:
         temporary.write_text(saved.to_text(), encoding="utf-8")
     return target
 
 
-def load(path: str | Path) -> ModelFile:
+def load(path: str | Path | Mapping[str, Any]) -> ModelFile:
     """The fitted model in a model file, for prediction, comparison, compensation, design and code.
 
     Parameters
     ----------
-    path : str or Path
-        JSON file of `save`, `truewrench fit --out` or `truewrench diagnose --out`.
+    path : str, Path or mapping
+        JSON file of `save`, `truewrench fit --out` or `truewrench diagnose --out`; or the data that
+        `fit.to_dict()` gives.
 
     Returns
     -------
@@ -229,7 +271,13 @@ def load(path: str | Path) -> ModelFile:
     >>> f"{known['viscous_drag.c'].value:.2f} {known['viscous_drag.c'].unit}"
     '0.15 N s/m'
     """
-    return ModelFile.read(path)
+    given: object = path
+    if isinstance(given, Mapping):
+        return ModelFile.from_data(given)
+    if not isinstance(given, str | Path):
+        remedy = "give the path of a model file, or what fit.to_dict() gave"
+        raise InputError(what=f"a {type(given).__name__} is no model file", where="load", remedy=remedy)
+    return ModelFile.read(given)
 
 
 def _by_channel(model: WrenchModel, values: Array) -> dict[str, float]:

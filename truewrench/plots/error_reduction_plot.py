@@ -87,7 +87,7 @@ def _marks(shown: Sequence[RecordingErrors], channel: str, tolerance: float, bot
 
 def _recording_marks(errors: RecordingErrors, channel: str, number: int, count: int, bottom: float) -> Iterator[Mark]:
     """Points of one recording, offset from the others; below the axis an arrow, the upper limit as a bar."""
-    place = np.arange(len(errors.comparisons)) + (number - (count - 1) / 2) * point_spacing(count)
+    place = np.arange(len(errors.comparisons), dtype=np.float64) + (number - (count - 1) / 2) * point_spacing(count)
     floor = errors.floor(channel)
     ratio = np.array([systematic_error(c)[channel] for c in errors.comparisons]) / floor
     limit = np.array([(c.explainable_limit or systematic_error(c))[channel] for c in errors.comparisons]) / floor

@@ -12,7 +12,6 @@ import numpy as np
 from estimation.confidence_intervals import Intervals
 from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
-from estimation.robust.robust_fit import RobustFit
 from modeling.number_format import axis_label, estimate_text
 from modeling.significance import LEVELS
 from truewrench.plots.charts.chart import Chart, Heat, Panel, Points, in_rows, value_limits
@@ -36,23 +35,19 @@ class LabelledParameters:
     ends: Mapping[str, tuple[float, float]]
 
     @classmethod
-    def of(cls, label: str, fitted: Fit, intervals: Intervals | None = None) -> LabelledParameters:
-        """Of a fit to whole recordings, with the effective degrees of freedom of its noise."""
-        found = fitted.intervals() if intervals is None else intervals
-        names = [p.name for p in fitted.unknowns]
-        ends = dict(zip(names, zip(found.low.tolist(), found.high.tolist(), strict=True), strict=True))
-        return cls(label, {p.name: fitted.parameters[p.name] for p in fitted.unknowns if not p.fixed}, ends)
-
-    @classmethod
-    def robust(cls, fitted: RobustFit) -> LabelledParameters:
-        """Of a robust fit."""
-        return cls.of("robust", fitted.fit, fitted.intervals())
+    def of(cls, label: str, found: Intervals) -> LabelledParameters:
+        """Of intervals with the effective degrees of freedom of the noise."""
+        known = zip(found.fit.unknowns, found.fit.theta.tolist(), found.std.tolist(), strict=True)
+        estimates = {p.name: Estimate(p.name, value, std, p.unit) for p, value, std in known if not p.fixed}
+        names = [p.name for p in found.fit.unknowns]
+        ends = zip(found.low.tolist(), found.high.tolist(), strict=True)
+        return cls(label, estimates, dict(zip(names, ends, strict=True)))
 
     @classmethod
     def known(cls, label: str, estimated: Any) -> LabelledParameters:
         """Of anything with parameters; where the noise is a given one, 95 % of a normal distribution."""
         if isinstance(estimated, Fit):
-            return cls.of(label, estimated)
+            return cls.of(label, estimated.intervals())
         fixed = {p.name for p in estimated.model.parameters if p.fixed}
         known = {name: e for name, e in estimated.parameters.items() if name not in fixed}
         return cls(label, known, {n: normal_ends(e) for n, e in known.items()})

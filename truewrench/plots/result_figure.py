@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from design.exciting_trajectory import ExcitingTrajectory
+from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.model_comparison import ModelComparison, compare
 from diagnosis.comparison.residual_map import residual_maps
@@ -62,19 +63,34 @@ def result_figure(
     """
     if backend not in BACKENDS:
         raise InputError(what=f"no backend is {quoted(backend)}", where="plot", remedy=suggestion(backend, BACKENDS))
-    figures = _figures(result)
     if backend == "matplotlib" and ax is None:
-        return _drawn(_chosen(figures, kind)(result, channel))
-    charts = {name: draw for name, draw in figures.items() if name not in PAGES}
-    if kind in PAGES:
-        remedy = f"leave backend and ax out, or draw {' or '.join(charts)}"
-        raise InputError(what=f"{kind} is a page of matplotlib's own", where="plot", remedy=remedy)
-    chart = _chosen(charts, kind)(result, channel)
+        shown = _shown(result)
+        return _drawn(_chosen(_figures(shown), kind)(shown, channel))
+    chart = result_chart(result, kind=kind, channel=channel)
     if backend == "plotly":
         return _interactive(chart, ax)
     from truewrench.plots.charts.matplotlib_chart import draw_on
 
     return draw_on(ax, chart)
+
+
+def result_chart(result: Any, *, kind: str | None = None, channel: str | None = None) -> Chart:
+    """What a figure of a result shows, whoever draws it.
+
+    Raises InputError as `result_figure`, and for a kind that matplotlib alone draws.
+    """
+    shown = _shown(result)
+    charts = {name: draw for name, draw in _figures(shown).items() if name not in PAGES}
+    if kind in PAGES:
+        remedy = f"leave backend and ax out, or draw {' or '.join(charts)}"
+        raise InputError(what=f"{kind} is a page of matplotlib's own", where="plot", remedy=remedy)
+    chart: Chart = _chosen(charts, kind)(shown, channel)
+    return chart
+
+
+def _shown(result: Any) -> Any:
+    """The result; of a step its fit."""
+    return result.fit if isinstance(result, ComparedFit) else result
 
 
 def _drawn(found: Any) -> Any:
@@ -200,16 +216,17 @@ def _parameters(result: Any, _channel: str | None) -> Chart:
 
 def _labelled_parameters(result: Any) -> list[LabelledParameters]:
     if isinstance(result, Study):
-        return [LabelledParameters.of(step.change, step.fit) for step in _ends(result.steps)]
+        return [LabelledParameters.known(step.change, step.fit) for step in _ends(result.steps)]
     if isinstance(result, Diagnosis):
         steps = list(zip(step_names(result), result.steps, strict=True))
-        return [LabelledParameters.of(name, step.fit) for name, step in _ends(steps)]
+        return [LabelledParameters.known(name, step.fit) for name, step in _ends(steps)]
     if isinstance(result, ModelComparison):
         return [LabelledParameters.known(m.name, m.estimated) for m in result.models]
     if isinstance(result, RobustFit):
-        return [LabelledParameters.of("least squares", result.plain), LabelledParameters.robust(result)]
+        robust = LabelledParameters.of("robust", result.intervals())
+        return [LabelledParameters.known("least squares", result.plain), robust]
     if isinstance(result, Intervals):
-        return [LabelledParameters.of("fit", result.fit, result)]
+        return [LabelledParameters.of("fit", result)]
     return [LabelledParameters.known("fit", result)]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TypeAlias
@@ -190,6 +190,12 @@ class Chart:
         """The panel for a single pair of axes."""
         panel = self.rows[self.main[0]][self.main[1]]
         return self.panels[0] if panel is None else panel
+
+
+def legend_labels(panels: Iterable[Panel]) -> list[str]:
+    """Labels of all marks, each once."""
+    every = (getattr(mark, "label", "") for panel in panels for mark in panel.marks)
+    return list(dict.fromkeys(label for label in every if label))
 
 
 def in_rows(panels: Sequence[Panel], columns: int) -> tuple[tuple[Panel | None, ...], ...]:

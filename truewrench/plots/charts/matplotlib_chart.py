@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import singledispatch
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from modeling.errors import InputError
-from truewrench.plots.charts.chart import Band, Bars, Chart, Heat, Level, Line, Panel, Points, Span
+from truewrench.plots.charts.chart import Band, Bars, Chart, Heat, Level, Line, Panel, Points, Span, legend_labels
 from truewrench.plots.charts.line_decimation import decimated
 from truewrench.plots.style import INK, LEGEND, MUTED, SMALL, WIDTH, PanelGrid, label_y_axis, panel_title, style_axes
 
@@ -27,7 +27,7 @@ DASHES: dict[bool, Any] = {True: (0, (4, 2)), False: "-"}
 
 def matplotlib_figure(chart: Chart) -> Figure:
     """The chart on a figure of its own."""
-    labels = _labels(chart.panels) if chart.legend else []
+    labels = legend_labels(chart.panels) if chart.legend else []
     width = chart.width or (WIDTH if chart.columns > 1 else 0.62 * WIDTH)
     lines = _legend_lines(labels, width - chart.left - chart.right)
     headed = any(panel is not None and panel.title for panel in chart.rows[0])
@@ -78,10 +78,9 @@ def draw_on(axes: Any, chart: Chart) -> Figure:
         raise InputError(what=f"{len(given)} axes for {len(chart.panels)} panels", where="plot", remedy=remedy)
     for place, panel in zip(given, panels, strict=True):
         draw_panel(style_axes(place), panel)
-        if _labels([panel]) and chart.legend:
+        if legend_labels([panel]) and chart.legend:
             place.legend(**LEGEND)
-    figure: Figure = given[0].get_figure(root=True)
-    return figure
+    return cast(Figure, given[0].get_figure(root=True))
 
 
 def draw_panel(axes: Axes, panel: Panel) -> None:
@@ -114,12 +113,6 @@ def _tick(value: float, _position: int) -> str:
 
 
 # ------------------------------------------------------------------------------------------------ legend
-
-
-def _labels(panels: Iterable[Panel]) -> list[str]:
-    """Labels of all marks, each once."""
-    every = (getattr(mark, "label", "") for panel in panels for mark in panel.marks)
-    return list(dict.fromkeys(label for label in every if label))
 
 
 def _legend_lines(labels: list[str], width: float) -> list[list[str]]:

@@ -9,7 +9,19 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from truewrench.plots.charts.chart import Array, Band, Bars, Chart, Heat, Level, Line, Panel, Points, Span
+from truewrench.plots.charts.chart import (
+    Array,
+    Band,
+    Bars,
+    Chart,
+    Heat,
+    Level,
+    Line,
+    Panel,
+    Points,
+    Span,
+    legend_labels,
+)
 from truewrench.plots.charts.line_decimation import decimated
 from truewrench.plots.style import FAINT, INK, MUTED, WIDTH
 
@@ -37,7 +49,7 @@ PANEL_SCALE = 1.5
 def plotly_figure(chart: Chart) -> go.Figure:
     """The chart as an interactive figure."""
     rows, height = len(chart.rows), PANEL_SCALE * chart.row_height
-    labels = {m.label for p in chart.panels for m in p.marks if getattr(m, "label", "")}
+    labels = legend_labels(chart.panels)
     head = HEAD + LEGEND_LINE * -(-len(labels) // LEGEND_ENTRIES) + 20 * bool(chart.title)
     between = 30 + PANEL_SCALE * chart.between_rows
     inside = rows * height + (rows - 1) * between

@@ -77,7 +77,7 @@ def residual_spectrum_chart(sides: Sequence[LabelledComparison], channel: int | 
     spectra = [residual_spectrum(side) for side in sides]
     labels = channel_labels(sides)
     chosen = range(len(labels)) if channel is None else (channel,)
-    rows = []
+    rows: list[tuple[Panel, ...]] = []
     for row in chosen:
         name, unit = labels[row]
         limits = _limits(spectra, row)

@@ -1,0 +1,45 @@
+"""A step of a series of models, compared with recordings: what it shows of itself."""
+
+from __future__ import annotations
+
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.error_table import systematic_error
+from estimation.fit import Fit
+from modeling.number_format import P_VALUE
+from modeling.table import Column, Table, Tabular, Value
+
+
+class ComparedFit(Tabular):
+    """A fit compared with the recordings it was fitted to, and with held-out ones."""
+
+    fit: Fit
+    training: tuple[Comparison, ...]
+    validation: tuple[Comparison, ...]
+
+    @property
+    def label(self) -> str:
+        """What led to it."""
+        return "model"
+
+    def __repr__(self) -> str:
+        held_out = [f"held out {c.recording.name}: {c.remarks()[0]}" for c in self.validation]
+        return "; ".join([f"{type(self).__name__}: {self.label}, {self.training[0].remarks()[0]}", *held_out])
+
+    @property
+    def table(self) -> Table:
+        """Error of each channel (systematic with repeats, else RMS), reduced chi-square, lack of fit, by recording."""
+        units = self.training[0].space.channel_units.items()
+        sizes = (Column(channel, unit, format=".3g") for channel, unit in units)
+        measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
+        compared = [*((c, "fitted") for c in self.training), *((c, "held out") for c in self.validation)]
+        return Table.of(("recording", *sizes, *measures), [_row(c, kind) for c, kind in compared])
+
+    def printed(self) -> list[Table | str]:
+        """What led to it, then its errors."""
+        return [self.label, self.table]
+
+
+def _row(comparison: Comparison, kind: str) -> tuple[Value, ...]:
+    errors = systematic_error(comparison)
+    name = f"{comparison.recording.name} ({kind})"
+    return (name, *errors.values(), comparison.misfit, comparison.lack_of_fit_cell)

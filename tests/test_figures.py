@@ -1,0 +1,151 @@
+"""Figures of results: one description for matplotlib and plotly, true, labelled, nothing cut off, on a user's axes."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axis import Axis, Tick
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+import truewrench as tw
+from modeling.table import Table
+from tests.test_given_effects import simulated
+from tests.test_results import RESULTS, fitted
+from truewrench.plots.charts.chart import Chart, Line
+from truewrench.plots.charts.line_decimation import decimated
+from truewrench.plots.charts.matplotlib_chart import draw_on, matplotlib_figure
+from truewrench.plots.charts.plotly_chart import plotly_figure
+from truewrench.plots.result_figure import FIGURES, PAGES, result_chart
+
+pytest.importorskip("mujoco")
+
+NAMES = [
+    "study", "suspects", "contact", "recording", "intervals", "bands",
+    *(pytest.param(name, marks=pytest.mark.long) for name in (
+        "fit", "comparison", "diagnosis", "model comparison", "location", "robust", "loaded model"
+    )),
+]  # fmt: skip
+"""A study has every kind of figure that a fit has; the long tier draws those of the others."""
+
+
+def kinds(name: str) -> list[str]:
+    """The kinds of figures of a result."""
+    result = RESULTS[name]()
+    own = next((figures for known, figures in FIGURES.items() if isinstance(result, known)), {"table": None})
+    return [kind for kind in own if kind not in PAGES]
+
+
+def texts(figure: Figure) -> list[Text]:
+    """Every text but the ticks' labels."""
+    every = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+    ticks = {text for axis in figure.findobj(Axis) for tick in axis.findobj(Tick) for text in tick.findobj(Text)}
+    return [text for text in every if text not in ticks]
+
+
+@cache
+def chart_of(name: str, kind: str) -> Chart:
+    return result_chart(RESULTS[name](), kind=kind)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_cut_off_nor_written_over(name: str) -> None:
+    for kind in kinds(name):
+        figure = matplotlib_figure(chart_of(name, kind))
+        figure.set_canvas(FigureCanvasAgg(figure))
+        figure.draw_without_rendering()
+        drawn, page = figure.get_tightbbox(), figure.get_size_inches()
+        assert min(drawn.x0, drawn.y0) >= -0.02, kind
+        assert (np.array([drawn.x1, drawn.y1]) <= page + 0.02).all(), kind
+        boxes = {text: text.get_window_extent() for text in texts(figure)}
+        over = [(a.get_text(), b.get_text()) for a, b in combinations(boxes, 2) if boxes[a].overlaps(boxes[b])]
+        assert not over, (kind, over[:3])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_libraries_show_the_same_numbers(name: str) -> None:
+    """Every line and point of the description is in plotly's JSON; short ones as they are."""
+    for kind in kinds(name):
+        chart = chart_of(name, kind)
+        shown = plotly_figure(chart)
+        json.loads(shown.to_json())
+        traces = [np.asarray(t.y, dtype=float) for t in shown.data if t.type == "scatter" and t.y is not None]
+        for panel in chart.panels:
+            for line in (mark for mark in panel.marks if isinstance(mark, Line)):
+                assert any(len(y) == len(line.y) and np.array_equal(y, line.y) for y in traces), kind
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_axes_are_labelled_with_units(name: str) -> None:
+    """A unit in brackets on each axis of a quantity; bars and ratios have a name."""
+    for kind in kinds(name):
+        for panel in chart_of(name, kind).panels:
+            named = " ".join((panel.title, panel.x_label, panel.y_label))
+            assert named.strip(), kind
+            if kind in ("residual", "measured", "spectrum", "map", "contact", "recording"):
+                assert "(" in panel.y_label, kind
+
+
+def test_each_panel_has_the_scale_of_what_it_shows() -> None:
+    """The residual after is a tenth of that before, and its panel a tenth as high."""
+    before = tw.fit(tw.planar(fitted().recordings[0].rig), simulated(1))
+    chart = result_chart(tw.compare([before, RESULTS["study"]().fit], simulated(1)), kind="residual")
+    heights = [np.ptp(panel.y_limits) for panel in chart.rows[1] if panel is not None and panel.y_limits]
+    for panel, height in zip(chart.rows[1], heights, strict=True):
+        assert panel is not None
+        largest = max(float(np.abs(mark.y).max()) for mark in panel.marks if isinstance(mark, Line))
+        assert 0.3 * height < largest <= height / 2 or height / 2 < 1.3 * fitted().noise[0].floor.max()
+
+
+def test_a_long_line_keeps_its_peaks() -> None:
+    y = np.random.default_rng(0).normal(size=1_000_000)
+    y[123_456], y[765_432] = 99.0, -99.0
+    line = Line(x=np.arange(1.0, 1e6 + 1), y=y, colour="#000000")
+    for log, columns in product((False, True), (500, 2000)):
+        across, found = decimated(line, columns, log=log)
+        assert len(found) <= 2 * columns + 2
+        assert {99.0, -99.0} <= set(found)
+        assert (np.diff(across) > 0).all()
+
+
+def test_axes_of_the_user() -> None:
+    from matplotlib.pyplot import close, subplots
+
+    fit = fitted()
+    figure, axes = subplots(2, 2)
+    assert fit.plot(kind="measured", channel="fx", ax=axes[0, 0]) is figure
+    assert axes[0, 0].get_ylabel() == "fx (N)"
+    fit.plot(kind="residual", ax=axes[1])
+    assert [a.get_ylabel()[:8] for a in axes[1]] == ["tau (N·m", "residual"] or axes[1, 1].get_ylabel()
+    assert not axes[0, 1].lines
+    close(figure)
+
+
+WRONG: dict[str, dict[str, Any]] = {
+    "no backend is 'bokeh'; use one of matplotlib, plotly": {"backend": "bokeh"},
+    "ax is a str, not axes of matplotlib": {"ax": "axes"},
+    "3 axes for 2 panels; give 2 axes, or one": {"ax": Figure().subplots(3)},
+    "plotly has no axes of matplotlib": {"backend": "plotly", "ax": Figure().subplots()},
+    "no kind of figure is 'spectrumm'; did you mean spectrum": {"kind": "spectrumm"},
+    "no channel is 'fz'": {"channel": "fz"},
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_a_wrong_figure_is_a_sentence(message: str) -> None:
+    with pytest.raises(tw.InputError, match=message):
+        fitted().plot(**WRONG[message])
+
+
+def test_a_notebook_shows_it() -> None:
+    assert "<svg" in fitted().plot()._repr_svg_()
+    assert fitted().plot(backend="plotly")._repr_mimebundle_() is not None
+    with pytest.raises(tw.InputError, match="no numbers to draw"):
+        Table.of(("name",), [("text",)]).plot()
+    assert draw_on(Figure().subplots(), chart_of("fit", "correlation")).axes
