@@ -120,7 +120,7 @@ def test_every_kind_of_result_is_here() -> None:
     assert every - elsewhere - known <= {"ComparedFit"}
 
 
-def _below(kind: type) -> set[type]:
+def _below(kind: type[Any]) -> set[type[Any]]:
     return {kind, *(found for sub in kind.__subclasses__() for found in _below(sub))}
 
 

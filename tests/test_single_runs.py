@@ -5,15 +5,17 @@ Each recording has a seed of its own, so that a test fails always or never.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from diagnosis.comparison.model_comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening.score_test import screen
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, refit_effects, refit_with_effect
-from diagnosis.verdict.selection_step import explainable_power_by_step, selection_steps
+from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, selection_steps
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.fit import WhitenedProblem, fit
 from estimation.model_response import predicted_readings
@@ -52,6 +54,19 @@ def with_drag(recording: Recording) -> tuple[CandidateModel, CandidateModel]:
     """The rigid tip, and the same with the drag that was hidden."""
     base = CandidateModel(fit(planar(recording.rig), recording), candidates=len(FEW))
     return base, refit_with_effect(base, screen(base.fit, [viscous_drag()])[0])
+
+
+def test_the_smallest_p_value_of_sign_flips_is_said_to_be_a_bound() -> None:
+    """Ten blocks have 512 patterns of signs; the p-value of one of them is doubled for the two tests made."""
+    recording = run(3000, ViscousDrag(c=0.6, d=0.12))
+    found = compare(fit(planar(recording.rig), recording))
+    assert 2 / 512 == found.smallest_lack_of_fit <= found.lack_of_fit < 0.01
+    limit = replace(found, lack_of_fit=2 / 512)
+    assert "lack of fit p ≤ 0.0039, the smallest that this test can give" in str(limit)
+    assert "≤ 0.0039" in str(SelectionStep(None, with_drag(recording)[0].fit, (limit,), ()))
+    right = compare(with_drag(recording)[1].fit)
+    assert right.lack_of_fit > right.smallest_lack_of_fit
+    assert "≤" not in str(right)
 
 
 @pytest.mark.parametrize("seed", [3000, 3001, 3002])

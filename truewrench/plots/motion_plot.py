@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from estimation.recordings.recording import Recording, numbered_names
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.number_format import axis_label
-from truewrench.plots.charts.chart import Chart, Heat, Level, Line, Panel
+from truewrench.plots.charts.chart import Chart, Heat, Level, Line, Panel, Points
 from truewrench.plots.style import MEASURED
 from truewrench.plots.trajectory.joint_limit_plot import joint_colour
 
@@ -48,7 +49,7 @@ def recording_chart(recording: Recording) -> Chart:
     panels = []
     for kind, unit in units.items():
         series = {c: wrench[:, i] for i, c in enumerate(recording.channels) if c[0] == kind}
-        panels.append(_series_panel({"f": "force", "t": "torque"}[kind], unit, series, across))
+        panels.append(_series_panel({"f": "force", "t": "torque"}[kind], unit, series, across, poses=recording.at_rest))
     panels += motion_panels(recording)
     rows = tuple((_labelled(p, label, p is panels[-1]),) for p in panels)
     return Chart(rows=rows, row_height=UNIT_HEIGHT, shared_x=True, between_rows=14, width=1080)
@@ -66,7 +67,7 @@ def motion_panels(recording: Recording) -> list[Panel]:
     for name, (names, unit) in groups.items():
         known = {n: signals[n][:once] for n in names if n in signals and np.ptp(signals[n][:once]) > 0}
         if known:
-            panels.append(_series_panel(name, unit, known, across))
+            panels.append(_series_panel(name, unit, known, across, poses=recording.at_rest))
     return panels
 
 
@@ -105,7 +106,7 @@ def information_panels(across: Array, columns: Array, names: list[str]) -> list[
 
 def _information_panels_of(across: Array, information: SampleInformation) -> list[Panel]:
     """Information of each sample over that of the mean sample, in total, and by parameter."""
-    total = Line(x=across, y=information.total / information.total.mean(), colour="#8250B8", width=1.0)
+    total = Line(x=across, y=information.total / information.total.mean(), colour="#8250B8", width=1.0, steps=True)
     shares = information.by_parameter * len(information.total)
     place, middle = averaged_columns(shares, across)
     heat = Heat(
@@ -134,14 +135,15 @@ def _across(recording: Recording) -> Array:
     return count + 1 if recording.at_rest else count * sample_step(recording)
 
 
-def _series_panel(name: str, unit: str, series: Mapping[str, Array], across: Array) -> Panel:
+def _series_panel(name: str, unit: str, series: Mapping[str, Array], across: Array, *, poses: bool = False) -> Panel:
     several = len(series) > 1
     name = name if several else next(iter(series))
-    lines = tuple(
-        Line(x=across, y=np.asarray(y), colour=joint_colour(i), width=1.0, label=label if several else "")
+    draw = partial(Points, size=4.0) if poses else partial(Line, width=1.0)
+    marks = tuple(
+        draw(x=across, y=np.asarray(y), colour=joint_colour(i), label=label if several else "")
         for i, (label, y) in enumerate(series.items())
     )
-    return Panel(marks=(Level(y=0.0, colour=MEASURED), *lines), y_label=axis_label(name, unit))
+    return Panel(marks=(Level(y=0.0, colour=MEASURED), *marks), y_label=axis_label(name, unit))
 
 
 def _chart(panels: list[Panel], label: str) -> Chart:

@@ -105,6 +105,14 @@ class Heat:
     scale: str
     written: bool = False
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Where the first column begins and the last one ends: half a column beyond their middles."""
+        count = self.values.shape[1]
+        first, last = (0.0, count - 1.0) if self.x is None else (float(self.x[0]), float(self.x[-1]))
+        half = (last - first) / max(count - 1, 1) / 2 or 0.5
+        return first - half, last + half
+
 
 Mark: TypeAlias = Line | Points | Band | Span | Level | Bars | Heat
 

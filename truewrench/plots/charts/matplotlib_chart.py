@@ -220,7 +220,7 @@ def _bars(mark: Bars, axes: Axes, panel: Panel, order: float) -> None:
 @_draw.register
 def _heat(mark: Heat, axes: Axes, panel: Panel, order: float) -> None:
     count = len(mark.rows)
-    left, right = (-0.5, mark.values.shape[1] - 0.5) if mark.x is None else (float(mark.x[0]), float(mark.x[-1]))
+    left, right = mark.ends
     colours = LinearSegmentedColormap.from_list("heat", list(mark.colours))
     scale = Normalize(*mark.limits, clip=True)
     extent = (left, right, count - 0.5, -0.5)

@@ -120,7 +120,7 @@ def _events(side: LabelledComparison) -> tuple[Mark, ...]:
 def time_limits(side: LabelledComparison) -> tuple[float, float]:
     """One repeat with a margin at both ends."""
     first, last = float(side.instants[0]), float(side.instants[-1])
-    margin = 0.012 * (last - first) or 0.5
+    margin = 0.5 if side.recording.at_rest else 0.012 * (last - first)
     return first - margin, last + margin
 
 
