@@ -224,7 +224,7 @@ def compare(
 
 
 def compare(
-    fit: EstimatedModel | Sequence[EstimatedModel] | Mapping[str, EstimatedModel],
+    fit: Fit | EstimatedModel | Sequence[EstimatedModel] | Mapping[str, EstimatedModel],
     recording: Recording | Sequence[Recording] | None = None,
     *more: object,
 ) -> Comparison | ModelComparison:

@@ -283,5 +283,6 @@ def _heat(mark: Heat, figure: go.Figure, panel: Panel, place: dict[str, int], kn
 
 def _beside(figure: go.Figure, place: dict[str, int]) -> dict[str, Any]:
     """Place and length of a colour scale beside its panel."""
-    low, high = figure.get_subplot(place["row"], place["col"]).yaxis.domain
+    panel: Any = figure.get_subplot(place["row"], place["col"])
+    low, high = panel.yaxis.domain
     return {"y": (low + high) / 2, "len": max(high - low, 0.05), "yanchor": "middle"}
