@@ -1,11 +1,11 @@
-# make demo | test | long | check | bench | clean
+# make demo | test | long | check | bench | notebooks | clean
 # The first run creates .venv with the versions pinned in constraints.txt.
 
 BIN := .venv/bin
 STAMP := .venv/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
-.PHONY: demo test long check bench clean
+.PHONY: demo test long check bench notebooks clean
 .DEFAULT_GOAL := test
 
 demo: $(STAMP)
@@ -26,6 +26,9 @@ check: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
+
+notebooks: $(STAMP)
+	PYTHONPATH=$(CURDIR) $(BIN)/python notebooks/builder.py
 
 clean:
 	rm -rf .venv demo_report build dist *.egg-info

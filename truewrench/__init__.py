@@ -36,6 +36,8 @@ def __getattr__(name: str) -> Any:
         return sorted(_modules())
     if name in _modules():
         _register()
+        if _modules()[name] == __name__:
+            return import_module(f"{__name__}.{name}")
         return getattr(__import__(_modules()[name], fromlist=[name]), name)
     raise AttributeError(f"module 'truewrench' has no attribute '{name}'")
 

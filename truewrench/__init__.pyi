@@ -6,10 +6,13 @@ from design.criteria import DOptimal as DOptimal
 from design.criteria import EOptimal as EOptimal
 from design.criteria import Subset as Subset
 from design.discrimination import discriminate as discriminate
+from design.information.experiment import Experiment as Experiment
+from design.limits.limit_use import LimitUse as LimitUse
 from design.trajectories.fourier import FreeSeries as FreeSeries
 from design.trajectories.fourier import PaperSeries as PaperSeries
 from design.trajectories.rest_to_rest import RestToRest as RestToRest
 from design.trajectories.spline import SplineSeries as SplineSeries
+from design.trajectories.trajectory import Trajectory as Trajectory
 from design.trajectory_design import design as design
 from diagnosis.calibrate import calibrate as calibrate
 from diagnosis.comparison.model_comparison import compare as compare
@@ -45,6 +48,7 @@ from estimation.streaming.chunk import Chunk as Chunk
 from estimation.streaming.chunk import chunks as chunks
 from estimation.streaming.long_log import read_chunks as read_chunks
 from modeling import effects as effects
+from modeling import reference as reference
 from modeling.chain.model import WrenchModel as WrenchModel
 from modeling.chain.model import planar as planar
 from modeling.chain.model import spatial as spatial
@@ -55,6 +59,7 @@ from modeling.noise.autoregressive_noise import NoiseModel as NoiseModel
 from modeling.noise.stationary_noise import ColouredNoise as ColouredNoise
 from modeling.rig.rig import Rig as Rig
 from modeling.space import signals as signals
+from truewrench import simulated_rig as simulated_rig
 from truewrench.emitted import emit as emit
 from truewrench.files.effects_file import read_effects as read_effects
 from truewrench.files.model_file import load as load

@@ -31,14 +31,32 @@ Array = NDArray[np.float64]
 class Experiment:
     """Readings of p channels along a trajectory of n joints, by their sensitivities S_t (p, k) to k parameters.
 
-    terms       summands of S_t, each a matrix of signals through a transfer function
-    parameters  of the columns of S_t, in their order
-    channels    names of the channels
-    arm         kinematics from the joints to the sensor, None where the sensor's signals are given
-    noise       weight of the readings, None for unweighted SI
+    Parameters
+    ----------
+    terms : tuple of SensitivityTerm
+        Summands of S_t, each a matrix of signals through a transfer function.
+    parameters : tuple of Parameter
+        Of the columns of S_t, in their order.
+    channels : tuple of str
+        Names of the channels.
+    arm : Arm, optional
+        Kinematics from the joints to the sensor, None where the sensor's signals are given.
+    noise : StationaryNoise, optional
+        Weight of the readings, None for unweighted SI.
 
+    Notes
+    -----
     The information of N samples is M = sum_t S_t' W S_t (k, k): the Fisher information for Gaussian noise, with the
-    covariance of the efficient estimate its inverse. With no noise it is Phi' Phi of 22.11.
+    covariance of the efficient estimate its inverse. With no noise it is Phi' Phi of 22.11. `Experiment.of` makes one
+    of a model and an arm.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> motion = tw.PaperSeries(period=5.0).chapter_optimum
+    >>> tw.Experiment.of(tw.planar(rig), rig.arm).information(motion, 200).shape
+    (6, 6)
     """
 
     terms: tuple[SensitivityTerm, ...]

@@ -56,7 +56,22 @@ class LimitedQuantity:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LimitUse(Tabular):
-    """The range of every limited quantity during a trajectory: enclosures, valid between the samples too."""
+    """The range of every limited quantity during a trajectory: enclosures, valid between the samples too.
+
+    Parameters
+    ----------
+    limited_quantities : tuple of LimitedQuantity
+        Each with its range, its limits and the share of them that is used.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> limit = {"position": [1.0] * 3, "velocity": [5.0] * 3, "acceleration": [40.0] * 3}
+    >>> rig = tw.Rig.from_data({"robot": {"link_lengths": [1.0, 0.97, 0.4]}, "limits": limit})
+    >>> motion = tw.PaperSeries(period=5.0).chapter_optimum
+    >>> bool(tw.LimitUse.of(motion, rig.limits).by_quantity["position"].use < 1)
+    True
+    """
 
     limited_quantities: tuple[LimitedQuantity, ...]
 

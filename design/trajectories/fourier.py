@@ -179,6 +179,11 @@ class PaperSeries(FourierSeries):
         """Harmonics 1..6."""
         return SHARED_HARMONICS + OWN_HARMONICS
 
+    @property
+    def chapter_optimum(self) -> Trajectory:
+        """The chapter's optimum, x_opt of 22.17, whose coefficients are degrees; of three joints."""
+        return Trajectory(self, np.radians(CHAPTER_OPTIMUM_DEGREES))
+
     def __str__(self) -> str:
         return f"the series of equation 22.10, up to {max(self.waves) / self.period:.3g} Hz"
 

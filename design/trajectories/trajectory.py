@@ -95,9 +95,26 @@ class TrajectorySeries(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A trajectory of a series: its coefficients (k,), in the coordinate's unit (rad for a revolute joint).
+    """A trajectory of a series, by its coefficients.
 
-    Raises InputError when the number of coefficients is not the series'.
+    Parameters
+    ----------
+    series : TrajectorySeries
+        Its parametrisation.
+    coefficients : array (k,)
+        In the coordinate's unit (rad for a revolute joint).
+
+    Raises
+    ------
+    InputError
+        When the number of coefficients is not the series'.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> motion = tw.Trajectory(tw.PaperSeries(period=5.0), [0.1] * 15)
+    >>> motion.joints, motion.period
+    (3, 5.0)
     """
 
     series: TrajectorySeries

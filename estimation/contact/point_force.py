@@ -12,8 +12,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.expressions.compilation import numpy_function
-
 Array = NDArray[np.float64]
 
 
@@ -82,16 +80,3 @@ class PointForce:
 def std_along(covariance: Array, direction: Array) -> Array:
     """Standard deviations (n,) along directions (n, d) of vectors with covariances (n, d, d)."""
     return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, covariance, direction)))
-
-
-def printed_direction(wrench: Array, distance: float) -> Array:
-    """22.16 as it is printed, for comparison: arctan((fcx - tauc d) / (fcy (1 + d²))), (n,), rad in (-pi/2, pi/2).
-
-    It solves tauc = +R d sin(.) against 22.14's sign (erratum 3), loses the quadrant and weights N and N m equally
-    (erratum 4).
-    """
-    from modeling.reference.contact_statics import FCX, FCY, PRINTED_22_16, TAUC, D
-
-    tangent = numpy_function((FCX, FCY, TAUC, D), [PRINTED_22_16])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.arctan(tangent(*wrench.T, distance)[0]))

@@ -5,7 +5,7 @@ Nothing is computed with the printed equations; they are compared only.
 """
 
 from modeling.reference.body_wrench import wrench_equations
-from modeling.reference.contact_statics import contact_equations
+from modeling.reference.contact_statics import contact_equations, printed_direction
 from modeling.reference.equation import Equation, EquationVerdict, vanishes
 from modeling.reference.equation_tables import Equations, Errata
 from modeling.reference.erratum import Erratum, ErratumProof
@@ -20,6 +20,7 @@ __all__ = [
     "ErratumProof",
     "contact_equations",
     "path_equations",
+    "printed_direction",
     "vanishes",
     "wrench_equations",
 ]

@@ -5,15 +5,20 @@ Of chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Ro
 
 from __future__ import annotations
 
+import numpy as np
 import sympy as sp
+from numpy.typing import NDArray
 
 from modeling.chain.chain import point_on_tip
 from modeling.chain.model import planar
+from modeling.expressions.compilation import numpy_function
 from modeling.reference.equation import Equation
 from modeling.reference.equation_tables import Equations
 from modeling.reference.path_kinematics import PHI
 from modeling.space import Space
 from modeling.tool.wrench_components import contact_force_torque
+
+Array = NDArray[np.float64]
 
 FORCE_SIZE, D = sp.symbols("R d", positive=True)
 """Magnitude of the force (N), and its distance along the tip from the sensor (m)."""
@@ -84,3 +89,14 @@ def contact_equations() -> Equations:
             ),
         )
     )
+
+
+def printed_direction(wrench: Array, distance: float) -> Array:
+    """22.16 as it is printed, for comparison: arctan((fcx - tauc d) / (fcy (1 + d²))), (n,), rad in (-pi/2, pi/2).
+
+    It solves tauc = +R d sin(.) against 22.14's sign (erratum 3), loses the quadrant and weights N and N m equally
+    (erratum 4).
+    """
+    tangent = numpy_function((FCX, FCY, TAUC, D), [PRINTED_22_16])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.arctan(tangent(*wrench.T, distance)[0]))

@@ -1,26 +1,24 @@
 # %% [markdown]
 # # An effect of one's own
 #
+# **The question: can the diagnosis find something that its authors have never heard of?**
+#
 # The catalogue knows what mostly goes wrong on a robot. What goes wrong on *your* robot may be in no catalogue. Then
 # the diagnosis says `unexplained`, and where to look; and when you have looked, you can write down what you have seen,
 # in a few lines of formulas. Then it is an effect like the others: screened, fitted, and believed only if it holds.
 #
 # It needs no robot, but MuJoCo (`pip install "truewrench[simulation]"`), which plays one and shares no equation with
-# the models here. Open it as a notebook (VS Code, or Jupyter with jupytext), or run it as a script.
+# the models here.
 
 # %%
-# %matplotlib inline
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 import truewrench as tw
-from diagnosis.comparison.residual_map import residual_maps
-from modeling.chain.chain import Stage
-from modeling.effects import catalogue
-from truewrench.plots.residuals.residual_map_plot import residual_map_figure
 from truewrench.plots.style import ADEQUATE_COLOUR, INK, LEGEND, MEASURED, MISFIT_COLOUR, PanelGrid
-from truewrench.simulated_rig import Magnet, PlanarRig, resolve_effects, simulate, write_recording
+from truewrench.simulated_rig import Magnet, PlanarRig, resolve_effects, simulate
 
 # %% [markdown]
 # ## A rig that nobody has written a catalogue for
@@ -29,16 +27,8 @@ from truewrench.simulated_rig import Magnet, PlanarRig, resolve_effects, simulat
 # with the third power of the distance.
 
 # %%
-folder = Path("demo_report", "own_effect")
-folder.mkdir(parents=True, exist_ok=True)
-(folder / "rig.toml").write_text("""
-[robot]
-link_lengths = [1.0, 0.97, 0.4]   # m
-
-[sensor]
-convention = "on_tool"
-""")
-rig = tw.Rig.read(folder / "rig.toml")
+lengths = [1.0, 0.97, 0.4]  # m
+rig = tw.Rig.from_data({"robot": {"link_lengths": lengths}, "sensor": {"convention": "on_tool"}})
 
 arm = PlanarRig()
 motions = {"train": arm.random_motion(seed=1), "validate": arm.random_motion(seed=2)}
@@ -46,9 +36,9 @@ motions = {"train": arm.random_motion(seed=1), "validate": arm.random_motion(see
 
 
 def record(name, seed):
-    """Repeat a motion of 5 s four times, 30 samples to the second, and read the file as if it came from a robot."""
+    """Repeat a motion of 5 s four times, 30 samples to the second, as if it came from a robot."""
     frame = simulate(arm, motions[name], hidden=[magnet], repeats=4, samples_per_period=150, seed=seed)
-    return tw.read(write_recording(frame, folder / f"{name}.csv"), rig=rig)
+    return tw.from_dataframe(frame, rig=rig, name=name)
 
 
 train, validate = record("train", 0), record("validate", 1)
@@ -61,7 +51,7 @@ train, validate = record("train", 0), record("validate", 1)
 
 # %%
 model = tw.planar(rig)
-on_the_tool = [effect for effect in catalogue(model.space) if effect.stage is Stage.TIP_BODY]
+on_the_tool = [effect for effect in tw.effects.catalogue(model.space) if effect.stage.name == "TIP_BODY"]
 unknown = tw.diagnose(model, train, validate=validate, effects=on_the_tool)
 print(unknown)
 
@@ -123,6 +113,8 @@ parameters = { strength = "N m^3", x = { unit = "m", bounds = [1.5, 2.5], search
 let = { ux = "x - tip_x", uy = "y - tip_y", r = "sqrt(ux^2 + uy^2)" }
 tip_body = { at = "d", force_x = "strength*ux/r^4", force_y = "strength*uy/r^4" }
 """  # noqa: E501
+scratch = TemporaryDirectory()
+folder = Path(scratch.name)
 (folder / "effects.toml").write_text(text)
 (own,) = tw.read_effects(folder / "effects.toml")
 print(own.equation)
@@ -137,7 +129,8 @@ for right, wrong in slips.items():
     try:
         tw.read_effects(folder / "slip.toml")
     except tw.InputError as error:
-        print(error, end="\n\n")
+        print(str(error).removeprefix(f"{folder}/"), end="\n\n")
+scratch.cleanup()
 
 # %% [markdown]
 # ## Found
@@ -170,21 +163,15 @@ force_figure(path, force, marks)
 # %% [markdown]
 # The maps of the torque, before and after:
 
-
 # %%
-def maps_of(comparison):
-    """Maps of the torque by variable, the telling ones first."""
-    tolerance = {name: floor / 10 for name, floor in comparison.noise_floor.items()}
-    return {m.variable: m for m in residual_maps(comparison, tolerance) if m.channel == "tau"}
-
-
-before, after = maps_of(unknown.steps[-1].training[0]), maps_of(found.steps[-1].training[0])
-telling = list(before)[:4]
-residual_map_figure(
-    [(label, [maps[n] for n in telling]) for label, maps in (("rigid tool", before), ("magnet", after))]
-)
+found.plot(kind="map", channel="tau")
 
 # %% [markdown]
+# ## The answer
+#
+# Yes: `unexplained` was right as long as the catalogue had no magnet, and six lines of formulas were enough for it to
+# be named, with its place and its strength, against every other effect.
+#
 # With recordings of your own:
 #
 # ```sh
