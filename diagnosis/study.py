@@ -58,6 +58,17 @@ class StudyStep(ComparedFit):
         """What led to it."""
         return self.change
 
+    def __repr__(self) -> str:
+        verdict = f"does not fit {', '.join(self.misfitting)}" if self.misfitting else "no lack of fit"
+        return f"{super().__repr__()}; {verdict}"
+
+    @property
+    def misfitting(self) -> tuple[str, ...]:
+        """The recordings with a significant lack of fit, the held-out ones named as such."""
+        fitted = [c.recording.name for c in self.training if c.lack_of_fit < LEVELS.effect]
+        held_out = [c.recording.name for c in self.validation if c.lack_of_fit < LEVELS.held_out]
+        return (*fitted, *(f"{name} (held out)" for name in held_out))
+
 
 @dataclass(frozen=True, eq=False)
 class Location(Tabular):
@@ -256,8 +267,13 @@ class Study(Tabular):
         return Table.of(("step", "model", *(Column(n, format=".3g") for n in names), *measures), rows)
 
     def remarks(self) -> list[str]:
-        """What the current model is."""
-        return [f"model: {' + '.join([START, *self.effects])}; worst channel, systematic error with repeats, else rms"]
+        """What the current model is, and which recordings it does not fit."""
+        failing = self.steps[-1].misfitting
+        fits = [f"does not fit {', '.join(failing)}"] if failing else []
+        return [
+            *fits,
+            f"model: {' + '.join([START, *self.effects])}; worst channel, systematic error with repeats, else rms",
+        ]
 
     # ------------------------------------------------------------------------------------------- inside
 

@@ -24,7 +24,8 @@ from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from modeling.effects import CATALOGUE
 from modeling.rig.rig import Convention
-from truewrench.command_line import main
+from truewrench.command_line import COMMANDS, main
+from truewrench.command_options.effect_choice import ids_apart
 from truewrench.commands import demo, effects
 from truewrench.commands import diagnose as diagnose_command
 from truewrench.files.model_file import ModelFile
@@ -573,6 +574,76 @@ def test_a_terminal_sees_progress_and_a_clean_line_after_it(bench: Bench, monkey
     assert "fit ..." in terminal.getvalue()
     assert "\n" not in terminal.getvalue()
     assert terminal.getvalue().endswith(ERASE_LINE)
+
+
+def test_a_log_sees_progress_as_lines(run: Runner, bench: Bench) -> None:
+    done = run("fit", bench.training, "--rig", bench.rig, "--progress")
+    assert done.code == 0
+    assert [line.split() for line in done.err.splitlines()] == [["0.0", "s", "fit"]]
+    assert run("fit", bench.training, "--rig", bench.rig).err == ""
+
+
+def test_quiet_writes_files_and_prints_nothing_but_json(run: Runner, bench: Bench, tmp_path: Path) -> None:
+    out = tmp_path / "model.json"
+    assert run("fit", bench.training, "--rig", bench.rig, "--quiet", "--out", out) == Outcome(0, "", "")
+    assert out.is_file()
+    assert json.loads(run("fit", bench.training, "--rig", bench.rig, "--quiet", "--json").out)
+    refused = run("fit", "missing.csv", "--quiet")
+    assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
+    assert run("effects").out  # and of later commands nothing is withheld
+
+
+@pytest.mark.parametrize(
+    "command", [(), *((c.__name__.rpartition(".")[2].removesuffix("_recording"),) for c in COMMANDS)]
+)
+def test_every_help_states_the_exit_codes(command: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([*command, "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    assert "Exit code: 0 done, 2 bad input (one line on stderr, nothing half-written), 130 interrupted." in text
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        (["--add", "a", "b", "--json"], ["--add", "a", "--add", "b", "--json"]),
+        (["--add", "a", "run.csv"], ["--add", "a", "run.csv"]),
+        (
+            ["x.csv", "--add", "a", "b", "--drop", "c", "d"],
+            ["x.csv", "--add", "a", "--add", "b", "--drop", "c", "--drop", "d"],
+        ),
+        (["--out", "a", "b"], ["--out", "a", "b"]),
+        (["--add", "--json", "b"], ["--add", "--json", "b"]),
+    ],
+)
+def test_an_option_takes_several_effects(given: list[str], meant: list[str]) -> None:
+    assert ids_apart(given, {"--add", "--drop"}) == meant
+
+
+def test_a_file_named_like_an_effect_is_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").touch()
+    assert ids_apart(["--add", "a", "run"], {"--add"}) == ["--add", "a", "run"]
+
+
+def test_several_effects_are_fitted(run: Runner, bench: Bench) -> None:
+    both = run("fit", "--add", "viscous_drag", "sensor_lag", bench.training, "--rig", bench.rig, "--json")
+    assert [effect["id"] for effect in json.loads(both.out)["effects"]] == ["viscous_drag", "sensor_lag"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("truewrench fi", "fit"),
+        ("truewrench fit --add vis", "viscous_drag"),
+        ("truewrench diagnose --val", "--validate"),
+    ],
+)
+def test_a_shell_completes_commands_options_and_effects(typed: str, offered: str, tmp_path: Path) -> None:
+    answer = tmp_path / "answer"
+    shell = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(answer), "_ARGCOMPLETE_IFS": "\n"}
+    program(env=os.environ | shell | {"COMP_LINE": typed, "COMP_POINT": str(len(typed))})
+    assert offered in answer.read_text().split()
 
 
 # --------------------------------------------------------------------------------------------- output

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -152,3 +153,17 @@ def test_it_prints_in_a_few_lines(begun: Study) -> None:
         assert len(str(shown).splitlines()) < 40
         assert shown._repr_html_()
     assert repr(begun) == str(begun)
+
+
+def test_a_step_says_which_recording_condemns_it(begun: Study) -> None:
+    """Also when it is the held-out one alone."""
+    first = begun.steps[0]
+    assert first.misfitting == tuple(
+        [c.recording.name for c in first.training] + [f"{c.recording.name} (held out)" for c in first.validation]
+    )
+    assert f"does not fit {', '.join(first.misfitting)}" in str(begun)
+    consistent = tuple(replace(c, lack_of_fit=0.5) for c in first.training)
+    condemned = replace(first, training=consistent)
+    assert "does not fit" in repr(condemned)
+    assert condemned.misfitting == tuple(f"{c.recording.name} (held out)" for c in first.validation)
+    assert "no lack of fit" in repr(replace(condemned, validation=()))

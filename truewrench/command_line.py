@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """Command line `truewrench COMMAND`: exit code 0 on success, 2 with one error line for bad input, 130 interrupted.
 
 No numerical library is imported here or by the options of the commands, so that `--help` answers at once.
@@ -16,9 +17,11 @@ import warnings
 from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from modeling.errors import InputError, TruewrenchError
+from truewrench.command_options.effect_choice import ids_apart
+from truewrench.command_options.options import add_verbosity, verbosity
 from truewrench.commands import (
     calibrate,
     compare,
@@ -36,14 +39,27 @@ from truewrench.commands import (
 COMMANDS = (
     demo, import_recording, diagnose, calibrate, fit, compare, survey, design, compensate, emit, effects,
 )  # fmt: skip
+PRINTING = (emit, effects)
+"""Commands whose text is what was asked for: --quiet has no meaning there."""
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+EXIT_CODES = (
+    f"Exit code: 0 done, {EXIT_BAD_INPUT} bad input (one line on stderr, nothing half-written),"
+    f" {EXIT_INTERRUPTED} interrupted."
+)
+COMPLETION = "_ARGCOMPLETE"
+"""Variable of the environment in which a shell asks for completions."""
 GC_THRESHOLDS = (50_000, 20, 50)
 """Of the garbage collector: a command's objects live until it ends, and collections take a thirtieth of its time."""
 
 
 class Parser(argparse.ArgumentParser):
     """Argument parser whose errors are InputErrors: no usage text, no exit from within."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, each option of effects by as many ids as follow it."""
+        options = {option for action in self._actions if action.metavar == "ID" for option in action.option_strings}
+        return super().parse_known_args(ids_apart(list(sys.argv[1:] if args is None else args), options), namespace)
 
     def error(self, message: str) -> NoReturn:
         """Raise InputError with argparse's message."""
@@ -66,25 +82,26 @@ def parser() -> Parser:
     top = Parser(
         prog="truewrench",
         description="Identification, residual diagnosis and experiment design for force/torque sensors of robots.",
-        epilog="See `truewrench COMMAND --help` for the options of a command.",
+        epilog=f"See `truewrench COMMAND --help` for the options of a command. {EXIT_CODES}",
         allow_abbrev=False,
     )
     top.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for command in (
-        demo,
-        import_recording,
-        diagnose,
-        calibrate,
-        fit,
-        compare,
-        survey,
-        design,
-        compensate,
-        emit,
-        effects,
-    ):
+    for command in COMMANDS:
         command.add_to(commands)
+        added = list(commands.choices.values())[-1]
+        added.epilog = " ".join(filter(None, (added.epilog, EXIT_CODES)))
+        if command not in PRINTING:
+            add_verbosity(added)
+    return top
+
+
+def completed(top: Parser) -> Parser:
+    """The parser; when a shell asks for completions it is given them, and the program ends here."""
+    if COMPLETION in os.environ:
+        import argcomplete
+
+        argcomplete.autocomplete(top)
     return top
 
 
@@ -92,9 +109,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 2 bad input or usage (one line on stderr), 130 interrupted."""
     _prepare(as_program=argv is None)
     try:
-        arguments = parser().parse_args(argv)
+        arguments = completed(parser()).parse_args(argv)
         arguments.typed = shlex.join(["truewrench", *(sys.argv[1:] if argv is None else argv)])
-        arguments.run(arguments)
+        with verbosity(arguments):
+            arguments.run(arguments)
         sys.stdout.flush()
     except TruewrenchError as error:
         return _print_error(str(error))

@@ -86,7 +86,10 @@ class Comparison(Tabular):
         return Table.of(("channel", "unit", *numbers), rows)
 
     def remarks(self) -> list[str]:
-        """Reduced chi-square and lack of fit."""
+        """Reduced chi-square and lack of fit; where the noise is taken from the residual, that it is."""
+        if self.noise.source is NoiseSource.RESIDUAL:
+            taken = "noise floor taken from the residual itself, so without reduced chi-square"
+            return [f"{taken}; lack of fit {self.lack_of_fit_text}"]
         misfit = "-" if self.misfit is None else f"{self.misfit:.4g}"
         return [f"reduced chi-square {misfit}, lack of fit {self.lack_of_fit_text}"]
 

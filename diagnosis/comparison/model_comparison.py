@@ -198,6 +198,8 @@ class ModelComparison(Tabular):
     def printed(self) -> list[Table | str]:
         """Errors, differences, parameters, bands."""
         parts = [*super().printed(), "", self.parameter_table]
+        if len(self.models) > 1:
+            parts.append(f"change in std: from {self.models[0].name}, in its std")
         return [*parts, "", self.band_table] if self.band_table.rows else parts
 
     def to_data(self) -> dict[str, Any]:

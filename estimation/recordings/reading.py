@@ -328,7 +328,8 @@ def _require_radians(table: ColumnTable, rig: Rig | None) -> None:
             i = int(outside[0])
             what = f"column {name} at row {table.row(i)} is {column[i]:g}, far outside the rig's"
             instead = "degrees" if unit == "rad" else "millimetres"
-            raise table.error(f"{what} [{low:g}, {high:g}] {unit} ({instead}?)", f"give it in {unit}")
+            remedy = f"give it in {unit}; `truewrench import` converts {instead}, by `units` in a map"
+            raise table.error(f"{what} [{low:g}, {high:g}] {unit} ({instead}?)", remedy)
 
 
 def _require_unit_norm(table: ColumnTable) -> None:

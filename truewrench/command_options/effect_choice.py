@@ -16,15 +16,47 @@ if TYPE_CHECKING:
 
 def add_effect_changes(command: argparse.ArgumentParser) -> None:
     """Add --add and --drop."""
-    add_repeatable(command, "--add", metavar="ID", text="effect to add")
-    add_repeatable(command, "--drop", metavar="ID", text="effect to remove again")
+    add_effect_ids(command, "--add", text="effect to add")
+    add_effect_ids(command, "--drop", text="effect to remove again")
 
 
 def add_candidate_choice(command: argparse.ArgumentParser) -> None:
     """Add --given, --only and --without."""
-    add_repeatable(command, "--given", metavar="ID", text="effect that the model has already")
-    add_repeatable(command, "--only", metavar="ID", text="candidate effect, instead of the whole catalogue")
-    add_repeatable(command, "--without", metavar="ID", text="effect that is no candidate")
+    add_effect_ids(command, "--given", "--add", text="effect that the model has already")
+    add_effect_ids(command, "--only", text="candidate effect, instead of the whole catalogue")
+    add_effect_ids(command, "--without", text="effect that is no candidate")
+
+
+def add_effect_ids(command: argparse.ArgumentParser, *options: str, text: str) -> None:
+    """Add an option that takes one id or several, and may be given several times."""
+    action = add_repeatable(command, *options, metavar="ID", text=f"{text}, or several")
+    action.completer = catalogue_ids  # type: ignore[attr-defined]  # of argcomplete
+
+
+def catalogue_ids(**_: object) -> list[str]:
+    """The ids of the catalogue's effects, for the shell to complete."""
+    from modeling.effects import catalogue
+
+    return [effect.id for effect in catalogue()]
+
+
+def ids_apart(arguments: list[str], options: set[str]) -> list[str]:
+    """Arguments with `--add A B` as `--add A --add B`: an id is a name, and neither an option nor a file.
+
+    argparse itself would take the recordings that follow for ids too.
+    """
+    found: list[str] = []
+    option, ids = "", 0
+    for text in arguments:
+        if text.startswith("-"):
+            option, ids = text if text in options else "", 0
+        elif option and ids and (not text.isidentifier() or Path(text).exists()):
+            option = ""
+        elif option:
+            found += [option] * (ids > 0)
+            ids += 1
+        found.append(text)
+    return found
 
 
 def effect_by_id(effect_id: str, custom: tuple[Effect, ...] = ()) -> Effect:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,10 +82,35 @@ def positive(text: str) -> float:
     return value
 
 
-def add_repeatable(command: argparse.ArgumentParser, option: str, *, metavar: str, text: str) -> None:
+def add_repeatable(command: argparse.ArgumentParser, *options: str, metavar: str, text: str) -> argparse.Action:
     """Add an option that may be given several times."""
     help_text = f"{text}; may be given several times"
-    command.add_argument(option, action="append", default=[], metavar=metavar, help=help_text)
+    return command.add_argument(*options, action="append", default=[], metavar=metavar, help=help_text)
+
+
+def add_verbosity(command: argparse.ArgumentParser) -> None:
+    """Add --quiet and --progress."""
+    group = command.add_mutually_exclusive_group()
+    text = "print nothing but errors and warnings, and with --json the data; files are written"
+    group.add_argument("--quiet", action="store_true", help=text)
+    text = "progress as lines on stderr, for a log (default: one line, on a terminal only)"
+    group.add_argument("--progress", action="store_true", help=text)
+
+
+@contextmanager
+def verbosity(arguments: argparse.Namespace) -> Iterator[None]:
+    """What --quiet and --progress ask for, for the time of one command."""
+    quiet, lines = getattr(arguments, "quiet", False), getattr(arguments, "progress", False)
+    if not quiet and not lines:
+        yield
+        return
+    from truewrench.files.output import ProgressStyle, progress_style
+
+    with ExitStack() as stack:
+        stack.enter_context(progress_style(ProgressStyle.LINES if lines else ProgressStyle.SILENT))
+        if quiet and not getattr(arguments, "json", False):
+            stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
+        yield
 
 
 def print_result(

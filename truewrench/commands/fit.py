@@ -115,7 +115,7 @@ def run_stream(arguments: argparse.Namespace) -> None:
         "condition": found.condition,
         "unseen": [*map(str, found.unidentifiable)],
     }
-    text = f"{found}\n\n{found.where}: {samples} samples, reduced chi-square {found.misfit:.4g}"
+    text = f"{found.where}: {samples} samples, reduced chi-square {found.misfit:.4g}\n\n{found}"
     print_fit(arguments, found, lambda: data, lambda: text)
 
 

@@ -28,13 +28,11 @@ def add_to(commands: Subcommands[Any]) -> None:
     out = f"folder for survey.parquet, survey.html and finished outcomes (default: {FOLDER})"
     command.add_argument("--out", type=Path, default=FOLDER, metavar="FOLDER", help=out)
     command.add_argument("--json", action="store_true", help="print the rows as JSON alone")
-    command.add_argument("--quiet", action="store_true", help="print nothing")
     command.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose the recordings, write the files, print the survey."""
-    from diagnosis.parallel.progress import silent
     from truewrench.files.output import progress_line
     from truewrench.surveying.survey import FILES, survey
 
@@ -46,7 +44,6 @@ def run(arguments: argparse.Namespace) -> None:
             scheduler=arguments.scheduler,
             workers=arguments.workers,
             one_run=arguments.no_period,
-            progress=silent if arguments.quiet else progress,
+            progress=progress,
         )
-    if arguments.json or not arguments.quiet:
-        print_result(arguments, lambda: found, found.to_data, [arguments.out / name for name in FILES])
+    print_result(arguments, lambda: found, found.to_data, [arguments.out / name for name in FILES])

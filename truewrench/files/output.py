@@ -1,4 +1,4 @@
-"""Atomic file replacement, output folders, terminal progress line."""
+"""Atomic file replacement, output folders, progress on a terminal or in a log."""
 
 from __future__ import annotations
 
@@ -6,13 +6,39 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from enum import Enum
 from pathlib import Path
 from shutil import get_terminal_size
+from time import monotonic
 
 from modeling.errors import InputError
 
 ERASE_LINE = "\r\x1b[K"
 """Carriage return and erase-line sequence of a terminal."""
+LINE_INTERVAL = 10.0
+"""Time (s) between lines of one stage in a log."""
+
+
+class ProgressStyle(Enum):
+    """How a command reports its progress on stderr."""
+
+    TERMINAL = "terminal"  # one line that is overwritten; nothing without a terminal
+    LINES = "lines"  # a line of each stage, with the time since the start
+    SILENT = "silent"
+
+
+_STYLE = ContextVar("progress style", default=ProgressStyle.TERMINAL)
+
+
+@contextmanager
+def progress_style(style: ProgressStyle) -> Iterator[None]:
+    """Progress of this style for the time of one command."""
+    token = _STYLE.set(style)
+    try:
+        yield
+    finally:
+        _STYLE.reset(token)
 
 
 def make_folder(path: Path) -> Path:
@@ -70,11 +96,36 @@ def _unwritable(path: Path, error: OSError, remedy: str) -> InputError:
 
 @contextmanager
 def progress_line() -> Iterator[Callable[[str], None]]:
-    """Callback for progress messages: one line of a terminal, erased at the end; no output without a terminal."""
-    stream = sys.stderr
-    if not stream.isatty():
+    """Callback for progress messages, in the style of the command.
+
+    On a terminal one line, erased at the end; no output without a terminal. Else lines for a log.
+    """
+    style, stream = _STYLE.get(), sys.stderr
+    if style is ProgressStyle.LINES:
+        yield _log_lines()
+    elif style is ProgressStyle.SILENT or not stream.isatty():
         yield lambda _message: None
-        return
+    else:
+        with _overwritten_line() as show:
+            yield show
+
+
+def _log_lines() -> Callable[[str], None]:
+    """A line of each new stage; of a stage that counts, one in ten seconds."""
+    begin, said = monotonic(), {"stage": "", "at": 0.0}
+
+    def show(message: str) -> None:
+        now, stage = monotonic(), message.partition(":")[0]
+        if stage != said["stage"] or now - float(said["at"]) >= LINE_INTERVAL:
+            print(f"{now - begin:7.1f} s  {message}", file=sys.stderr, flush=True)
+            said.update(stage=stage, at=now)
+
+    return show
+
+
+@contextmanager
+def _overwritten_line() -> Iterator[Callable[[str], None]]:
+    stream = sys.stderr
 
     def show(message: str) -> None:
         stream.write(ERASE_LINE + f"{message} ..."[: get_terminal_size().columns - 1])

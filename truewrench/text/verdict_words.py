@@ -7,6 +7,7 @@ from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.recording import Recording
+from modeling.significance import LEVELS
 from truewrench.text.step_names import base_name
 
 RECORD_VERDICT_LABELS = {
@@ -47,7 +48,17 @@ def verdict_headline(diagnosis: Diagnosis) -> str:
         return f"Missing in the model: {missing}; an unexplained residual remains"
     if missing:
         return f"Significant residual; adding {missing} removes less than half of the systematic error"
-    return "Significant residual, and no candidate effect explains it"
+    return f"Significant residual{_on_held_out_alone(diagnosis)}, and no candidate effect explains it"
+
+
+def _on_held_out_alone(diagnosis: Diagnosis) -> str:
+    """Where the fitted recordings show no lack of fit: the held-out ones that do; else empty."""
+    last = diagnosis.steps[-1]
+    failing = [c.recording.name for c in last.validation if c.lack_of_fit < LEVELS.held_out]
+    if not failing or any(c.lack_of_fit < LEVELS.effect for c in last.training):
+        return ""
+    fitted = ", ".join(dict.fromkeys(c.recording.name for c in last.training))
+    return f" on {', '.join(failing)}, held out, while {fitted} shows none"
 
 
 def finding_sentence(finding: Finding) -> str:
