@@ -344,7 +344,7 @@ BAD_RECORDINGS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], tuple[st
     "one sample": (lambda f: f.iloc[:1], ("train.csv",)),
     "too few samples": (lambda f: f.iloc[:12], ("train.csv",)),
     "no samples": (lambda f: f.iloc[:0], ("no samples",)),
-    "degrees": (scaled(180 / np.pi, "q1", "q2", "q3"), ("q1", "degrees?")),
+    "degrees": (scaled(180 / np.pi, "q1", "q2", "q3"), ("q1", "degrees?", "truewrench import")),
     "other sign": (scaled(-1, "fx", "fy", "tau"), ("the mass comes out as -0.9", "on_sensor")),
 }
 

@@ -1,0 +1,33 @@
+"""Words of a verdict: what they say where a held-out recording alone fails."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from diagnosis.verdict.verdict import RecordVerdict
+from truewrench.text.verdict_words import verdict_headline
+
+
+def judged(name: str, lack_of_fit: float) -> Any:
+    return SimpleNamespace(recording=SimpleNamespace(name=name), lack_of_fit=lack_of_fit)
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held_out", "sentence"),
+    [
+        (1e-9, 1e-9, "Significant residual, and no candidate effect explains it"),
+        (1e-9, 0.5, "Significant residual, and no candidate effect explains it"),
+        (
+            0.5,
+            1e-9,
+            "Significant residual on other.csv, held out, while train.csv shows none, and no candidate effect explains it",
+        ),
+    ],
+)
+def test_the_recording_that_fails_is_named_when_it_is_held_out(fitted: float, held_out: float, sentence: str) -> None:
+    step = SimpleNamespace(training=[judged("train.csv", fitted)], validation=[judged("other.csv", held_out)])
+    diagnosis: Any = SimpleNamespace(verdict=RecordVerdict.UNEXPLAINED, findings=(), steps=(step,))
+    assert verdict_headline(diagnosis) == sentence
