@@ -23,7 +23,8 @@ def judged(name: str, lack_of_fit: float) -> Any:
         (
             0.5,
             1e-9,
-            "Significant residual on other.csv, held out, while train.csv shows none, and no candidate effect explains it",
+            "Significant residual on other.csv, held out, while train.csv shows none,"
+            " and no candidate effect explains it",
         ),
     ],
 )

@@ -112,13 +112,15 @@ def progress_line() -> Iterator[Callable[[str], None]]:
 
 def _log_lines() -> Callable[[str], None]:
     """A line of each new stage; of a stage that counts, one in ten seconds."""
-    begin, said = monotonic(), {"stage": "", "at": 0.0}
+    begin = said_at = monotonic()
+    said = ""
 
     def show(message: str) -> None:
+        nonlocal said, said_at
         now, stage = monotonic(), message.partition(":")[0]
-        if stage != said["stage"] or now - float(said["at"]) >= LINE_INTERVAL:
+        if stage != said or now - said_at >= LINE_INTERVAL:
             print(f"{now - begin:7.1f} s  {message}", file=sys.stderr, flush=True)
-            said.update(stage=stage, at=now)
+            said, said_at = stage, now
 
     return show
 
