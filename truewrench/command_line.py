@@ -56,7 +56,7 @@ GC_THRESHOLDS = (50_000, 20, 50)
 class Parser(argparse.ArgumentParser):
     """Argument parser whose errors are InputErrors: no usage text, no exit from within."""
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Parse, each option of effects by as many ids as follow it."""
         options = {option for action in self._actions if action.metavar == "ID" for option in action.option_strings}
         return super().parse_known_args(ids_apart(list(sys.argv[1:] if args is None else args), options), namespace)
