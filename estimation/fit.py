@@ -397,4 +397,6 @@ def _base_model_fit(base: WrenchModel, recording: Recording, events: tuple[tuple
 def _base_model_prediction(base: WrenchModel, recording: Recording, theta: Array) -> Array:
     """Readings (n, p) that the rigid tip predicts, in which it is linear in its parameters."""
     response = model_response(base, recording, np.zeros(len(theta)))
+    if response.own_motion is not None:
+        return model_response(base, recording, theta, derivative=False).value
     return np.asarray(response.value + response.derivative @ theta)

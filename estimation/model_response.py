@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.recordings.differentiation import spline_derivatives
-from estimation.recordings.recording import Recording
+from estimation.recordings.recording import OwnMotion, Recording
+from estimation.recordings.repeat_motion import difference_of
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE
@@ -21,6 +23,9 @@ Array = NDArray[np.float64]
 NONPERIODIC_SIGNALS = ("time", "progress", "order")
 """Signals that are not periodic with the motion; auxiliary signals are not either."""
 
+SPECTRUM_BANDS = 40
+"""Of a spectrum that weighs what differs between repeats, equally wide in the logarithm of the frequency."""
+
 
 @dataclass(frozen=True, eq=False)
 class ModelResponse:
@@ -28,19 +33,23 @@ class ModelResponse:
 
     Either part is (value (samples, p), derivative (samples, p, k)); `periodic` holds one repeat, and is the whole
     series where the recording has no repeats (`whole` is None then). The derivative of `whole` is with respect to the
-    parameters at the positions `columns` (None: all); in the others it vanishes.
+    parameters at the positions `columns` (None: all); in the others it vanishes. Both are of the mean motion;
+    `own_motion` (samples, p) is what the motion of each repeat adds (`estimation/recordings/repeat_motion.py`), None
+    where the repeats are equal.
     """
 
     periodic: tuple[Array, Array]
     whole: tuple[Array, Array] | None
     repeats: int
     columns: tuple[int, ...] | None = None
+    own_motion: Array | None = None
 
     @property
     def value(self) -> Array:
         """The predicted readings over the whole record, (n, p)."""
         tiled = np.tile(self.periodic[0], (self.repeats, 1))
-        return tiled if self.whole is None else tiled + self.whole[0]
+        mean = tiled if self.whole is None else tiled + self.whole[0]
+        return mean if self.own_motion is None else mean + self.own_motion
 
     @property
     def derivative(self) -> Array:
@@ -82,6 +91,20 @@ def model_response(
     With `derivative` False its arrays are (n, p, 0). `tolerance` is the relative size of the last correction of a
     deflection, which is solved by iteration. Raises InputError when the recording lacks a signal that the model needs.
     """
+    mean = _mean_motion_response(model, recording, theta, derivative=derivative, tolerance=tolerance)
+    own = decided_own_motion(model.base, recording)
+    return mean if own is None else replace(mean, own_motion=_added(model, own, theta, mean))
+
+
+def _mean_motion_response(
+    model: WrenchModel,
+    recording: Recording,
+    theta: Array,
+    *,
+    derivative: bool,
+    tolerance: float = DEFLECTION_TOLERANCE,
+) -> ModelResponse:
+    """`model_response` to the motion in the recording's signals."""
     k = len(theta) if derivative else 0
     record = motion_record(model, recording, theta, derivative=derivative)
     deflection = compiled_prediction(model).deflection
@@ -98,6 +121,45 @@ def model_response(
         repeats=recording.repeats,
         columns=columns,
     )
+
+
+def _added(model: WrenchModel, own: OwnMotion, theta: Array, mean: ModelResponse) -> Array:
+    """What each repeat's own motion adds to the response (n, p) to the mean motion."""
+    return _mean_motion_response(model, own, theta, derivative=False).value - mean.value
+
+
+@lru_cache(maxsize=32)
+def decided_own_motion(base: WrenchModel, recording: Recording) -> OwnMotion | None:
+    """The motion of each repeat, where it differs and the readings show that it did; None for the mean motion.
+
+    The rigid tool, fitted to the mean of the readings, predicts what the differences of the motion add to them, d. Of
+    what the readings e differ between the repeats, that is true (e = d + noise) or an error of the measured motion
+    (e = noise), and the more likely of both is taken: in noise of the spectrum S of e, the first where
+
+        sum Re(conj(D) E) / S > sum |D|² / S / 2.
+    """
+    own = recording.own_motion
+    if own is None:
+        return None
+    nothing = np.zeros(len(base.parameters))
+    response = _mean_motion_response(base, recording, nothing, derivative=True)
+    readings = recording.averaged(recording.wrench) - response.value
+    spread = np.maximum(recording.wrench.std(axis=0), np.finfo(float).tiny)
+    rows = (response.derivative / spread[:, None]).reshape(-1, len(nothing))
+    theta = np.linalg.lstsq(rows, (readings / spread).ravel(), rcond=None)[0]
+    added = _added(base, own, theta, _mean_motion_response(base, recording, theta, derivative=False))
+    return own if _is_likely(difference_of(added, own.repeats), difference_of(recording.wrench, own.repeats)) else None
+
+
+def _is_likely(added: Array, differences: Array) -> bool:
+    """Whether differences (n, p) of the readings contain what the motion adds to them (n, p), rather than not."""
+    expected, found = np.fft.rfft(added, axis=0)[1:], np.fft.rfft(differences, axis=0)[1:]
+    edges = np.unique(np.geomspace(1, len(found) + 1, SPECTRUM_BANDS + 1).astype(int)) - 1
+    bands = [slice(a, b) for a, b in pairwise(edges)]
+    power = np.concatenate([np.broadcast_to((np.abs(found[b]) ** 2).mean(axis=0), found[b].shape) for b in bands])
+    weight = 1 / np.maximum(power, np.finfo(float).tiny)
+    agreement = float((np.real(expected.conj() * found) * weight).sum())
+    return agreement > float((np.abs(expected) ** 2 * weight).sum()) / 2
 
 
 def _columns_of(parts: Sequence[ResponsePart], count: int) -> tuple[int, ...]:
@@ -132,7 +194,7 @@ def motion_record(model: WrenchModel, recording: Recording, theta: Array, *, der
         repeats=recording.repeats,
         samples_per_repeat=recording.samples_per_repeat,
         continuous=recording.continuous,
-        nonperiodic=frozenset({*NONPERIODIC_SIGNALS, *recording.auxiliary}),
+        nonperiodic=nonperiodic_signals(recording),
         theta=theta,
         vectors=prediction.vector,
         transfer=prediction.transfer,
@@ -142,9 +204,15 @@ def motion_record(model: WrenchModel, recording: Recording, theta: Array, *, der
     )
 
 
+def nonperiodic_signals(recording: Recording) -> frozenset[str]:
+    """Names of the signals that differ between repeats."""
+    motion = recording.signals if isinstance(recording, OwnMotion) else ()
+    return frozenset({*NONPERIODIC_SIGNALS, *recording.auxiliary, *motion})
+
+
 def signals_are_periodic(inputs: Iterable[str], recording: Recording) -> bool:
     """Whether these signals are the same in every repeat; true for a single run."""
-    return recording.repeats == 1 or not set(inputs) & {*NONPERIODIC_SIGNALS, *recording.auxiliary}
+    return recording.repeats == 1 or not set(inputs) & nonperiodic_signals(recording)
 
 
 def predicted_readings(model: WrenchModel, recording: Recording, theta: Array) -> Array:

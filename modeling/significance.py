@@ -60,6 +60,9 @@ class DecisionLevels:
     excited_line: float = 0.01
     """An excited line in a spectrum of noise alone, family-wise over its lines: a false alarm raises the bandwidth of a
     derivative, and so its noise."""
+    repeat_motion: float = 0.001
+    """Motion that differs between repeats beyond its noise, family-wise over lines and columns: a false alarm costs
+    time, as the readings decide afterwards; a miss leaves a difference that is below the noise of the motion."""
     outlier: float = 0.01
     """An outlier in a channel, family-wise over its samples: a false alarm downweights one sample."""
     constraint: float = 0.001

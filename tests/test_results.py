@@ -184,7 +184,7 @@ def test_recordings_of_frames_and_arrays_are_those_of_files() -> None:
     frame["repeat"] = np.repeat(np.arange(known.repeats), known.samples_per_repeat)
     frame["time"] = np.arange(known.samples) * (known.dt or 1.0)
     of_frame = tw.from_dataframe(frame.set_index("time"), rig=RIG)
-    arrays = {name: frame[name].to_numpy() for name in ("time", "repeat", "temperature")}
+    arrays: dict[str, Any] = {name: frame[name].to_numpy() for name in ("time", "repeat", "temperature")}
     of_arrays = tw.from_arrays(known.wrench, q=frame[["q1", "q2", "q3"]].to_numpy(), rig=RIG, name="arrays", **arrays)
     for found in (of_frame, of_arrays):
         assert (found.repeats, found.samples) == (known.repeats, known.samples)

@@ -33,9 +33,9 @@ from estimation.fit import fit as fit
 from estimation.least_squares.constrained import Bounds as Bounds
 from estimation.least_squares.constrained import Constraints as Constraints
 from estimation.least_squares.constrained import Prior as Prior
+from estimation.logs.array_reading import from_arrays as from_arrays
+from estimation.logs.array_reading import from_dataframe as from_dataframe
 from estimation.logs.log_reading import read as read
-from estimation.recordings.reading import from_arrays as from_arrays
-from estimation.recordings.reading import from_dataframe as from_dataframe
 from estimation.recordings.recording import Recording as Recording
 from estimation.repeatability.bootstrap import bootstrap as bootstrap
 from estimation.repeatability.repeat_table import RepeatTable as RepeatTable

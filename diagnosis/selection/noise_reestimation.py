@@ -1,4 +1,4 @@
-"""Noise re-estimation after transient effects have been identified."""
+"""Noise re-estimation after effects have been identified that are transient, or that differ between repeats."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ MIN_POWER_RATIO = 1.1
 
 
 def noise_without_transients(fit: Fit) -> tuple[RecordingNoise, ...] | None:
-    """Noise of a fit's recordings without the transient effects that it explains; None where it hardly changes.
+    """Noise of a fit's recordings without the effects that it explains; None where it hardly changes.
 
     A payload change or a contact has a broad spectrum, and what event detection missed of it was attributed to noise.
+    So was what any effect makes of repeats that moved differently.
     """
-    if not any(e.has_role(Role.ONSET, fit.model.space) for e in fit.model.effects):
+    transient = any(e.has_role(Role.ONSET, fit.model.space) for e in fit.model.effects)
+    changed = [transient or (r.own_motion is not None and bool(fit.model.effects)) for r in fit.recordings]
+    if not any(changed):
         return None
-    new_noise = tuple(_reestimated(fit, number) for number in range(len(fit.recordings)))
+    new_noise = tuple(_reestimated(fit, i) if new else fit.noise[i] for i, new in enumerate(changed))
     ratios = [_power_ratio(old, new) for old, new in zip(fit.noise, new_noise, strict=True)]
     return new_noise if max(ratios) > MIN_POWER_RATIO else None
 

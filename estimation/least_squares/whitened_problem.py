@@ -89,8 +89,11 @@ class WhitenedProblem:
         residuals, parts, reached, start = [], [], [], 0
         for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
             index = self.layout.index[number]
-            rows = noise.whitener.nonzero_rows(model_response(self.layout.models[number], recording, theta[index]))
+            response = model_response(self.layout.models[number], recording, theta[index])
+            rows = noise.whitener.nonzero_rows(response)
             residual = self.measured[number].copy()
+            if response.own_motion is not None:
+                residual -= noise.whitener.series(response.own_motion)
             residual[: len(rows)] -= rows[:, 0]
             residuals.append(residual)
             if len(index) == self.layout.size and (index == np.arange(len(index))).all():

@@ -129,13 +129,21 @@ def _names(path: Path) -> set[str]:
         return set()
 
 
-def read_with_rig(path: str | Path, *, rig: Rig | None, one_run: bool = False, every_row: bool = False) -> Recording:
+def read_with_rig(
+    path: str | Path,
+    *,
+    rig: Rig | None,
+    period: float | None = None,
+    one_run: bool = False,
+    every_row: bool = False,
+) -> Recording:
     """A recording as it stands; where the rig names the columns of its logs, a log of them.
 
-    With `every_row` nothing is cut or moved for the sake of repeats; with `one_run` they are not counted either.
+    Repeats are those of the `period` (s), where it is given. With `every_row` nothing is cut or moved for the sake of
+    repeats; with `one_run` they are not counted either.
     """
-    if rig is not None and rig.columns:
-        return read(path, rig=rig, one_run=one_run or every_row)
+    if period is not None or (rig is not None and rig.columns):
+        return read(path, rig=rig, period=period, one_run=one_run or every_row)
     if every_row:
         return read_recording(path, rig=rig)
     return _as_it_stands(Path(path), rig, one_run=one_run)
@@ -144,22 +152,46 @@ def read_with_rig(path: str | Path, *, rig: Rig | None, one_run: bool = False, e
 def _as_it_stands(path: Path, rig: Rig | None, *, strict: bool = False, one_run: bool = False) -> Recording:
     """The recording in a file of FORMATS' columns; repeats that no column counts, or unequal ones, are cut."""
     table = table_from_file(path)
-    if "repeat" in table.columns and one_run:
-        table = replace(table, columns={name: column for name, column in table.columns.items() if name != "repeat"})
-    elif {"repeat", "time"} <= set(table.columns) and differ_slightly(repeat_lengths(table.columns["repeat"])):
+    if not one_run and _has_unequal_repeats(table):
         return imported(path, rig=rig, strict=strict).recording(rig)
-    recording = recording_from_table(table, name=path.name, rig=rig)
+    return recording_with_repeats(table, name=path.name, rig=rig, strict=strict, one_run=one_run)
+
+
+def recording_with_repeats(
+    table: ColumnTable,
+    *,
+    name: str,
+    rig: Rig | None,
+    period: float | None = None,
+    strict: bool = False,
+    one_run: bool = False,
+) -> Recording:
+    """The recording in a table of FORMATS' columns, cut into repeats as `read` says."""
+    bare = replace(table, columns={key: column for key, column in table.columns.items() if key != "repeat"})
+    if one_run or period is not None:
+        table = bare
+    unequal = _has_unequal_repeats(table)
+    recording = recording_from_table(bare if unequal else table, name=name, rig=rig)
+    if recording.dt is None and period is not None:
+        what = "poses at rest have no period"
+        raise InputError(what=what, where=name, remedy="leave the period out, or give the column time")
     if one_run or recording.repeats > 1 or recording.dt is None:
         return checked(recording)
-    return checked(_with_its_repeats(recording, table, StepLog(strict=strict)))
+    return checked(_with_its_repeats(recording, table, period, StepLog(strict=strict)))
 
 
-def _with_its_repeats(recording: Recording, table: ColumnTable, log: StepLog) -> Recording:
-    """The recording cut by the period of its motion; as it is where it has none."""
+def _has_unequal_repeats(table: ColumnTable) -> bool:
+    """Whether a column counts repeats of slightly different length."""
+    counted = {"repeat", "time"} <= set(table.columns)
+    return counted and differ_slightly(repeat_lengths(table.columns["repeat"]))
+
+
+def _with_its_repeats(recording: Recording, table: ColumnTable, period: float | None, log: StepLog) -> Recording:
+    """The recording cut by a stated period (s) or that of its motion; as it is where it has none."""
     columns = {name: column for name, column in table.columns.items() if name != "time"}
     assert recording.dt is not None  # checked before
-    cut = cut_into_repeats(columns, recording.dt, None, recording.name, log)
-    if cut.period is None:
+    cut = cut_into_repeats(columns, recording.dt, period, recording.name, log)
+    if cut.period is None and not log.steps:
         return recording
     report = ReadingReport(
         sources=((recording.name, "recording", len(table), len(table.columns)),), used=(), clocks=(), offset=None,

@@ -20,6 +20,7 @@ from estimation.noise.recording_noise import (
 )
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.recording import Recording
+from estimation.recordings.repeat_motion import NO_REPEATS, largest_deviation
 from modeling.errors import InputError
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.noise.channel_whitening import block_means
@@ -50,6 +51,7 @@ def estimate_noise(
     than usual its rows weigh less.
     """
     if recording.repeats > 1:
+        _require_one_motion(recording)
         _require_nonzero_noise(recording)
         return noise_from_repeats(recording, residual)
     stated = stated_noise_floor(recording)
@@ -77,6 +79,15 @@ def _noise_of_rig(
         noise = replace(fit_autoregression(drawn + white, usual), source=NoiseSource.RIG)
     whitener = AutoregressiveWhitener(len(residual), noise, weights=motion.weights(floor, 1))
     return RecordingNoise(floor, whitener, NoiseSource.RIG, np.zeros(whitener.rows), events=events, motion=motion)
+
+
+def _require_one_motion(recording: Recording) -> None:
+    """Raise InputError where a repeat is none: of another motion, out of phase, with a pause, or cut wrongly."""
+    found = None if recording.dt is None else largest_deviation(recording.columns, recording.repeats)
+    if found is None or recording.dt is None or not found.gross:
+        return
+    what = f"the motion of repeat {found.repeat}, counted from 0, {found.sentence(recording.dt)}"
+    raise InputError(what=what, where=recording.name, remedy=NO_REPEATS)
 
 
 def _require_nonzero_noise(recording: Recording) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +24,16 @@ COHERENCE_BANDS = 8
 
 
 def noise_from_repeats(recording: Recording, residual: Array) -> RecordingNoise:
+    """Noise from what differs between the repeats of a residual (n, p), less recording-specific disturbances.
+
+    Where the residual is that of each repeat's own motion, so is the noise.
+    """
+    from_lines = _from_non_excited_lines if recording.continuous else _from_separate_runs
+    found = from_lines(recording, residual)
+    return found if recording.own_motion is None else replace(found, floor=repeat_noise_floor(recording, residual))
+
+
+def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingNoise:
     """Noise from the non-excited lines, less recording-specific disturbances: drift, warm-up, events and tones.
 
     Projecting orthonormal columns Q out of noise of spectrum S leaves S (1 - h) at a line, h = sum |Q's line|² / n;
@@ -29,8 +41,6 @@ def noise_from_repeats(recording: Recording, residual: Array) -> RecordingNoise:
     non-excited lines, where an effect may explain it; from the excited lines it is projected out, and all other tones
     from every row.
     """
-    if not recording.continuous:
-        return _from_separate_runs(recording, residual)
     tones = find_tones(recording, residual)
     events = find_events_in_repeats(recording, without_sinusoids(residual, recording, tones))
     n, repeats = len(residual), recording.repeats

@@ -106,7 +106,11 @@ def stated_noise_floor(recording: Recording) -> Array | None:
     return np.array([stated[channel] for channel in recording.channels])
 
 
-def repeat_noise_floor(recording: Recording) -> Array:
-    """Std of one sample of one repeat about the mean over repeats, (p,), with R - 1 degrees of freedom."""
+def repeat_noise_floor(recording: Recording, residual: Array | None = None) -> Array:
+    """Std of one sample of one repeat about the mean over repeats, (p,), with R - 1 degrees of freedom.
+
+    Of the residual (n, p) of a prediction from each repeat's own motion where that is given, else of the readings.
+    """
+    series = recording.wrench if residual is None else residual
     freedom = recording.samples_per_repeat * (recording.repeats - 1)
-    return np.asarray(np.sqrt(((recording.wrench - recording.averaged(recording.wrench)) ** 2).sum(axis=0) / freedom))
+    return np.asarray(np.sqrt(((series - recording.averaged(series)) ** 2).sum(axis=0) / freedom))

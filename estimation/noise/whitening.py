@@ -48,7 +48,7 @@ class Whitener(ABC):
     def nonzero_rows(self, response: ModelResponse) -> Array:
         """Rows (r, 1 + k) of a predicted value and of its derivative, without the trailing rows that are zero.
 
-        r is `periodic_rows` for a response that is periodic with the motion, else all rows.
+        r is `periodic_rows` for a response that is periodic with the motion, else all rows. Of the mean motion.
         """
         periodic = self.steady_state(_joined(response.periodic))
         if response.whole is None:
@@ -67,6 +67,8 @@ class Whitener(ABC):
         reached = self.nonzero_rows(response)
         rows = np.zeros((self.rows, *reached.shape[1:]))
         rows[: len(reached)] = reached
+        if response.own_motion is not None:
+            rows[..., 0] += self.series(response.own_motion)
         return rows[..., 0], rows[..., 1:]
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from modeling.errors import InputError
 
@@ -236,6 +236,18 @@ def table_from_frame(frame: pd.DataFrame, where: str, first_row: int = 1) -> Col
             raise InputError(what=what, where=where, remedy="replace it by a finite number, or remove the row")
         columns[str(name)] = values
     return _nonempty_table(columns, where=where, first_row=first_row)
+
+
+def table_from_columns(columns: Mapping[str, ArrayLike], where: str) -> ColumnTable:
+    """Columns (n,) by name, checked to be finite numbers; rows are counted from 1."""
+    import pandas as pd  # slow to import
+
+    arrays = {key: np.asarray(column) for key, column in columns.items()}
+    if len({array.shape for array in arrays.values()}) > 1 or any(array.ndim != 1 for array in arrays.values()):
+        shapes = ", ".join(f"{key} {array.shape}" for key, array in arrays.items())
+        remedy = "give one array per column, all of one length"
+        raise InputError(what=f"columns of different shapes: {shapes}", where=where, remedy=remedy)
+    return table_from_frame(pd.DataFrame(arrays), where)
 
 
 def _is_real(column: pd.Series) -> bool:

@@ -83,7 +83,9 @@ def motion_period(columns: Mapping[str, Array], dt: float, *, near: float | None
     With `near` (s), only periods within two hundredths of it; the whole record has to repeat with them.
     """
     every = -(-len(next(iter(columns.values()))) // MOST_ROWS)
-    groups = [group for group in _groups({name: column[::every] for name, column in columns.items()}) if group.moves]
+    groups = [
+        group for group in motion_components({name: column[::every] for name, column in columns.items()}) if group.moves
+    ]
     if not groups:
         return None
     found = _Search(groups).best(None if near is None else near / (dt * every))
@@ -99,7 +101,7 @@ def _in_seconds(found: MotionPeriod, dt: float) -> MotionPeriod:
 
 
 @dataclass(frozen=True, eq=False)
-class _Component:
+class MotionComponent:
     """Columns of one kind (n, k): all angles, or all coordinates of a point."""
 
     kind: str
@@ -122,20 +124,23 @@ class _Component:
         return enough and self.size > LEAST_SIGNAL * np.sqrt(self.noise)
 
 
-def _groups(columns: Mapping[str, Array]) -> list[_Component]:
-    """The motion: joints, or an orientation as entries of its rotation, which know no sign, and a position."""
-    found: list[_Component] = []
+def motion_components(columns: Mapping[str, Array]) -> list[MotionComponent]:
+    """The motion in a recording's columns (n,): joints, or an orientation and a position.
+
+    An orientation is taken as entries of its rotation, which know no sign.
+    """
+    found: list[MotionComponent] = []
     joints = sorted(name for name in columns if re.fullmatch(r"q\d+", name))
     if joints:
-        return [_Component("angle", np.stack([columns[name] for name in joints], axis=1))]
+        return [MotionComponent("angle", np.stack([columns[name] for name in joints], axis=1))]
     if "phi" in columns:
-        found = [_Component("angle", np.stack([np.cos(columns["phi"]), np.sin(columns["phi"])], axis=1))]
+        found = [MotionComponent("angle", np.stack([np.cos(columns["phi"]), np.sin(columns["phi"])], axis=1))]
     elif "qw" in columns:
-        found = [_Component("angle", _rotation_entries(*(columns[name] for name in ("qx", "qy", "qz", "qw"))))]
+        found = [MotionComponent("angle", _rotation_entries(*(columns[name] for name in ("qx", "qy", "qz", "qw"))))]
     for kind, prefix in (("position", "p"), ("acceleration", "a")):
         names = [prefix + axis for axis in "xyz" if prefix + axis in columns]
         if names:
-            return [*found, _Component(kind, np.stack([columns[name] for name in names], axis=1))]
+            return [*found, MotionComponent(kind, np.stack([columns[name] for name in names], axis=1))]
     return found
 
 
@@ -155,7 +160,7 @@ def _rotation_entries(x: Array, y: Array, z: Array, w: Array) -> Array:
 class _Search:
     """Candidates of a period, in samples, and their judgement."""
 
-    def __init__(self, groups: list[_Component]) -> None:
+    def __init__(self, groups: list[MotionComponent]) -> None:
         self.groups = groups
         self.edges = np.cumsum([0, *(group.values.shape[1] for group in groups)])
         self.x = np.hstack([(group.values - group.values.mean(axis=0)) / group.size for group in groups])

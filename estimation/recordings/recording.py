@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.recordings.repeat_motion import differing_columns, motion_difference
 from modeling.kinematics.base_mounting import motion_in_world
 from modeling.rig.rig import PLANAR_CHANNELS, Rig
 from modeling.table import Column, Table, Tabular, Value
@@ -172,7 +173,8 @@ class Recording(Tabular):
         Six axes: qx, qy, qz, qw (sensor in the world), wx.., alx.. in the sensor frame (rad/s, rad/s²), px..,
         vpx.., apx.. in the world (m). Both: q1.., dq1.., ddq1.. of a recording with joint angles.
         Always `order`, 0, 1, 2, .. as recorded, and the auxiliary columns; `time` in s unless the poses are static.
-        Accelerations are kinematic, without gravity. Motion is averaged over repeats. Without a position or an
+        Accelerations are kinematic, without gravity. Motion is averaged over repeats; that of each repeat, where they
+        differ beyond noise, is in `own_motion.signals`. Without a position or an
         acceleration the sensor origin's acceleration is taken as zero; in static poses all velocities are zero.
         """
         derive = {
@@ -196,9 +198,19 @@ class Recording(Tabular):
         direction = None if self.rig is None or self.form is MotionForm.JOINTS else self.rig.gravity_direction
         return motion if direction is None else motion_in_world(motion, direction)
 
+    @cached_property
+    def own_motion(self) -> OwnMotion | None:
+        """The recording with each repeat's own motion as signals; None where the repeats are equal within noise."""
+        if self.repeats == 1 or self.dt is None or isinstance(self, OwnMotion):
+            return None
+        series = measured_motion(self)
+        if not differing_columns(series, self.repeats, continuous=self.continuous).any():
+            return None
+        return OwnMotion(**{f.name: getattr(self, f.name) for f in fields(self)})
+
     def averaged(self, series: Array) -> Array:
         """Series (n, k) averaged over the repeats, the average repeated to n samples."""
-        return self._tiled(series.reshape(self.repeats, self.samples_per_repeat, -1).mean(axis=0))
+        return self._tiled(self._mean(series))
 
     def differentiated(
         self, series: Array, names: Sequence[str] = (), *, antiperiodic: bool = False, held_with: Sequence[str] = ()
@@ -243,10 +255,9 @@ class Recording(Tabular):
             spline_derivatives,
         )
 
+        series = self._rebuilt(series, names)
         true = self.true_samples(names) if names else None
-        if true is not None and self.dt is not None and self.repeats > 1:
-            series = spline_derivatives(series, self.dt, true).value
-        mean = self.averaged(series)[: self.samples_per_repeat]
+        mean = self._mean(series)
         if self.dt is None:
             zero = np.zeros_like(mean)
             fit = Derivatives(value=mean, first=zero, second=zero, score=np.zeros(mean.shape[1]))
@@ -258,6 +269,13 @@ class Recording(Tabular):
         value, first, second = map(self._tiled, (fit.value, fit.first, fit.second))
         spline = fit.spline if self.repeats == 1 else None
         return replace(fit, value=value, first=first, second=second, spline=spline)
+
+    def _rebuilt(self, series: Array, names: Sequence[str]) -> Array:
+        """A series (n, k) of repeats from its true samples where columns are held, else as it is."""
+        from estimation.recordings.differentiation import spline_derivatives
+
+        true = self.true_samples(names) if names and self.repeats > 1 else None
+        return series if true is None or self.dt is None else spline_derivatives(series, self.dt, true).value
 
     def true_samples(self, names: Sequence[str]) -> TrueSamples | None:
         """The samples behind columns that are held together; None where every row has a new value.
@@ -281,8 +299,30 @@ class Recording(Tabular):
         """Columns of these names as recorded, (n, k)."""
         return np.stack([self.columns[name] for name in names], axis=1)
 
+    def _mean(self, series: Array) -> Array:
+        """Series (n, k) averaged over the repeats, of one repeat."""
+        return np.asarray(series.reshape(self.repeats, self.samples_per_repeat, -1).mean(axis=0))
+
     def _tiled(self, period: Array) -> Array:
         return np.tile(period, (self.repeats, 1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OwnMotion(Recording):
+    """A recording whose signals are the motion of each repeat: the mean motion and what the repeat adds to it."""
+
+    def averaged(self, series: Array) -> Array:
+        """Series (n, k) of the motion in each repeat, smoothed as what is differentiated."""
+        return self.differentiated(series).value
+
+    def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
+        assert self.dt is not None  # static poses have no motion of their own
+        mean, rebuilt = super()._differentiated(series, names, antiperiodic), self._rebuilt(series, names)
+        added = motion_difference(
+            rebuilt, mean.value, self.repeats, self.dt, continuous=self.continuous, antiperiodic=antiperiodic
+        )
+        value, first, second = mean.value + added.value, mean.first + added.first, mean.second + added.second
+        return replace(mean, value=value, first=first, second=second)
 
 
 def numbered_names(prefix: str, joints: int) -> tuple[str, ...]:
@@ -314,6 +354,15 @@ def _without_sign_flips(quaternions: Array) -> Array:
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
     signs = np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 0, 1.0, -1.0)
     return quaternions * signs[:, None]
+
+
+def measured_motion(recording: Recording) -> Array:
+    """Every recorded column of the motion (n, k), angles and quaternions without jumps."""
+    used = [name for name in motion_columns(recording.form, recording.joints) if name in recording.columns]
+    parts = [_ramp_and_periodic_angle(recording)[1]] if "phi" in used else []
+    parts += [_unit_quaternions(recording)] if "qw" in used else []
+    others = [name for name in used if name not in ("phi", *QUATERNION)]
+    return np.concatenate([*parts, *([recording.stack(others)] if others else [])], axis=1)
 
 
 # -------------------------------------------------------------------------------------------- signals
@@ -443,6 +492,5 @@ def with_readings(recording: Recording, wrench: NDArray[np.float64]) -> Recordin
     """The recording with its readings replaced by `wrench` (n, p); its signals are not derived again."""
     other = replace(recording, wrench=wrench)
     # The caches of `signals` and `derivatives`: they depend on the motion alone, and cost more than a fit.
-    vars(other)["signals"] = recording.signals
-    vars(other)["derivatives"] = recording.derivatives
+    vars(other).update(signals=recording.signals, derivatives=recording.derivatives, own_motion=recording.own_motion)
     return other

@@ -24,12 +24,17 @@ def add_recordings(command: argparse.ArgumentParser) -> None:
     command.add_argument("--rig", metavar="RIG", help="rig file (TOML), required for joint angles")
 
 
-def add_no_period(command: argparse.ArgumentParser) -> None:
+def add_period(command: argparse.ArgumentParser) -> None:
+    """Add the options that say how a recording is cut into repeats."""
+    either = command.add_mutually_exclusive_group()
+    text = "period of the repeated motion of REC, s (default: repeats as a column counts them, or as a period is found)"
+    either.add_argument("--period", type=positive, metavar="SECONDS", help=text)
+    add_no_period(either)
+
+
+def add_no_period(command: argparse._ActionsContainer) -> None:
     """Add the option that takes every recording as one run."""
-    text = (
-        "every recording as one run (default: repeats as a column counts them, or as a period of the motion is found)"
-    )
-    command.add_argument("--no-period", action="store_true", help=text)
+    command.add_argument("--no-period", action="store_true", help="every recording as one run, whatever repeats")
 
 
 def add_custom_effects(command: argparse.ArgumentParser) -> None:
@@ -142,7 +147,7 @@ def suspicions_named(recordings: Sequence[Recording]) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        what = "; ".join([error.what, *said[:1]])
+        what = "; ".join([error.what, *(line for line in said[:1] if error.what not in line)])
         raise InputError(what=what, where=error.where, remedy=error.remedy) from None
     for line in said:
         print(f"warning: {line}", file=sys.stderr)

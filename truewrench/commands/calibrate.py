@@ -16,7 +16,7 @@ from truewrench.command_options.effect_choice import (
 from truewrench.command_options.options import (
     Subcommands,
     add_custom_effects,
-    add_no_period,
+    add_period,
     add_workers,
     print_result,
     suspicions_named,
@@ -32,7 +32,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command = commands.add_parser("calibrate", help="false-alarm rate and power of a recording", description=text)
     command.add_argument("recording", metavar="REC", help="recording (CSV or Parquet)")
     command.add_argument("--rig", metavar="RIG", help="rig file (TOML), required for joint angles")
-    add_no_period(command)
+    add_period(command)
     add_candidate_choice(command)
     add_custom_effects(command)
     command.add_argument("--draws", type=_count, metavar="N", help="surrogates in which nothing is missing (100)")
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         require_writable_folder(arguments.out.parent)
     keep_freed_memory()
-    case = DataSet.read([arguments.recording], rig=arguments.rig, one_run=arguments.no_period)
+    case = DataSet.read([arguments.recording], rig=arguments.rig, period=arguments.period, one_run=arguments.no_period)
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)

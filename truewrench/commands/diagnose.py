@@ -19,7 +19,7 @@ from truewrench.command_options.effect_choice import (
 from truewrench.command_options.options import (
     Subcommands,
     add_custom_effects,
-    add_no_period,
+    add_period,
     add_recordings,
     add_repeatable,
     add_report,
@@ -46,7 +46,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "Fit the rigid tool, test its residual, and add the physical effects that explain it."
     command = commands.add_parser("diagnose", help="physical effects missing from the model", description=text)
     add_recordings(command)
-    add_no_period(command)
+    add_period(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
     add_candidate_choice(command)
     add_custom_effects(command)
@@ -71,7 +71,11 @@ def run(arguments: argparse.Namespace) -> None:
     require_report_folder(arguments)
     keep_freed_memory()
     case = DataSet.read(
-        arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
+        arguments.recordings,
+        validation=arguments.validate,
+        rig=arguments.rig,
+        period=arguments.period,
+        one_run=arguments.no_period,
     )
     calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
     custom = custom_effects(arguments.effects, case)

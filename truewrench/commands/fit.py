@@ -11,7 +11,7 @@ from truewrench.command_options.effect_choice import add_effect_changes, custom_
 from truewrench.command_options.options import (
     Subcommands,
     add_custom_effects,
-    add_no_period,
+    add_period,
     add_recordings,
     add_repeatable,
     add_report,
@@ -36,7 +36,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "Estimate the rigid tool, with the effects given by --add, from recordings of one rig and tool."
     command = commands.add_parser("fit", help="estimate the parameters of a given model", description=text)
     add_recordings(command)
-    add_no_period(command)
+    add_period(command)
     add_effect_changes(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, compared but not fitted")
     add_custom_effects(command)
@@ -67,7 +67,11 @@ def run(arguments: argparse.Namespace) -> None:
 
     constraints = constraints_of(arguments)
     case = DataSet.read(
-        arguments.recordings, validation=arguments.validate, rig=arguments.rig, one_run=arguments.no_period
+        arguments.recordings,
+        validation=arguments.validate,
+        rig=arguments.rig,
+        period=arguments.period,
+        one_run=arguments.no_period,
     )
     model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_effects(arguments.effects, case))
     with suspicions_named((*case.training, *case.validation)), progress_line() as progress:
@@ -97,7 +101,7 @@ def run_stream(arguments: argparse.Namespace) -> None:
     from modeling.errors import InputError
     from modeling.rig.rig import Rig
 
-    for option in ("robust", "bounds", "physical", "prior", "runs", "effects", "validate", "report"):
+    for option in ("robust", "bounds", "physical", "prior", "runs", "effects", "validate", "report", "period"):
         if getattr(arguments, option):
             what = "not available for a streamed log"
             raise InputError(what=what, where=f"--{option}", remedy="leave it out, or fit without --stream")

@@ -44,15 +44,19 @@ class DataSet:
         *,
         validation: Sequence[str] = (),
         rig: Rig | str | None = None,
+        period: float | None = None,
         one_run: bool = False,
     ) -> DataSet:
         """Data set of these files; `rig` is a rig, or the path of its file; with `one_run` no repeats are looked for.
+
+        `period`, s, is that of the training recordings' motion: others have their own.
 
         Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
         sensors, a convention that the data cannot decide.
         """
         description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
-        recordings = read_recordings((*training, *validation), rig=description, one_run=one_run)
+        periods = (*(period for _ in training), *(None for _ in validation))
+        recordings = read_recordings((*training, *validation), rig=description, periods=periods, one_run=one_run)
         model = (planar if recordings[0].dimension == 2 else spatial)(description)
         case, sign = with_gravity_direction(model, recordings), None
         model, recordings = case.model, list(case.recordings)
@@ -62,16 +66,20 @@ class DataSet:
         return cls(model, tuple(recordings[:count]), tuple(recordings[count:]), sign, case.found)
 
 
-def read_recordings(files: Sequence[str], *, rig: Rig | None, one_run: bool = False) -> list[Recording]:
+def read_recordings(
+    files: Sequence[str], *, rig: Rig | None, periods: Sequence[float | None] | None = None, one_run: bool = False
+) -> list[Recording]:
     """Recordings of one sensor, each under its file's label; with `one_run` no repeats are looked for.
+
+    `periods` (s) of the files' motion cut them into repeats; by default, and where None, as `read` does.
 
     Raises InputError for a file that cannot be used, one given twice, and recordings of different sensors.
     """
     paths = [Path(file) for file in files]
     require_different(paths, "the recording is given twice")
     recordings = [
-        replace(read_with_rig(path, rig=rig, one_run=one_run), name=name)
-        for path, name in zip(paths, file_labels(paths), strict=True)
+        replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
+        for path, name, period in zip(paths, file_labels(paths), periods or [None] * len(paths), strict=True)
     ]
     _require_one_sensor(recordings)
     return recordings

@@ -15,6 +15,7 @@ from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.recording import Recording
+from estimation.recordings.repeat_motion import NO_REPEATS, largest_deviation
 from estimation.recordings.reports.reading_report import ReadingReport
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
@@ -30,6 +31,7 @@ def checked(recording: Recording) -> Recording:
         dict(zip(recording.channels, recording.wrench.T, strict=True)), instants, recording.name, log
     )
     note_motion(recording, log, BY_IMPORT)
+    note_repeats(recording, log)
     if not log.steps:
         return recording
     if recording.reading is not None:
@@ -58,6 +60,20 @@ def note_motion(recording: Recording, log: StepLog, how: str = "") -> None:
         note_speed(angles, recording.dt, recording.name, log, how)
 
 
+def note_repeats(recording: Recording, log: StepLog) -> None:
+    """Log that repeats moved differently: so much that they are none, or beyond the noise of the motion."""
+    if recording.repeats == 1 or recording.dt is None:
+        return
+    worst = largest_deviation(recording.columns, recording.repeats)
+    if worst is None:
+        return
+    what = f"the motion of repeat {worst.repeat}, counted from 0, {worst.sentence(recording.dt)}"
+    if worst.gross:
+        log.suspicious(f"{what}: {NO_REPEATS}", recording.name)
+    elif recording.own_motion is not None:
+        log.taken(f"{what}: where the readings show it, each repeat is predicted with its own motion", recording.name)
+
+
 def note_columns(columns: Mapping[str, Array], where: str, rig: Rig | None, log: StepLog) -> None:
     """What `note_motion` does, of columns (n,) with joint angles or a planar pose, as far as they are a recording."""
     angles = {name: column for name, column in columns.items() if re.fullmatch(r"q[1-9]\d*|phi", name)}
@@ -69,6 +85,7 @@ def note_columns(columns: Mapping[str, Array], where: str, rig: Rig | None, log:
     except InputError:  # said when the columns are used as a recording
         return
     note_motion(recording, log)
+    note_repeats(recording, log)
 
 
 def note_speed(angles: Mapping[str, Array], dt: float, where: str, log: StepLog, how: str = "") -> None:

@@ -14,6 +14,7 @@ from estimation.logs.clocks.sample_mending import STAMP
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.motion_period import MotionPeriod, motion_period, whole_repeats
+from estimation.recordings.repeat_motion import largest_deviation
 from estimation.recordings.reports.reading_curves import Span, spans
 from estimation.recordings.reports.reading_report import PeriodReading
 from modeling.errors import InputError
@@ -98,10 +99,17 @@ def _cut_as_stated(columns: dict[str, Array], dt: float, period: float, where: s
             )
         return _cut(columns, dt, found, where, log)
     what = "its repeats differ" if found is None else f"by least squares it is {found.period:.7g} s"
-    log.suspicious(f"the motion does not repeat with a period of {period:g} s: {what}", where)
+    what = f"the motion does not repeat with a period of {period:g} s: {what}"
     as_stated = MotionPeriod(
         period=period, std=0.0, start=0.0, repeats=repeats, scatter=0.0, deviation=1.0, chance=0.0, correlation=0.0
     )
+    trial = _cut(columns, dt, as_stated, where, StepLog())
+    worst = largest_deviation(trial.columns, int(trial.columns["repeat"][-1]) + 1)
+    if worst is not None and worst.gross:
+        how = "give its period, or let it be found without --period"
+        log.suspicious(f"{what}, repeat {worst.repeat} {worst.sentence(dt)}; taken as one run; {how}", where)
+        return one_run(_without_repeat(columns), dt)
+    log.suspicious(what, where)
     return replace(_cut(columns, dt, as_stated, where, log), period=None)
 
 

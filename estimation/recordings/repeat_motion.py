@@ -1,0 +1,178 @@
+"""Motion of each repeat: whether repeats differ beyond their noise, by how much, and what a prediction makes of it.
+
+The response y of a model to the mean motion m is the same in every repeat, which is what makes screening fast: its
+rows are the excited lines alone. Repeat r moved by m + d_r, and the prediction of its readings is
+
+    y_r(theta) = y(m; theta) + [y(m + d_r; theta) - y(m; theta)].
+
+The bracket (`ModelResponse.own_motion`) is evaluated exactly, over the whole record, whenever a prediction is, with the
+parameters and effects of that prediction; so noise that is estimated from the residual is what remains between the
+repeats after the model has accounted for their motions. Derivatives in the parameters, of a fit and in screening, are
+those of y(m; theta): they are wrong by the share epsilon by which the motions differ, and the effect that a score test
+misses by epsilon squared. Beyond `GROSS` they are no repeats of one motion: that is
+said when they are read, and refused when their noise is asked for.
+
+d_r is measured with noise. It is derived where it is significant, column by column: a line of the spectrum of
+x_r - mean(x), of the whole record or of one repeat, exceeds the white noise floor, or the power law, that the upper
+three octaves show, by more than chance allows at `LEVELS.repeat_motion`. Slow noise of an encoder looks like motion
+even so, but is not in the readings: `decided_own_motion` of `estimation/model_response.py` asks them. Where one
+says no, d_r is zero, and nothing is evaluated but the mean motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.recordings.motion_period import motion_components
+from modeling.significance import LEVELS
+
+Array = NDArray[np.float64]
+
+GROSS = 0.25
+"""Root-mean-square difference of a repeat from the others over the motion's standard deviation, from which on they are
+no repeats: its square, the share that a score test may miss, is 6 % there."""
+NEGLIGIBLE = 1e-5
+"""The same, below which a difference is none: it changes the wrench by less than any sensor resolves."""
+JUMP = 2.0
+"""Residual power of a spline over the whole record over that of splines of each repeat, from which on the motion jumps
+between repeats: they were recorded one by one."""
+
+NO_REPEATS = "leave it out; or number the repeats by the motion's period; or take all as one run by --no-period"
+"""What mends repeats that are none."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionDifference:
+    """What the repeats' motion adds to the mean one: series (n, k), and its first two derivatives, per s and per s²."""
+
+    value: Array
+    first: Array
+    second: Array
+
+
+def difference_of(series: Array, repeats: int) -> Array:
+    """Series (n, k) less its mean over the repeats."""
+    runs = series.reshape(repeats, -1, series.shape[1])
+    return np.asarray((runs - runs.mean(axis=0)).reshape(series.shape))
+
+
+def differing_columns(series: Array, repeats: int, *, continuous: bool) -> NDArray[np.bool_]:
+    """Which columns (k,) of a motion (n, k) differ between the repeats beyond their noise."""
+    differences = difference_of(series, repeats)
+    size = np.sqrt((differences**2).mean(axis=0))
+    found = size > NEGLIGIBLE * max(float(series.std(axis=0).max()), np.finfo(float).tiny)
+    if not found.any():
+        return np.asarray(found)
+    runs = differences.reshape(repeats, -1, series.shape[1])
+    parts = [runs, differences[None]] if continuous else [runs]
+    tests = sum(part.shape[0] * (part.shape[1] // 2 + 1) for part in parts) * series.shape[1]
+    bound = np.log(tests / LEVELS.repeat_motion)
+    largest = np.max([_largest_line(part) for part in parts], axis=0)
+    return np.asarray(found & (largest > bound))
+
+
+def _largest_line(runs: Array) -> Array:
+    """Largest line of any run (R, N, k) over the noise floor of all, per column: noise lines are exponential."""
+    from estimation.recordings.differentiation import line_noise_floor
+
+    samples = runs.shape[1]
+    window = np.sin(np.pi * (np.arange(samples) + 0.5) / samples) ** 6  # no leakage into the upper octaves
+    power = np.abs(np.fft.rfft(runs * window[:, None], axis=1)) ** 2
+    floors = np.stack([line_noise_floor(column) for column in power.mean(axis=0).T], axis=1)
+    return np.asarray((power / np.maximum(floors, np.finfo(float).tiny)).max(axis=(0, 1)))
+
+
+def motion_difference(
+    series: Array, mean: Array, repeats: int, dt: float, *, continuous: bool, antiperiodic: bool = False
+) -> MotionDifference:
+    """What a motion (n, k), sampled every `dt` s, adds to its smooth mean (n, k); zero in columns that do not differ.
+
+    The mean is that whose derivatives are known: x - mean is smooth across the repeats then, even where a motion that
+    drifts leaves the average of the samples with a step. An `antiperiodic` series changes sign from one repeat to the
+    next, and is given without.
+    """
+    zero = np.zeros_like(series)
+    found = MotionDifference(value=zero, first=zero.copy(), second=zero.copy())
+    columns = differing_columns(series, repeats, continuous=continuous)
+    if not columns.any():
+        return found
+    sign = np.where(np.arange(repeats) % 2 == 0, 1.0, -1.0) if antiperiodic else np.ones(repeats)
+    signs = np.repeat(sign, len(series) // repeats)[:, None]
+    smooth = _smooth_derivatives((series - mean)[:, columns] * signs, repeats, dt, continuous)
+    for target, part in zip((found.value, found.first, found.second), smooth, strict=True):
+        target[:, columns] = part * signs
+    return found
+
+
+def _smooth_derivatives(series: Array, repeats: int, dt: float, continuous: bool) -> tuple[Array, ...]:
+    """A series (n, k) and its derivatives by splines: of the whole record, or of each repeat where it jumps."""
+    from estimation.recordings.differentiation import spline_derivatives
+
+    columns = series.shape[1]
+    runs = series.reshape(repeats, -1, columns).transpose(1, 0, 2).reshape(-1, repeats * columns)
+    single = spline_derivatives(runs, dt)
+    if continuous:
+        whole = spline_derivatives(series, dt)
+        misfit, least = ((whole.value - series) ** 2).mean(), ((single.value - runs) ** 2).mean()
+        if misfit < max(JUMP * least, (NEGLIGIBLE * float(series.std())) ** 2):
+            return whole.value, whole.first, whole.second
+    parts = (single.value, single.first, single.second)
+    return tuple(part.reshape(-1, repeats, columns).transpose(1, 0, 2).reshape(series.shape) for part in parts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepeatDeviation:
+    """By how much the motion of one repeat differs from that of the others, which is the median of all.
+
+    repeat     its position, from 0 on
+    deviation  root-mean-square difference over the motion's standard deviation
+    late       samples by which it is late, where moving it by them halves the difference; else None
+    """
+
+    repeat: int
+    deviation: float
+    late: int | None = None
+
+    @classmethod
+    def largest(cls, series: Array, repeats: int) -> RepeatDeviation:
+        """The largest of a motion (n, k) in columns of one unit."""
+        runs = series.reshape(repeats, -1, series.shape[1])
+        usual = np.median(runs, axis=0)
+        size = max(float(np.sqrt(series.var(axis=0).sum())), np.finfo(float).tiny)
+        differences = np.sqrt(((runs - usual) ** 2).mean(axis=1).sum(axis=1)) / size
+        worst = int(np.argmax(differences))
+        others = np.median(np.delete(runs, worst, axis=0), axis=0)
+        late = _lateness(runs[worst], others)
+        moved = np.sqrt(((np.roll(others, late, axis=0) - runs[worst]) ** 2).mean(axis=0).sum()) / size
+        found = float(differences[worst])
+        return cls(repeat=worst, deviation=found, late=late if late and moved < found / 2 else None)
+
+    @property
+    def gross(self) -> bool:
+        """Whether the repeat is none of this motion."""
+        return self.deviation > GROSS
+
+    def sentence(self, dt: float) -> str:
+        """The difference in words, without a subject; `dt` in s."""
+        what = f"differs from that of the others by {self.deviation:.0%} of the motion's standard deviation"
+        if self.late is None:
+            return what
+        return f"{what}: it is {abs(self.late) * dt:.3g} s {'late' if self.late > 0 else 'early'}"
+
+
+def largest_deviation(columns: Mapping[str, Array], repeats: int) -> RepeatDeviation | None:
+    """The largest difference of a repeat's motion from the others', in columns (n,); None where nothing moves."""
+    moving = [part.values for part in motion_components(columns) if part.moves]
+    return max((RepeatDeviation.largest(x, repeats) for x in moving), key=lambda d: d.deviation, default=None)
+
+
+def _lateness(run: Array, others: Array) -> int:
+    """Samples by which a run (N, k) is late, by the largest of its circular correlation."""
+    centred = [np.fft.rfft(part - part.mean(axis=0), axis=0) for part in (run, others)]
+    correlation = np.fft.irfft((centred[0] * centred[1].conj()).sum(axis=1), len(run))
+    late = int(np.argmax(correlation))
+    return late if late <= len(run) // 2 else late - len(run)
