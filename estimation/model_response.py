@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.differentiation import spline_derivatives
+from estimation.recordings.derivatives.differentiation import spline_derivatives
 from estimation.recordings.recording import OwnMotion, Recording
 from estimation.recordings.repeat_motion import difference_of
 from modeling.chain.model import WrenchModel

@@ -136,7 +136,7 @@ def _stride(columns: Mapping[str, Array]) -> int:
 
 def _acceleration(columns: Mapping[str, Array], every: slice) -> Array:
     """World acceleration (n, 3) of these rows by splines through the position; zero where it is not known."""
-    from estimation.recordings.differentiation import spline_derivatives  # slow to import
+    from estimation.recordings.derivatives.differentiation import spline_derivatives  # slow to import
 
     rows = len(columns["fx"][every])
     if not {"time", "px", "py", "pz"} <= set(columns) or rows < FEWEST:

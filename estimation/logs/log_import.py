@@ -29,11 +29,11 @@ from estimation.logs.motion_streams import QUATERNION, SiColumns, in_sensor_axes
 from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.derivatives.sample_hold import held_rows
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.recording import MotionForm, Recording, motion_columns
 from estimation.recordings.reports.reading_curves import IntervalHistogram, Span, spans
 from estimation.recordings.reports.reading_report import ClockReading, OffsetReading, PeriodReading, ReadingReport
-from estimation.recordings.sample_hold import held_rows
 from modeling.errors import InputError, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.distributions import gamma_isf
-from estimation.recordings.b_spline import basis_matrix
+from estimation.recordings.derivatives.b_spline import basis_matrix
 from modeling.errors import InputError
 from modeling.significance import LEVELS
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
-from estimation.recordings.smoothing_spline import SmoothingSpline
 
 UNCERTAIN = 0.1
 """Std of an acceleration over its rms from which a motion counts as not carried by its rate."""

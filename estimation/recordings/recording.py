@@ -19,9 +19,9 @@ from modeling.table import Column, Table, Tabular, Value
 if TYPE_CHECKING:
     import pandas as pd
 
-    from estimation.recordings.differentiation import Derivatives
+    from estimation.recordings.derivatives.differentiation import Derivatives
+    from estimation.recordings.derivatives.sample_hold import TrueSamples
     from estimation.recordings.reports.reading_report import ReadingReport
-    from estimation.recordings.sample_hold import TrueSamples
     from modeling.kinematics.arm import Arm
 
 
@@ -238,7 +238,7 @@ class Recording(Tabular):
 
         Of the `derivatives` so far: those of `signals`, which were derived before.
         """
-        from estimation.recordings.differentiation import derivatives_of_spline
+        from estimation.recordings.derivatives.differentiation import derivatives_of_spline
 
         other = replace(self, columns={name: self.columns[name] for name in self.columns if name not in self.auxiliary})
         times = np.arange(self.samples) * np.float64(self.dt or 0.0)
@@ -248,7 +248,7 @@ class Recording(Tabular):
         return other
 
     def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
-        from estimation.recordings.differentiation import (  # slow to import
+        from estimation.recordings.derivatives.differentiation import (  # slow to import
             Derivatives,
             fourier_derivatives,
             fourier_or_spline_derivatives,
@@ -272,7 +272,7 @@ class Recording(Tabular):
 
     def _rebuilt(self, series: Array, names: Sequence[str]) -> Array:
         """A series (n, k) of repeats from its true samples where columns are held, else as it is."""
-        from estimation.recordings.differentiation import spline_derivatives
+        from estimation.recordings.derivatives.differentiation import spline_derivatives
 
         true = self.true_samples(names) if names and self.repeats > 1 else None
         return series if true is None or self.dt is None else spline_derivatives(series, self.dt, true).value
@@ -284,7 +284,7 @@ class Recording(Tabular):
         """
         if self.dt is None or not self.continuous:
             return None
-        from estimation.recordings.sample_hold import TrueSamples
+        from estimation.recordings.derivatives.sample_hold import TrueSamples
 
         return TrueSamples.of((self.columns[name] for name in names), self.dt, self.samples)
 

@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.sample_hold import TrueSamples
-from estimation.recordings.smoothing_spline import SmoothingSpline
+from estimation.recordings.derivatives.sample_hold import TrueSamples
+from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]

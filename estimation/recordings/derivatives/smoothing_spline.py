@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
 from scipy.linalg.blas import dsbmv
 
-from estimation.recordings.b_spline import BSpline, basis_values, transposed_sum, weighted_sum
+from estimation.recordings.derivatives.b_spline import BSpline, basis_values, transposed_sum, weighted_sum
 
 Array = NDArray[np.float64]
 
