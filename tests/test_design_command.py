@@ -84,6 +84,7 @@ def logdet_of(plan: pd.DataFrame) -> float:
     return float(np.linalg.slogdet(rows.T @ rows)[1])
 
 
+@pytest.mark.long
 def test_rows_of_the_plan_are_derivatives_of_one_another(
     rig: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -118,6 +119,7 @@ def test_other_criteria_are_named(rig: Path, capsys: pytest.CaptureFixture[str],
     assert {"a": "mean variance", "e": "smallest eigenvalue"}[criterion] in text
 
 
+@pytest.mark.long
 def test_seeds_decide(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one, same, other = (
         json.loads(ran(capsys, rig, *QUICK, "--seed", seed, "--json")[1])["logdet"] for seed in (1, 1, 2)
@@ -126,6 +128,7 @@ def test_seeds_decide(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert one != other
 
 
+@pytest.mark.long
 def test_a_weight_is_taken_from_the_rig(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plain, weighted = (json.loads(ran(capsys, rig, *QUICK, *more, "--json")[1]) for more in ((), ("--weighted",)))
     assert plain["std"]["bias_fx"] == pytest.approx(1 / np.sqrt(200), rel=0.05)
@@ -197,6 +200,7 @@ def test_a_series_whose_jerk_is_infinite_keeps_no_limit_of_jerk(
     assert "jerk" in error
 
 
+@pytest.mark.long
 def test_a_far_ceiling_leaves_the_floor_where_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     reached = []
     for ceiling in ("2.7", "1000"):

@@ -106,8 +106,11 @@ FOUND = {
     "time_delay, six axes": Hidden(SpatialRig(), TimeDelay(delay=0.012), {"delay": 0.012}),
 }
 
+DAILY = ("com_offset", "viscous_drag", "sensor_lag", "line_interference", "contact_event", "time_delay, six axes")
+"""One of each kind: geometry, load, dynamics, tone, transient, six axes; the others are in the long tier."""
 
-@pytest.mark.parametrize("case", FOUND)
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=[] if c in DAILY else pytest.mark.long) for c in FOUND])
 def test_hidden_effect_is_found_alone_with_its_amount(case: str) -> None:
     hidden = FOUND[case]
     result = diagnosed(hidden)

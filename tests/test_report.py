@@ -100,6 +100,7 @@ def found(recording: Recording, *effects: Effect, validate: tuple[Recording, ...
 
 
 CASES = {f.__name__: f for f in (drag, poses, unexplained, single_run, warming, several)}
+LONG = ("unexplained", "warming", "several")
 
 
 class Page(HTMLParser):
@@ -143,7 +144,7 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.words).split())
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long if c in LONG else []) for c in CASES])
 def test_page(case: str) -> None:
     # One test for each diagnosis, as diagnosis and page cost more than all that is looked at.
     diagnosis = CASES[case]()

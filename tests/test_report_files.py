@@ -133,6 +133,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.long
 def test_fit_and_compare_write_their_reports(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     train, other, rig = (str(folder / name) for name in ("train.csv", "other <b>.csv", "rig.toml"))
     models = [str(folder / "rigid.json"), str(folder / "drag.json")]

@@ -47,7 +47,10 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert result.verdict is RecordVerdict.NOTHING_MISSING
 
 
-@pytest.mark.parametrize("case", ["drag", "tether", "slow_sensor", "off_axis_and_leak"])
+LONG = [pytest.param(case, marks=pytest.mark.long) for case in ("tether", "slow_sensor", "off_axis_and_leak")]
+
+
+@pytest.mark.parametrize("case", ["drag", *LONG])
 def test_hidden_effects_are_named_and_nothing_else(case: str) -> None:
     result = diagnosed(case)
     assert set(result.added) in allowed(case), str(result)
@@ -55,7 +58,7 @@ def test_hidden_effects_are_named_and_nothing_else(case: str) -> None:
     assert result.verdict is RecordVerdict.EXPLAINED
 
 
-@pytest.mark.parametrize("case", ["drag", "tether", "slow_sensor", "off_axis_and_leak"])
+@pytest.mark.parametrize("case", ["drag", *LONG])
 def test_little_is_left_on_another_motion(case: str) -> None:
     """The explainable power is below (a tenth of the noise floor)² and two standard errors of itself."""
     (comparison,) = diagnosed(case).steps[-1].validation
