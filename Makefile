@@ -1,11 +1,11 @@
-# make demo | test | long | check | bench | notebooks | clean
+# make demo | test | long | check | docs | bench | notebooks | clean
 # The first run creates .venv with the versions pinned in constraints.txt.
 
 BIN := .venv/bin
 STAMP := .venv/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
-.PHONY: demo test long check bench notebooks clean
+.PHONY: demo test long check docs bench notebooks clean
 .DEFAULT_GOAL := test
 
 demo: $(STAMP)
@@ -24,6 +24,10 @@ check: $(STAMP)
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
+# The manual: build/docs/index.html. A warning, such as a link that leads nowhere, is an error.
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -E -a -W --keep-going -q -j 2 docs build/docs
+
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks
 
@@ -31,7 +35,7 @@ notebooks: $(STAMP)
 	PYTHONPATH=$(CURDIR) $(BIN)/python notebooks/builder.py
 
 clean:
-	rm -rf .venv demo_report build dist *.egg-info
+	rm -rf .venv demo_report build dist docs/generated *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

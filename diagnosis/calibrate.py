@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.calibration.calibration import Calibration, EffectPower, readings_digest
+from diagnosis.calibration.calibration import Calibration, EffectPower
 from diagnosis.calibration.rate import Rate
 from diagnosis.calibration.surrogate import surrogate_noise
 from diagnosis.diagnosis import Diagnosis, diagnose
@@ -20,6 +20,7 @@ from diagnosis.verdict.verdict import RecordVerdict
 from estimation.fit import Fit, refit
 from estimation.model_response import predicted_readings
 from estimation.multiplicity import bonferroni_level
+from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording, with_readings
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel

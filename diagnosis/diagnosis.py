@@ -28,7 +28,7 @@ from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
 from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.result_json import disturbance_data, unexplained_data
-from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, selection_steps
+from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, removed_share, selection_steps
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import RecordVerdict
@@ -110,10 +110,22 @@ class Diagnosis(Tabular):
         findings = self.findings if calibration.holds else tuple(replace(f, p_value=None) for f in self.findings)
         return replace(self, calibration=calibration, findings=findings)
 
+    @property
+    def misfitting(self) -> tuple[str, ...]:
+        """The recordings that the final model does not explain; all fitted ones, if the verdict names none."""
+        if self.verdict in (RecordVerdict.NOTHING_MISSING, RecordVerdict.EXPLAINED):
+            return ()
+        return self.steps[-1].misfitting or tuple(r.name for r in self.fit.recordings)
+
     @cached_property
     def slow_residuals(self) -> tuple[SlowResidual, ...]:
         """The significant slow parts of the residuals of single runs, with the final model."""
         return slow_residuals(self.steps[-1].training)
+
+    @cached_property
+    def removed_share(self) -> float:
+        """Share that the effects removed of the residuals of single runs, beyond noise; 1 where the noise is known."""
+        return removed_share(self.steps)
 
     @property
     def table(self) -> Table:
@@ -147,6 +159,7 @@ class Diagnosis(Tabular):
             "added": list(self.added),
             "lack_of_fit_p": self.stated_lack_of_fit,
             "converged": self.fit.converged,
+            "removed_share": self.removed_share,
             "slow_residual": [s.to_data() for s in self.slow_residuals],
             "steps": [s.to_data() for s in self.steps],
             "effects": [f.to_data() for f in self.findings],
@@ -331,6 +344,7 @@ def _record_evidence(
         effects=len(final.ids),
         unaccepted=noise_from_residual(final.fit) and len(selection.tried) > 1,
         slow=any(s.above_noise for s in slow_residuals(steps[-1].training)),
+        removed_share=removed_share(steps),
         within_tolerance=all(
             c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
         ),

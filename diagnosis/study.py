@@ -14,7 +14,7 @@ from diagnosis.comparison.error_table import error_table, systematic_error
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.parallel.progress import Progress, silent
+from diagnosis.parallel.progress import Progress, count_progress, silent
 from diagnosis.screening.initial_values import model_initial_values
 from diagnosis.screening.score_test import screen
 from diagnosis.screening.screening_cache import ScreeningCache
@@ -62,13 +62,6 @@ class StudyStep(ComparedFit):
         verdict = f"does not fit {', '.join(self.misfitting)}" if self.misfitting else "no lack of fit"
         return f"{super().__repr__()}; {verdict}"
 
-    @property
-    def misfitting(self) -> tuple[str, ...]:
-        """The recordings with a significant lack of fit, the held-out ones named as such."""
-        fitted = [c.recording.name for c in self.training if c.lack_of_fit < LEVELS.effect]
-        held_out = [c.recording.name for c in self.validation if c.lack_of_fit < LEVELS.held_out]
-        return (*fitted, *(f"{name} (held out)" for name in held_out))
-
 
 @dataclass(frozen=True, eq=False)
 class Location(Tabular):
@@ -94,7 +87,7 @@ class Location(Tabular):
 
     def remarks(self) -> list[str]:
         """The largest of them in words, and whether there is anything to explain."""
-        looks = f"resembles {', '.join(self.residual.looks_like)} ({self.residual.share:.0%} of that channel's power)"
+        looks = f"resembles {self.residual.resembles} ({self.residual.share:.0%} of that channel's power)"
         known = [] if self.comparison.lack_of_fit >= LEVELS.effect else [f"{self.residual.where}; {looks}"]
         return [*self.comparison.remarks(), *known]
 
@@ -180,8 +173,8 @@ class Study(Tabular):
 
     def suspects(self) -> Suspects:
         """Score tests of all effects that the current model lacks, what would remove most error first."""
-        self._progress("score tests")
-        tests = screen(self.fit, list(self._candidates.values()), cache=self._cache)
+        announce = count_progress(self._progress, "score tests")
+        tests = screen(self.fit, list(self._candidates.values()), cache=self._cache, announce=announce)
         excess = None if noise_from_residual(self.fit) else self._candidate.excess
         return Suspects.of(tests, self.model.space, excess)
 
@@ -207,6 +200,11 @@ class Study(Tabular):
         excite, with the reason.
         """
         new = self._effect(effect)
+        return self._append(f"+ {new.id}", self.tried(new))
+
+    def tried(self, effect: str | Effect) -> Fit:
+        """The fit with one effect more, by its id or itself, without a step; InputError as `add`."""
+        new = self._effect(effect)
         _ = self.model + new
         self._progress(f"add {new.id}")
         (test,) = screen(self.fit, [new], candidates=len(self._candidates), cache=self._cache)
@@ -215,7 +213,7 @@ class Study(Tabular):
             raise InputError(
                 what=f"it is not identifiable from these recordings: {test.reason}", where=new.id, remedy=remedy
             )
-        return self._append(f"+ {new.id}", refit_with_effect(self._candidate, test).fit)
+        return refit_with_effect(self._candidate, test).fit
 
     def drop(self, effect: str | Effect) -> StudyStep:
         """Drop an effect and refit; InputError when the model lacks it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, overload
 
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from estimation.confidence_intervals import Intervals
     from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
+    from estimation.ordinary_estimate import OrdinaryEstimate
 
 __all__ = [
     "Estimate",
@@ -67,6 +68,7 @@ class Fit(Estimates):
     converged   whether the last refit converged
     identifiable  (k,) whether a parameter is identifiable
     noise       per recording
+    ordinary    the ordinary least squares that theta comes from, where the weights are not those of the noise
     """
 
     model: WrenchModel
@@ -78,6 +80,7 @@ class Fit(Estimates):
     identifiable: NDArray[np.bool_]
     converged: bool = True
     constrained: ConstrainedMinimum | None = None
+    ordinary: OrdinaryEstimate | None = None
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -93,6 +96,14 @@ class Fit(Estimates):
         """Whitened residual and derivative at the estimate."""
         return self.problem.linearised(self.theta)
 
+    def remarks(self) -> list[str]:
+        """Remarks on the estimate, and whether a body can have it."""
+        from estimation.least_squares.physical_consistency import impossible_body  # SymPy
+
+        names = [p.name for p in self.unknowns]
+        sentence = impossible_body(self.model, names, self.theta, self.covariance)
+        return [*super().remarks(), *([sentence] if sentence else [])]
+
     @cached_property
     def information(self) -> SquareRootInformation:
         """Square-root information of theta from the whitened rows."""
@@ -102,7 +113,7 @@ class Fit(Estimates):
         """Confidence intervals of every parameter, with the effective degrees of freedom of the estimated noise."""
         from estimation.confidence_intervals import intervals  # loads scipy.special
 
-        return intervals(self, level=level)
+        return intervals(self.ordinary or self, level=level)
 
     def response(self, number: int = 0) -> ModelResponse:
         """Prediction of one of the recordings."""
@@ -254,7 +265,9 @@ def fit(
     Notes
     -----
     Whitened nonlinear least squares by Levenberg-Marquardt. Where the noise comes from the residual, fit and noise
-    re-estimation are iterated.
+    re-estimation are iterated; the parameters of a single run are then those of ordinary least squares, each channel
+    weighted by its noise floor, with the std that the residual's spectrum gives: what the model lacks is in that
+    spectrum, too, and would bias an estimate that is whitened by it.
 
     Examples
     --------
@@ -281,8 +294,30 @@ def fit(
     decided, several = with_decided_convention(case.model, case.recordings), case.recordings
     require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
     estimated = refit(decided, several, noise=noise, start=start, constraints=constraints)
+    if noise is None and constraints is None:
+        estimated = with_ordinary_estimate(estimated)
     require_positive_fitted_mass(estimated)
     return estimated
+
+
+def with_ordinary_estimate(fitted: Fit) -> Fit:
+    """The fit with parameters by ordinary least squares where its noise comes from the residual of a run.
+
+    Their std are those in the noise's own spectrum. The noise stays as it was, for tests.
+    """
+    from estimation.ordinary_estimate import OrdinaryEstimate  # spectra: slow to import
+
+    found = OrdinaryEstimate.of(fitted.problem, fitted.theta, fitted.residuals)
+    if found is None:
+        return fitted
+    return replace(
+        fitted,
+        theta=found.theta,
+        covariance=found.covariance_in_noise,
+        identifiable=found.identifiable,
+        converged=found.converged,
+        ordinary=found,
+    )
 
 
 def _whole_recordings(parts: Iterable[RecordingOrChunk], executor: Executor | None) -> tuple[Recording, ...]:

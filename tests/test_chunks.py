@@ -370,9 +370,10 @@ def test_whitening_in_stretches_is_whitening_at_once(seed: int, order: int, bloc
 @pytest.mark.parametrize("repeats", [1, 6])
 def test_noise_of_a_fit_serves_for_a_stream(repeats: int) -> None:
     """From a residual the autoregression is taken over, without the weights by what a whole run's motion leaves open,
-    which no chunk knows: the fit is the same as without them. From repeats the spectrum becomes an autoregression:
-    the body's std agree within 10 %, what the spectrum's curve (1500 samples in bands) and 30 coefficients leave. The
-    zeros live on frequency 0, which no line shows: there the curve and the coefficients go on each in its own way."""
+    which no chunk knows: the fit is the same as without them, in that noise. From repeats the spectrum becomes an
+    autoregression: the body's std agree within 10 %, what the spectrum's curve (1500 samples in bands) and 30
+    coefficients leave. The zeros live on frequency 0, which no line shows: there the curve and the coefficients go on
+    each in its own way."""
     recording = recorded(Space.PLANE, seed=3, repeats=repeats, noise="autoregressive")
     whole = fit(base(Space.PLANE), recording)
     model = whole.noise[0].autoregression
@@ -386,6 +387,7 @@ def test_noise_of_a_fit_serves_for_a_stream(repeats: int) -> None:
         unweighted = replace(whole.noise[0], whitener=replace(weighted, weights=None))
         same = fit(base(Space.PLANE), recording, noise=[unweighted])
         np.testing.assert_allclose(found.theta / std, same.theta / std, rtol=0, atol=EXACT)
+        whole, expected = same, np.sqrt(np.diag(same.covariance))
     np.testing.assert_allclose(std[3:], expected[3:], rtol=0.1)
     np.testing.assert_allclose(std[:3], expected[:3], rtol=0.4)
     assert np.abs((found.theta - whole.theta) / std).max() < 0.7  # the same data, weighted almost alike

@@ -26,8 +26,9 @@ from modeling.effects import CATALOGUE
 from modeling.rig.rig import Convention
 from truewrench.command_line import COMMANDS, main
 from truewrench.command_options.effect_choice import ids_apart
-from truewrench.commands import demo, effects
 from truewrench.commands import diagnose as diagnose_command
+from truewrench.commands import effects
+from truewrench.files import demonstration
 from truewrench.files.model_file import ModelFile
 from truewrench.files.output import ERASE_LINE, atomic_write
 from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, SpatialRig, simulate, static_poses, write_recording
@@ -260,6 +261,7 @@ def test_the_sign_of_six_axes_is_decided_and_reported(convention: Convention, ru
     assert data["parameters"]["Ixx"]["std"] is None
     text = run("fit", path).out
     assert convention.value in text
+    assert "first estimates of that decision, not of the fit: mass" in text
     assert "mounting rotation" in text
     assert "not identifiable" in text
 
@@ -281,8 +283,8 @@ def test_effects_lists_the_catalogue_and_describes_each(run: Runner) -> None:
 def test_demo_tells_what_was_hidden_and_what_was_named(
     run: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(demo, "SAMPLES", 200)
-    monkeypatch.setattr(demo, "TRAINING", replace(demo.TRAINING, repeats=4))
+    monkeypatch.setattr(demonstration, "SAMPLES", 200)
+    monkeypatch.setattr(demonstration, "TRAINING", replace(demonstration.TRAINING, repeats=4))
     outcome = run("demo", "--effect", "viscous_drag", "--out", tmp_path / "demo")
     assert (outcome.code, outcome.err) == (0, "")
     assert "Hidden: viscous_drag. Identified: viscous_drag. Correct." in outcome.out

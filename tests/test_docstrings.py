@@ -12,7 +12,7 @@ import pytest
 from griffe import Docstring, DocstringSectionKind, Parser
 
 import truewrench as tw
-from truewrench.commands import demo
+from truewrench.files import demonstration
 
 pytest.importorskip("mujoco")
 
@@ -24,7 +24,7 @@ OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Rig file and recordings, as `truewrench demo --effect viscous_drag` writes them: the examples read them."""
     folder = tmp_path_factory.mktemp("demo")
-    demo.record(demo.hidden_effect_by_id("viscous_drag"), folder)
+    demonstration.record(demonstration.hidden_effect_by_id("viscous_drag"), folder)
     return folder
 
 

@@ -1,14 +1,16 @@
-"""Figures of results: one description for matplotlib and plotly, true, labelled, nothing cut off, on a user's axes."""
+"""Figures of results: one description for three libraries, true, labelled, nothing cut off, on a user's axes."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import cache
 from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 import pytest
+from bokeh.document import Document
 from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -18,7 +20,8 @@ import truewrench as tw
 from modeling.table import Table
 from tests.test_given_effects import simulated
 from tests.test_results import RESULTS, fitted
-from truewrench.plots.charts.chart import Chart, Line
+from truewrench.plots.charts.bokeh_chart import DARK, bokeh_chart, figures_of, legend_html
+from truewrench.plots.charts.chart import Array, Chart, Line, legend_labels
 from truewrench.plots.charts.line_decimation import decimated
 from truewrench.plots.charts.matplotlib_chart import draw_on, matplotlib_figure
 from truewrench.plots.charts.plotly_chart import plotly_figure
@@ -68,14 +71,31 @@ def test_nothing_is_cut_off_nor_written_over(name: str) -> None:
         assert not over, (kind, over[:3])
 
 
+def plotly_series(chart: Chart) -> list[Array]:
+    """The y of each trace of plotly's figure."""
+    shown = plotly_figure(chart)
+    json.loads(shown.to_json())
+    return [np.asarray(t.y, dtype=float) for t in shown.data if t.type == "scatter" and t.y is not None]
+
+
+def bokeh_series(chart: Chart) -> list[Array]:
+    """The y of each glyph of Bokeh's figures, in dark and in light."""
+    layout = bokeh_chart(chart, DARK)
+    assert len(figures_of(layout)) == len(chart.panels)
+    shown = bokeh_chart(chart)
+    Document().add_root(shown)
+    glyphs: list[Any] = [renderer for drawn in figures_of(shown) for renderer in drawn.renderers]
+    assert legend_html(chart).count("<li>") >= len(legend_labels(chart.panels)) * chart.legend
+    return [np.asarray(g.data_source.data["y"]) for g in glyphs if "y" in g.data_source.data]
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_both_libraries_show_the_same_numbers(name: str) -> None:
-    """Every line and point of the description is in plotly's JSON; short ones as they are."""
+@pytest.mark.parametrize("series_of", [plotly_series, bokeh_series])
+def test_every_library_shows_the_same_numbers(name: str, series_of: Callable[[Chart], list[Array]]) -> None:
+    """Every line and point of the description is in plotly's JSON, and in Bokeh's; short ones as they are."""
     for kind in kinds(name):
         chart = chart_of(name, kind)
-        shown = plotly_figure(chart)
-        json.loads(shown.to_json())
-        traces = [np.asarray(t.y, dtype=float) for t in shown.data if t.type == "scatter" and t.y is not None]
+        traces = series_of(chart)
         for panel in chart.panels:
             for line in (mark for mark in panel.marks if isinstance(mark, Line)):
                 assert any(len(y) == len(line.y) and np.array_equal(y, line.y) for y in traces), kind

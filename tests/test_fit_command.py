@@ -126,7 +126,7 @@ def test_a_robust_fit_is_not_moved_by_outliers(bench: Bench, frame: pd.DataFrame
 
 
 def test_repeats_give_table_22_1(bench: Bench) -> None:
-    brief, whole = bench.fit()[1], bench.fit("--runs")[1]
+    brief, whole = bench.fit("--verbose")[1], bench.fit("--runs")[1]
     assert "noise gain" in brief
     assert "run 4" not in brief
     assert "run 4" in whole
@@ -216,3 +216,13 @@ def test_fit_says_first_whether_the_model_fits(bench: Bench) -> None:
     assert [r["name"] for r in data["validation"]] == ["lagging.csv"]
     fixed = json.loads(bench.fit("--add", "sensor_lag", "--json", recording=other)[1])
     assert fixed["fits"]
+
+
+def test_repeats_are_printed_when_asked_for(bench: Bench) -> None:
+    """Whether it fits comes first, then the parameters, then the errors; the same in the JSON anyway."""
+    short, verbose, runs = (bench.fit(*options)[1] for options in ((), ("--verbose",), ("--runs",)))
+    assert short.index("fit") < short.index("parameter ") < short.index("reduced chi-square")
+    assert "over its repeats" not in short
+    assert "over its repeats" in verbose
+    assert len(runs.splitlines()) > len(verbose.splitlines()) > len(short.splitlines())
+    assert json.loads(bench.fit("--json")[1])["repeats"]

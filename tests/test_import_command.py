@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import truewrench as tw
 from estimation.logs.readers import delimited_text
 from modeling.effects import named
 from modeling.rig.rig import Convention, Rig
-from tests.log_files import CHANNELS, DRAG, FORMATS, Writer, original, plotjuggler, two_clocks
+from tests.log_files import CHANNELS, DRAG, FORMATS, Writer, headerless, original, plotjuggler, two_clocks
 from truewrench.command_line import main
 from truewrench.commands import import_recording
 
@@ -180,3 +181,39 @@ def test_two_commands_to_the_verdict(name: str, tmp_path: Path, capsys: pytest.C
     assert found["sign"]["convention"] == Convention.ON_TOOL.value
     parameters = next(effect for effect in found["effects"] if effect["id"] == "viscous_drag")["parameters"]
     assert abs(parameters["c"]["value"] - DRAG.c) < 4 * parameters["c"]["std"]
+
+
+# ------------------------------------------------------------------------------- frames, and what is no recording
+
+
+@pytest.mark.parametrize("name", ["ros 1 bag", "rostopic echo -p"])
+def test_frame_convention_and_rotation_are_said(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sources = FORMATS[name](original(1000), tmp_path)
+    code, text, _ = run(capsys, "import", *sources)
+    assert code == 0
+    assert "sensor axes, frame 'tool0' as its header states" in text
+    assert "the rotation of the sensor frame in the base, v_base = R v_sensor" in text
+    assert "the sensor reads the wrench that the sensor exerts on the tool (on_tool)" in text
+    rig = tmp_path / "rig.toml"
+    rig.write_text('[sensor]\nconvention = "on_sensor"\n')
+    data = json.loads(run(capsys, "import", *sources, "--rig", rig, "--json")[1])
+    assert data["frames"][1].endswith("the wrench that the tool exerts on the sensor (on_sensor), as the rig states.")
+
+
+@pytest.mark.parametrize(
+    ("command", "name"), [("diagnose", "ros 2 bag mcap"), ("fit", "franka"), ("diagnose", "headerless")]
+)
+def test_a_log_that_is_no_recording_is_to_be_imported_first(
+    command: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The one line has the command to type, which works."""
+    folder = tmp_path / "the logs"
+    folder.mkdir()
+    frame = original(1000)
+    (log,) = headerless(frame, folder) if name == "headerless" else FORMATS[name](frame, folder)
+    code, text, error = run(capsys, command, log)
+    assert (code, text, error.count("\n")) == (2, "", 1)
+    typed = shlex.split(error.split("`truewrench ")[1].split("`")[0])
+    assert typed == ["import", str(log), "--out", "recording.csv"]
+    if name != "headerless":  # which needs a preset
+        assert run(capsys, *typed[:3], tmp_path / "recording.csv")[0] == 0

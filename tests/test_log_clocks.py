@@ -22,6 +22,7 @@ from truewrench.simulated_rig import (
     HiddenEffect,
     PlanarRig,
     SpatialRig,
+    TimeDelay,
     ViscousDrag,
     simulate,
 )
@@ -47,7 +48,7 @@ def steps(path: Path, kind: StepKind = StepKind.MENDED) -> list[str]:
 
 
 def test_two_files_on_two_clocks(tmp_path: Path) -> None:
-    """Issue 13: 37 ms between them, 3 of 5000 samples lost; poses at 200 Hz, wrench at 500 Hz with jitter."""
+    """37 ms between them, 3 of 5000 samples lost; poses at 200 Hz, wrench at 500 Hz with jitter."""
     frame = original(5000)
     sources = two_clocks(frame, tmp_path, OFFSET)
     found = imported(*sources)
@@ -117,6 +118,26 @@ def test_a_stated_offset_is_applied(tmp_path: Path) -> None:
     found = imported(*two_clocks(original(), tmp_path, OFFSET), map=ColumnMap.of({"offset": 0.037})).report.offset
     assert found is not None
     assert (found.offset, found.applied) == (0.037, True)
+
+
+def test_the_same_stamps_are_one_clock(tmp_path: Path) -> None:
+    """A delay in the sensor is no offset of clocks: said, and applied only where it is stated."""
+    rig = SpatialRig()
+    motion = rig.random_motion(seed=1, period=10.0)
+    frame = simulate(rig, motion, hidden=[TimeDelay(delay=0.02)], repeats=1, samples_per_period=2500, seed=1)
+    wrench, pose = tmp_path / "wrench.csv", tmp_path / "pose.csv"
+    frame[["time", *CHANNELS]].to_csv(wrench, index=False)
+    frame[["time", *POSITION, *QUATERNION]].to_csv(pose, index=False)
+    report = imported(wrench, pose).report
+    assert report.offset is not None
+    assert abs(report.offset.offset - 0.02) < 2e-3
+    assert not report.offset.applied
+    assert report.samples == len(frame)
+    assert any("--clock-offset" in step.what for step in report.of(StepKind.SUSPICIOUS))
+    stated = imported(wrench, pose, clock_offset=0.02).report.offset
+    assert stated is not None
+    assert (stated.offset, stated.applied) == (0.02, True)
+    assert "Clock offset: 20 ms as stated" in str(imported(wrench, pose, clock_offset=0.02).report)
 
 
 def test_clocks_of_different_origins(tmp_path: Path) -> None:

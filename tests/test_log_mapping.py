@@ -27,7 +27,7 @@ from tests.log_files import (
     original,
     rotations,
 )
-from truewrench.commands.import_recording import PRESETS as LISTED
+from truewrench.command_options.presets import PRESETS as LISTED
 
 pytest.importorskip("mujoco")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,11 +13,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom
 
+import truewrench as tw
 from diagnosis.comparison.band_error import BandError
 from diagnosis.comparison.model_comparison import ModelComparison, compare
 from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
+from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording
 from estimation.recordings.recording import with_readings as of_same_motion
 from modeling.chain.model import WrenchModel, planar
@@ -193,6 +196,31 @@ def test_command_compares_model_files(files: tuple[list[str], str], capsys: pyte
         assert found["recordings"][0]["rms"] == pytest.approx(dict(known.predictions[0].comparison.rms), rel=1e-6)
     assert main(["compare", *models, "--on", run]) == 0
     assert "better.json predicts better than rigid.json" in capsys.readouterr().out
+
+
+USES = {"held out": False, "fitted on": True, "biases alone fitted": None}
+
+
+@pytest.mark.parametrize("use", USES)
+def test_a_column_says_whether_the_model_was_fitted_on_it(
+    use: str, files: tuple[list[str], str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the readings in the model file; one that is older has none."""
+    models, run = files
+    if use != "held out":
+        for model in models:
+            saved = ModelFile.read(model)
+            of_run = (readings_digest(tw.read(run, rig=saved.rig)),)
+            changed = replace(saved, fitted_on=of_run if use == "fitted on" else None)
+            Path(model).write_text(changed.to_text())
+    assert main(["compare", *models, "--on", run]) == 0
+    text = capsys.readouterr().out
+    assert f"run.csv ({use})" in text
+    assert ("describes these recordings, which were fitted" in text) == (use == "fitted on")
+    assert main(["compare", *models, "--on", run, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["models"][0]["recordings"][0]
+    assert found["fitted_on"] is USES[use]
+    assert not found["fitted"]
 
 
 @pytest.mark.parametrize("fault", ["twice", "missing", "no model"])

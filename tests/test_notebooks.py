@@ -61,7 +61,7 @@ def designed_motion(names: dict[str, Any]) -> None:
     assert values[1] - values[0] > 4
     assert values[-1] < names["plan"].bound.logdet
     for name, promised in names["promised"].items():
-        assert 0.75 < names["scatter"][name] / promised < 1.3  # 100 draws: std of 7 %, one in 2000 beyond
+        assert 0.65 < names["scatter"][name] / promised < 1.4  # 40 draws: std of 11 %, one in 1000 beyond
     assert names["before"]["viscous"] - names["before"]["quadratic"] < 21.6
     found = names["after"]["viscous"] - names["after"]["quadratic"]
     assert found > 1000
@@ -139,7 +139,7 @@ def measured_data(names: dict[str, Any]) -> None:
     assert not np.isfinite(names["static"]["Ixx"].std)
     assert not names["touched"].at_rest
     assert names["contact"].intervals
-    assert abs(names["moving"]["m"].value - mass.value) > 4 * names["moving"]["m"].std  # the noise is not all
+    assert abs(names["moving"]["m"].value - mass.value) > 3 * names["moving"]["m"].std  # the noise is not all
 
 
 CLAIMS = {

@@ -14,7 +14,8 @@ import pytest
 from diagnosis.verdict.verdict import RecordVerdict
 from modeling.rig.rig import Rig
 from truewrench.command_line import main
-from truewrench.commands import demo, diagnose
+from truewrench.commands import diagnose
+from truewrench.files import demonstration
 from truewrench.simulated_rig import HIDDEN_EFFECTS, ContactEvent, PlanarRig, simulate, write_recording
 
 pytest.importorskip("mujoco")
@@ -92,4 +93,4 @@ def test_what_is_named_exists() -> None:
     for target in re.findall(r"^make (\w+)", TEXT, flags=re.MULTILINE):
         assert f"\n{target}:" in makefile
     for effect_id in re.findall(r"demo --effect (\w+)", TEXT):
-        assert effect_id in (demo.NOTHING, *HIDDEN_EFFECTS)
+        assert effect_id in (demonstration.NOTHING, *HIDDEN_EFFECTS)

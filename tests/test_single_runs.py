@@ -13,8 +13,15 @@ import pytest
 
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.screening.score_test import screen
-from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, refit_effects, refit_with_effect
+from diagnosis.screening.score_test import ScoreTest, screen
+from diagnosis.selection import subset_search
+from diagnosis.selection.subset_search import (
+    CandidateModel,
+    SubsetSearch,
+    refit_effects,
+    refit_with_effect,
+    search_subsets,
+)
 from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, selection_steps
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.fit import WhitenedProblem, fit
@@ -24,7 +31,15 @@ from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named, viscous_drag
 from modeling.rig.rig import Rig
-from truewrench.simulated_rig import AutoregressiveNoise, HiddenEffect, NoiseModel, PlanarRig, ViscousDrag, simulate
+from truewrench.simulated_rig import (
+    AutoregressiveNoise,
+    HiddenEffect,
+    NoiseModel,
+    PlanarRig,
+    SensorLag,
+    ViscousDrag,
+    simulate,
+)
 
 pytest.importorskip("mujoco")
 
@@ -87,6 +102,24 @@ def test_noise_alone_lacks_nothing(noise: NoiseModel | str) -> None:
     assert result.verdict is RecordVerdict.NOTHING_MISSING
 
 
+def test_what_has_not_converged_is_not_extended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A score test needs a minimum. All that is significant in round one is tried, and none of it in round two."""
+    recording = run(3000, ViscousDrag(c=0.3, d=0.12), SensorLag(time_constant=0.02))
+    base = fit(planar(RIG), recording)
+    pairs = [len(tried.ids) for tried in search_subsets(base, FEW).tried]
+    exact = subset_search.refit_with_effect
+
+    def without_convergence(candidate: CandidateModel, screening: ScoreTest) -> CandidateModel:
+        found = exact(candidate, screening)
+        return replace(found, fit=replace(found.fit, converged=False))
+
+    monkeypatch.setattr(subset_search, "refit_with_effect", without_convergence)
+    alone = [len(tried.ids) for tried in search_subsets(base, FEW).tried]
+    assert alone == [size for size in pairs if size < 2]
+    assert 1 in alone
+    assert 2 in pairs
+
+
 def test_noise_is_no_part_of_what_can_be_explained() -> None:
     """A right effect takes most of what can be explained, though hardly any of the raw RMS."""
     base, best = with_drag(run(3000, TINY))
@@ -131,3 +164,12 @@ def test_sets_are_compared_in_one_noise() -> None:
     assert abs(base.null_model.cost - best.null_model.cost) < 4 * np.sqrt(2 * rows)  # the spread of a chi-square
     # The base's residual under the right set's noise holds the whole strength, known here to its square root.
     assert alike.null_model.cost - best.null_model.cost == pytest.approx(180, abs=4 * 2 * np.sqrt(180))
+
+
+def test_share_removed_grows_with_the_effect() -> None:
+    """In slow noise, which counts as what may be physics; in white noise all is removed."""
+    noise = AutoregressiveNoise(rho=0.97)
+    drags = [diagnose(planar(RIG), run(3000, ViscousDrag(c=c, d=0.12), noise=noise), effects=FEW) for c in (0.03, 0.1)]
+    small, large = (found.removed_share for found in drags)
+    assert small < 0.7 < 0.9 < large
+    assert diagnosed(3000).removed_share > 0.95

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import truewrench as tw
+from diagnosis.comparison.residual_map import map_variables, samples_of_cell
 from diagnosis.diagnosis import diagnose
 from diagnosis.study import Study, study
 from diagnosis.verdict.verdict import RecordVerdict
@@ -167,3 +168,24 @@ def test_a_step_says_which_recording_condemns_it(begun: Study) -> None:
     assert "does not fit" in repr(condemned)
     assert condemned.misfitting == tuple(f"{c.recording.name} (held out)" for c in first.validation)
     assert "no lack of fit" in repr(replace(condemned, validation=()))
+
+
+def test_what_is_tried_is_no_step(begun: Study) -> None:
+    tried = begun.tried("viscous_drag")
+    assert "viscous_drag" in {effect.id for effect in tried.model.effects}
+    assert len(begun.steps) == 1
+    assert tried.values == begun.add("viscous_drag").fit.values
+
+
+def test_the_samples_of_a_cell_are_those_that_its_map_counted(begun: Study) -> None:
+    """Their mean is the centre of the cell; the cells of a map share out the samples."""
+    where = begun.where()
+    recording = where.comparison.recording
+    known = map_variables(recording, recording.wrench - where.comparison.residual)
+    for shown in where.maps[:4]:
+        masks = [samples_of_cell(where.comparison, shown.variable, centre) for centre in shown.centre]
+        means = [known[shown.variable][0][mask].mean() for mask in masks]
+        np.testing.assert_allclose(means, shown.centre)
+        assert np.sum(masks, axis=0).max() == 1
+    with pytest.raises(InputError, match="no variable"):
+        samples_of_cell(where.comparison, "passwd", 0.0)

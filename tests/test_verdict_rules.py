@@ -79,7 +79,11 @@ RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
         (replace(FITS, unaccepted=True), RecordVerdict.UNEXPLAINED, ""),
         (replace(MISFITS, within_tolerance=True, power_share=0.1), RecordVerdict.UNEXPLAINED, ""),
     ],
+    "a single run of which little was removed": [
+        (replace(FITS, effects=1, removed_share=0.49), RecordVerdict.PARTLY_EXPLAINED, ""),
+    ],
     "no lack of fit": [
+        (replace(FITS, effects=1, removed_share=0.5), RecordVerdict.EXPLAINED, ""),
         (replace(FITS, effects=1, held_out_lack_of_fit=1e-3), RecordVerdict.EXPLAINED, ""),
         (replace(FITS, effects=2, unaccepted=True), RecordVerdict.EXPLAINED, ""),
     ],

@@ -34,10 +34,11 @@ from truewrench.commands import (
     fit,
     import_recording,
     survey,
+    workbench,
 )
 
 COMMANDS = (
-    demo, import_recording, diagnose, calibrate, fit, compare, survey, design, compensate, emit, effects,
+    demo, import_recording, diagnose, calibrate, fit, compare, survey, design, compensate, emit, effects, workbench,
 )  # fmt: skip
 PRINTING = (emit, effects)
 """Commands whose text is what was asked for: --quiet has no meaning there."""

@@ -12,21 +12,26 @@ from modeling.codegen.payload.payload_format import FORMATS, payload_format
 from modeling.errors import InputError, suggestion
 
 if TYPE_CHECKING:
-    from estimation.contact.calibrated_model import CalibratedModel
     from estimation.fit import Fit
     from estimation.streaming.streamed_fit import StreamedFit
-    from modeling.codegen.generated_code import GeneratedCode
     from modeling.table import Table
+    from truewrench.files.model_file import ModelFile
 
 BASES = ("planar", "spatial")
 
 
 @dataclass(frozen=True)
 class Emitted:
-    """A text, and the operations per sample where it is code."""
+    """A text, and the operations per sample where it is code.
+
+    frames   the frame and the sign convention of what was written, a sentence; empty of a base model
+    warning  that the model did not fit its recordings; empty where it did, or where it was not tested
+    """
 
     text: str
     operations: Table | None
+    frames: str = ""
+    warning: str = ""
 
 
 def emit(
@@ -81,15 +86,14 @@ def emitted(
 ) -> Emitted:
     """`emit`, with the operation counts of code."""
     if to in FORMATS:
-        return Emitted(_tool_text(model, to, sensor_pose), None)
+        return _tool(model, to, sensor_pose)
     if to not in target_names():
         remedy = suggestion(to, (*target_names(), *FORMATS))
         raise InputError(what=f"'{to[:40]}' is no language or format", where="to", remedy=remedy)
     if sensor_pose is not None:
         remedy = f"leave it out, or emit the tool: {', '.join(FORMATS)}"
         raise InputError(what="code has no frame but the sensor's", where="sensor pose", remedy=remedy)
-    code = _code(model, to, rate)
-    return Emitted(code.text, code.table)
+    return _code(model, to, rate)
 
 
 def _source() -> str:
@@ -98,18 +102,42 @@ def _source() -> str:
     return f"truewrench {version('truewrench')}"
 
 
-def _tool_text(model: Fit | StreamedFit | str | Path, to: str, sensor_pose: Sequence[float] | None) -> str:
+def _tool(model: Fit | StreamedFit | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
     from modeling.codegen.payload.tool_inertia import ToolInertia
 
     if str(model) in BASES:
         remedy = "give a fit or a model file: `truewrench fit --out model.json`"
         raise InputError(what="a base model has no values", where=str(model), remedy=remedy)
-    known = _calibration(model)
-    tool = ToolInertia.of(known.model, known.theta, known.covariance)
-    return payload_format(to).text(tool if sensor_pose is None else tool.seen_from(sensor_pose), _source())
+    saved = _model_file(model)
+    known = saved.calibration
+    tool = ToolInertia.of(known.model, known.theta, known.covariance, _sensor_link(saved))
+    tool = tool if sensor_pose is None else tool.seen_from(sensor_pose)
+    said = f"Written in the {tool.frame}. {_convention_sentence(saved)}"
+    return Emitted(payload_format(to).text(tool, _source()), None, said, _warning(saved))
 
 
-def _code(model: Fit | StreamedFit | str | Path, to: str, rate: float | None) -> GeneratedCode:
+def _sensor_link(saved: ModelFile) -> str:
+    """The link of the URDF whose frame is the sensor's; empty for a rig without one."""
+    return "" if saved.rig is None or saved.rig.urdf is None else saved.rig.sensor_frame or ""
+
+
+def _convention_sentence(saved: ModelFile) -> str:
+    from truewrench.files.data_set import MEANINGS
+
+    return f"The readings that it was identified from are {MEANINGS[saved.model.convention]}."
+
+
+def _warning(saved: ModelFile) -> str:
+    if not saved.misfitting:
+        return ""
+    names = ", ".join(saved.misfitting)
+    return (
+        f"the model does not fit {names}: its values are biased by what it lacks, and their standard deviations are"
+        " too small; `truewrench diagnose` searches for what is missing"
+    )
+
+
+def _code(model: Fit | StreamedFit | str | Path, to: str, rate: float | None) -> Emitted:
     from modeling.codegen.fitted_model import FittedModel
     from modeling.codegen.generated_code import GeneratedCode
     from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
@@ -118,20 +146,24 @@ def _code(model: Fit | StreamedFit | str | Path, to: str, rate: float | None) ->
     target = code_target(to)
     if str(model) in BASES:
         space = Space.PLANE if str(model) == "planar" else Space.SPACE
-        return GeneratedCode.of_base(RigidToolRegressor(space), target, _source())
-    known = _calibration(model)
+        code = GeneratedCode.of_base(RigidToolRegressor(space), target, _source())
+        return Emitted(code.text, code.table)
+    saved = _model_file(model)
+    known = saved.calibration
     fitted = FittedModel.of(known.model, known.theta, None if rate is None else 1 / rate)
-    return GeneratedCode.of_fitted(fitted, target, _source())
+    code = GeneratedCode.of_fitted(fitted, target, _source())
+    link = _sensor_link(saved)
+    said = f"Wrench in the sensor frame{f', link {link}' if link else ''}. {_convention_sentence(saved)}"
+    return Emitted(code.text, code.table, said, _warning(saved))
 
 
-def _calibration(model: Fit | StreamedFit | str | Path) -> CalibratedModel:
-    """Parameters and covariance of a fit, or of a model file."""
-    from estimation.contact.calibrated_model import CalibratedModel
+def _model_file(model: Fit | StreamedFit | str | Path) -> ModelFile:
+    """What a model file holds, of a fit or of the file."""
     from truewrench.files.model_file import ModelFile
 
     if not isinstance(model, (str, Path)):
-        return CalibratedModel.of(model)
+        return ModelFile.of(model)
     if not Path(model).is_file():
         remedy = "give planar, spatial, or the path of a model file"
         raise InputError(what="neither a base model nor a model file", where=str(model) or "MODEL", remedy=remedy)
-    return ModelFile.read(model).calibration
+    return ModelFile.read(model)

@@ -31,7 +31,7 @@ def summary(result: Any) -> str:
     if isinstance(result, Fit):
         from truewrench.text.fit_summary import FitSummary
 
-        return FitSummary(result, result.intervals()).text(None, runs=False)
+        return FitSummary(result, result.intervals()).text(None)
     return str(result)
 
 

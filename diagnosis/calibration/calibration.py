@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from hashlib import sha256
 from typing import Any
-
-import numpy as np
 
 from diagnosis.calibration.rate import Rate
 from diagnosis.verdict.verdict import RecordVerdict
+from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 from modeling.significance import LEVELS
@@ -114,8 +112,3 @@ class Calibration(Tabular):
             "holds": self.holds,
             "power": {p.effect: p.to_data() for p in self.power},
         }
-
-
-def readings_digest(recording: Recording) -> str:
-    """SHA-256 of a recording's readings, by which a calibration is recognised as its own."""
-    return sha256(np.ascontiguousarray(recording.wrench, dtype="<f8").tobytes()).hexdigest()

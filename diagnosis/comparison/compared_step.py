@@ -6,6 +6,7 @@ from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.error_table import systematic_error
 from estimation.fit import Fit
 from modeling.number_format import P_VALUE
+from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
 
 
@@ -20,6 +21,13 @@ class ComparedFit(Tabular):
     def label(self) -> str:
         """What led to it."""
         return "model"
+
+    @property
+    def misfitting(self) -> tuple[str, ...]:
+        """The recordings with a significant lack of fit, the held-out ones named as such."""
+        fitted = [c.recording.name for c in self.training if c.lack_of_fit < LEVELS.effect]
+        held_out = [c.recording.name for c in self.validation if c.lack_of_fit < LEVELS.held_out]
+        return (*fitted, *(f"{name} (held out)" for name in held_out))
 
     def __repr__(self) -> str:
         held_out = [f"held out {c.recording.name}: {c.remarks()[0]}" for c in self.validation]

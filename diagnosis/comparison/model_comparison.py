@@ -19,6 +19,7 @@ from estimation.fit import Fit, reestimated_noise, require_recording
 from estimation.least_squares.estimates import Estimate
 from estimation.multiplicity import holm_adjusted
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
@@ -37,11 +38,13 @@ class ModelOnRecording:
     """A model's prediction of one recording: number `number` of a fit, in the noise common to all models.
 
     fitted  whether the fit used the recording; if not it is a validation fit, in which the biases alone are estimated
+    seen    whether the model's parameters were estimated from it, by this fit or before; None where that is not known
     """
 
     fit: Fit
     number: int
     fitted: bool
+    seen: bool | None
 
     @cached_property
     def comparison(self) -> Comparison:
@@ -127,7 +130,7 @@ class ModelComparison(Tabular):
         for (a, b), p_value in zip(pairs, adjusted, strict=True):
             gain = a.information_criterion - b.information_criterion
             better, worse = (b, a) if gain > 0 else (a, b)
-            fitted = any(p.fitted for model in (a, b) for p in model.predictions)
+            fitted = any(p.seen for model in (a, b) for p in model.predictions)
             found.append(ModelDifference(better.name, worse.name, abs(gain), p_value, fitted))
         return tuple(found)
 
@@ -192,8 +195,12 @@ class ModelComparison(Tabular):
         return Table.of(("recording", "model", *columns), rows)
 
     def remarks(self) -> list[str]:
-        """Which models differ significantly."""
-        return [f"{difference.sentence}." for difference in self.differences]
+        """Which models differ significantly, and what was estimated on recordings that they were not fitted on."""
+        found = [f"{difference.sentence}." for difference in self.differences]
+        if any(not p.fitted for model in self.models for p in model.predictions):
+            found.append("Fitted on: the recording is one that the model was fitted to; held out: it is not.")
+            found.append("The biases, which differ between recordings, are estimated on each.")
+        return found
 
     def printed(self) -> list[Table | str]:
         """Errors, differences, parameters, bands."""
@@ -335,12 +342,12 @@ def _on_recording(models: Sequence[EstimatedModel], recording: Recording) -> lis
     """Each model's prediction of a recording, in one noise."""
     own = [_own_prediction(model, recording) for model in models]
     predicted = [
-        known or ModelOnRecording(validation_fit(model, recording), 0, False)
+        known or ModelOnRecording(validation_fit(model, recording), 0, False, _was_fitted_on(model, recording))
         for known, model in zip(own, models, strict=True)
     ]
     noise = _common_noise(predicted)
     return [
-        _in_noise(p, noise) if p.fitted else ModelOnRecording(validation_fit(m, recording, noise), 0, False)
+        _in_noise(p, noise) if p.fitted else replace(p, fit=validation_fit(m, recording, noise))
         for p, m in zip(predicted, models, strict=True)
     ]
 
@@ -348,7 +355,7 @@ def _on_recording(models: Sequence[EstimatedModel], recording: Recording) -> lis
 def _own_prediction(model: EstimatedModel, recording: Recording) -> ModelOnRecording | None:
     """The fit's own prediction of a recording that it used; None of another."""
     numbers = [i for i, r in enumerate(model.recordings) if r is recording] if isinstance(model, Fit) else []
-    return ModelOnRecording(model, numbers[0], True) if isinstance(model, Fit) and numbers else None
+    return ModelOnRecording(model, numbers[0], True, True) if isinstance(model, Fit) and numbers else None
 
 
 def _common_noise(predicted: Sequence[ModelOnRecording]) -> RecordingNoise:
@@ -413,7 +420,15 @@ def _error(comparison: Comparison) -> Mapping[str, float]:
 
 
 def _recording_label(prediction: ModelOnRecording) -> str:
-    return f"{prediction.comparison.recording.name} ({'fitted' if prediction.fitted else 'biases fitted'})"
+    use = {True: "fitted on", False: "held out", None: "biases alone fitted"}[prediction.seen]
+    return f"{prediction.comparison.recording.name} ({use})"
+
+
+def _was_fitted_on(model: EstimatedModel, recording: Recording) -> bool | None:
+    """Whether a model's parameters were estimated from these readings; None where its file does not say."""
+    known = map(readings_digest, model.recordings) if isinstance(model, Fit) else getattr(model, "fitted_on", None)
+    digests: list[str] | None = None if known is None else list(known)
+    return None if digests is None else readings_digest(recording) in digests
 
 
 def _model_data(model: ComparedModel) -> dict[str, Any]:
@@ -421,6 +436,7 @@ def _model_data(model: ComparedModel) -> dict[str, Any]:
         {
             "recording": p.comparison.recording.name,
             "fitted": p.fitted,
+            "fitted_on": p.seen,
             "rms": dict(p.comparison.rms),
             "explainable_rms": None if p.comparison.explainable_rms is None else dict(p.comparison.explainable_rms),
             "misfit": p.comparison.misfit,

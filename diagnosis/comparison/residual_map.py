@@ -14,6 +14,7 @@ from estimation.distributions import student_isf, student_sf
 from estimation.model_response import model_signals
 from estimation.multiplicity import false_discovery_rates
 from estimation.recordings.recording import Recording
+from modeling.errors import InputError, quoted, suggestion
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
@@ -108,6 +109,23 @@ def residual_maps(comparison: Comparison, tolerance: Mapping[str, float]) -> lis
             if rows:
                 maps.append(_residual_map(rows, names, tolerance[channel], float((residual[:, number] ** 2).sum())))
     return sorted(maps, key=lambda m: -m.explained)
+
+
+def samples_of_cell(comparison: Comparison, variable: str, centre: float) -> NDArray[np.bool_]:
+    """Which samples (n,) are in the cell of a residual map with this centre (or the one nearest to it).
+
+    Raises InputError for a variable that the recording has not.
+    """
+    recording = comparison.recording
+    known = map_variables(recording, recording.wrench - comparison.residual)
+    if variable not in known:
+        remedy = suggestion(variable, known)
+        raise InputError(what=f"no variable is {quoted(variable)}", where=recording.name, remedy=remedy)
+    series = known[variable][0]
+    cells = _cells(series)
+    numbers = np.unique(cells)
+    centres = np.array([series[cells == number].mean() for number in numbers])
+    return np.asarray(cells == numbers[np.abs(centres - centre).argmin()])
 
 
 def _repeat_of_samples(recording: Recording) -> NDArray[np.intp]:

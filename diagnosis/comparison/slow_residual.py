@@ -1,9 +1,14 @@
-"""Slow residual of a single run: too slow to tell a drift of the zero from physics, or either from noise."""
+"""Slow residual of a single run: drift of the zero, slow noise or physics, which without repeats look alike.
+
+Three parts can be told from the noise: that of the slowest lines, where the zero wanders; that of the motion's band,
+where the physics is that the model lacks; and, where the tool makes the smaller part of a channel's readings, the rest.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -11,8 +16,11 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.residual_spectrum import ResidualSpectrum
+from diagnosis.comparison.rest_comparison import rest_p_values
 from estimation.distributions import chi_square_p_value
 from estimation.noise.recording_noise import NoiseSource
+from estimation.recordings.recording import Recording
 from modeling.number_format import format_number
 from modeling.significance import LEVELS
 
@@ -26,16 +34,50 @@ STEEPEST_NOISE = -1.0
 """Exponent of the frequency in a power spectral density of noise: 1/f."""
 LOG_CHI_SQUARE_MEAN, LOG_CHI_SQUARE_VARIANCE = -1.2704, 4.9348
 """Of the logarithm of a chi-square variable of one degree of freedom: digamma(1/2) + log 2, trigamma(1/2)."""
+FOREIGN_SHARE = 0.5
+"""Of the variance of a channel's readings, from which the residual is the most of it."""
+FOREIGN_NOISE = 10.0
+"""RMS of such a residual over the noise of a sample: 5 of an autoregression of 0.95, 100 of a hand on the tool."""
+
+
+class Part(Enum):
+    """Part of a residual that is no noise, and what it may be."""
+
+    SLOWEST = (
+        "drift of the zero or slow physics; repeats of the motion, or the same pose at rest before and after, tell"
+        " which"
+    )
+    MOTION_BAND = (
+        "too steep a spectrum for noise, so physics that the model lacks, or slow disturbances; repeats of the motion"
+        " tell which"
+    )
+    MOTION_ALONE = (
+        "it changes while the tool moves and not while it rests, so physics that the model lacks, or the robot's own"
+        " vibration"
+    )
+    FOREIGN = (
+        "most of these readings is not the tool's: contact, another load or a disturbance; record a motion without"
+        " contact"
+    )
+
+    @property
+    def noun(self) -> str:
+        """What remains."""
+        return {
+            Part.SLOWEST: "a slow change",
+            Part.FOREIGN: "a residual larger than the tool's own wrench",
+        }.get(self, "a residual in the band of the motion")
 
 
 @dataclass(frozen=True)
 class SlowResidual:
     """The slow part of a single run's residual, per channel.
 
-    rms      of the slow part, in the channel's unit
-    floor    std of the residual without it
-    p_value  of "its power is that of noise whose spectrum goes on to low frequencies as above them", Bonferroni
-             over the channels
+    rms        of the slow part, in the channel's unit
+    floor      std of the noise of one sample, without it
+    p_value    of "its power is that of noise whose spectrum goes on to low frequencies as above them", Bonferroni
+               over the channels, and over the parts where both were tested
+    part       which part of the channel's residual it is
     """
 
     recording: str
@@ -43,6 +85,7 @@ class SlowResidual:
     floor: Mapping[str, float]
     units: Mapping[str, str]
     p_value: Mapping[str, float]
+    part: Mapping[str, Part]
 
     @classmethod
     def of(cls, comparison: Comparison) -> SlowResidual | None:
@@ -51,20 +94,66 @@ class SlowResidual:
         short = len(residual) < 4 * REFERENCE_MODES.stop
         if comparison.noise.source is NoiseSource.REPEATS or recording.at_rest or short:
             return None
-        return cls.of_residual(recording.name, residual, comparison.space.channel_units)
+        name, units = recording.name, comparison.space.channel_units
+        spectrum = ResidualSpectrum.of(residual, recording.wrench - residual)
+        band = cls.of_motion_band(name, spectrum, units).or_else(
+            cls.of_rest(name, spectrum, recording, residual, units)
+        )
+        found = cls.of_residual(name, residual, units).or_else(band)
+        return found.or_else(cls.of_foreign(name, spectrum, recording.wrench.var(axis=0), units), tests=1)
+
+    @classmethod
+    def of_rest(
+        cls, name: str, spectrum: ResidualSpectrum, recording: Recording, residual: Array, units: Mapping[str, str]
+    ) -> SlowResidual:
+        """The part in the motion's band, tested by how much more a residual (n, p) changes in motion than at rest."""
+        size, noise = np.sqrt(spectrum.band_excess), np.sqrt(spectrum.noise_variance)
+        return cls._of(name, units, Part.MOTION_ALONE, size, noise, rest_p_values(recording, residual))
+
+    @classmethod
+    def of_foreign(
+        cls, recording: str, spectrum: ResidualSpectrum, readings: Array, units: Mapping[str, str]
+    ) -> SlowResidual:
+        """The whole residual where it is most of the readings' variance (p,), and far above the noise of a sample."""
+        size, noise = spectrum.variance, spectrum.upper_noise
+        foreign = (size > FOREIGN_SHARE * readings) & (size > FOREIGN_NOISE**2 * noise)
+        return cls._of(recording, units, Part.FOREIGN, np.sqrt(size), np.sqrt(noise), np.where(foreign, 0.0, 1.0))
+
+    @classmethod
+    def _of(
+        cls, recording: str, units: Mapping[str, str], part: Part, rms: Array, floor: Array, p_values: Array
+    ) -> SlowResidual:
+        corrected = np.minimum(1.0, len(units) * p_values)
+        by_channel = (dict(zip(units, v.tolist(), strict=True)) for v in (rms, floor, corrected))
+        sizes, floors, adjusted = by_channel
+        return cls(recording, sizes, floors, units, adjusted, dict.fromkeys(units, part))
+
+    def or_else(self, other: SlowResidual, tests: int = 2) -> SlowResidual:
+        """In each channel the part that is the more certain of two, of which so many were tested."""
+        parts = {c: self if p <= other.p_value[c] else other for c, p in self.p_value.items()}
+        return SlowResidual(
+            self.recording,
+            {c: part.rms[c] for c, part in parts.items()},
+            {c: part.floor[c] for c, part in parts.items()},
+            self.units,
+            {c: min(1.0, tests * part.p_value[c]) for c, part in parts.items()},
+            {c: part.part[c] for c, part in parts.items()},
+        )
+
+    @classmethod
+    def of_motion_band(cls, recording: str, spectrum: ResidualSpectrum, units: Mapping[str, str]) -> SlowResidual:
+        """The part in the motion's band of a residual, whose channels have these units by name."""
+        size, noise = np.sqrt(spectrum.band_excess), np.sqrt(spectrum.noise_variance)
+        return cls._of(recording, units, Part.MOTION_BAND, size, noise, spectrum.steepness_p_values)
 
     @classmethod
     def of_residual(cls, recording: str, residual: Array, units: Mapping[str, str]) -> SlowResidual:
-        """The slow part of a residual (n, p), whose channels have these units by name."""
+        """The part of the slowest lines of a residual (n, p), whose channels have these units by name."""
         modes = dct(residual, axis=0, norm="ortho")[1:]
         slow = (modes[:SLOW_MODES] ** 2).sum(axis=0) / len(residual)
         rest = np.maximum((residual - residual.mean(axis=0)).var(axis=0) - slow, 0.0)
-        p_values = [min(1.0, len(units) * _p_value(column)) for column in (modes[: REFERENCE_MODES.stop] ** 2).T]
-        by_channel = (
-            dict(zip(units, v, strict=True)) for v in (np.sqrt(slow).tolist(), np.sqrt(rest).tolist(), p_values)
-        )
-        rms, floor, p_value = by_channel
-        return cls(recording, rms, floor, units, p_value)
+        p_values = np.array([_p_value(column) for column in (modes[: REFERENCE_MODES.stop] ** 2).T])
+        return cls._of(recording, units, Part.SLOWEST, np.sqrt(slow), np.sqrt(rest), p_values)
 
     @property
     def significant(self) -> tuple[str, ...]:
@@ -83,6 +172,7 @@ class SlowResidual:
             "recording": self.recording,
             "channels": list(self.significant),
             **sizes,
+            "part": {c: self.part[c].name.lower() for c in self.significant},
             "misfit": bool(self.above_noise),
         }
 
@@ -92,12 +182,12 @@ class SlowResidual:
         channels = self.above_noise or self.significant
         if not channels:
             return ""
+        worst = max((self.part[c] for c in channels), key=list(Part).index)
+        channels = tuple(c for c in channels if self.part[c] is worst)
         sizes = [f"{c} {format_number(self.rms[c], 2)} {self.units[c]} rms" for c in channels]
         floors = [f"{format_number(self.floor[c], 2)}" for c in channels]
-        return (
-            f"a slow change remains on {self.recording}: {', '.join(sizes)} (noise floor {', '.join(floors)}): drift of"
-            " the zero or slow physics; repeats of the motion, or the same pose at rest before and after, tell which"
-        )
+        where = f"{self.recording}: {', '.join(sizes)} (noise floor {', '.join(floors)})"
+        return f"{worst.noun} remains on {where}: {worst.value}"
 
 
 def slow_residuals(comparisons: Sequence[Comparison]) -> tuple[SlowResidual, ...]:

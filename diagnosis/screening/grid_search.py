@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from math import isfinite
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.finite_difference import GridPoint, score_columns
 from diagnosis.screening.null_model import NullModel
-from diagnosis.screening.projection import PointScore, ProjectedColumns, WhitenedColumns
+from diagnosis.screening.projection import NoiseLevel, PointScore, ProjectedColumns, WhitenedColumns
 from diagnosis.screening.row_selection import RowChoice, RowSet
 from diagnosis.screening.whitened_sensitivity import MAX_EXACT_POINTS, sensitivity_of
 from estimation.model_response import signals_are_periodic
@@ -129,8 +129,9 @@ class GridSearch:
     best_index          index of the best point
     best                the score test there
     std                 standard deviations (g, a) of the amounts at each point
-    log_power_variance  variance of the estimated log power spectral density where the best score comes from
-    amplitude_variance  the same (a,) where the score of each amplitude alone comes from
+    noise_level         level of the noise where the best score comes from
+    amplitude_power     the same (a,) where the score of each amplitude alone comes from
+    amplitude_variance  variances of their logs
     effective_tests     effective number of tests over the grid
     nonzero             whether the effect changes any row
     samples             of the longest recording
@@ -142,7 +143,8 @@ class GridSearch:
     best_index: int
     best: PointScore
     std: Array
-    log_power_variance: float
+    noise_level: NoiseLevel
+    amplitude_power: Array
     amplitude_variance: Array
     effective_tests: float
     nonzero: bool
@@ -156,7 +158,7 @@ class GridSearch:
         projected = projected_columns(null_model, model, effect, grid)
         place = _best_point(projected)
         best = projected.trial(place)
-        variance, of_each = projected.log_power_variance(place)
+        noise_level, power, variance = projected.noise_level(place)
         return cls(
             effect=effect,
             space=model.space,
@@ -164,8 +166,9 @@ class GridSearch:
             best_index=place,
             best=best,
             std=projected.std,
-            log_power_variance=variance,
-            amplitude_variance=of_each,
+            noise_level=noise_level,
+            amplitude_power=power,
+            amplitude_variance=variance,
             effective_tests=effective_number_of_tests(projected.noise_scores(), best.rank)
             if len(grid) > 1 and best.rank
             else 1.0,
@@ -189,6 +192,10 @@ class GridSearch:
         if self.effect.has_role(Role.FREQUENCY, self.space):
             return max(self.effective_tests, effective_number_of_frequencies(self.best.score, self.samples))
         return self.effective_tests
+
+    def p_value(self, score: float) -> float:
+        """P-value of a score at the best point, corrected for the number of tests over the grid."""
+        return min(1.0, self.number_of_tests * self.noise_level.p_value(replace(self.best, score=score)))
 
     @property
     def unidentifiable_reason(self) -> str:
@@ -217,7 +224,8 @@ class GridSearch:
         Where the nominal value is infinite, the effect decreases with the value: the value within the grid range, from
         the grid point whose own noncentrality is nearest.
         """
-        needed = np.sqrt(detectable_noncentrality(self.best.rank, level, self.amplitude_variance)) * self.std
+        noncentrality = detectable_noncentrality(self.best.rank, level, self.amplitude_variance)
+        needed = np.sqrt(self.amplitude_power * noncentrality) * self.std
         found = {}
         for i, p in enumerate(self.point.amplitudes):
             if isfinite(p.nominal):

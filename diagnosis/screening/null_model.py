@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.screening.row_selection import RowChoice, RowIndex, row_index
 from diagnosis.screening.screening_cache import ScreeningCache
+from diagnosis.screening.whitened_spectrum import MIN_ROWS, WhitenedSpectrum, lines
 from estimation.fit import Fit
 from estimation.fit_column_space import FitColumnSpace, fit_column_space
 from estimation.least_squares.column_space import ColumnSpace
+from estimation.noise.recording_noise import NoiseSource
 from modeling.chain.effect import SearchDomain
 
 Array = NDArray[np.float64]
@@ -150,8 +153,48 @@ class NullModel:
         free[reached] = inside - basis @ (basis.T @ inside)
         return free
 
-    def log_power_variance_of(self, fitted: Array) -> Array:
-        """Variance (g,) of the estimated log power spectral density, weighted by each column's (rows, g) power."""
+    @cached_property
+    def _line_leverage(self) -> list[Array | None]:
+        """Share (n, p) of each recording's lines that the column space takes; None where the spectrum is measured.
+
+        That is with repeats, for static poses, and for a run too short to have one.
+        """
+        basis = self._basis_in(slice(0, len(self.residual)))
+        found: list[Array | None] = []
+        for recording, noise, part in zip(self.fit.recordings, self.fit.noise, self._parts, strict=True):
+            p = len(recording.channels)
+            if noise.source is NoiseSource.REPEATS or recording.at_rest or noise.whitener.rows < p * MIN_ROWS:
+                found.append(None)
+            else:
+                found.append((lines(basis[part], p) ** 2).sum(axis=2))
+        return found
+
+    @property
+    def _parts(self) -> list[slice]:
+        """The rows of each recording."""
+        ends = np.cumsum([0, *(n.whitener.rows for n in self.fit.noise)])
+        return [slice(int(first), int(last)) for first, last in pairwise(ends)]
+
+    def noise_level_of(self, fitted: Array, tested: Array) -> tuple[Array, Array]:
+        """Level of the noise's spectrum over that which whitens, and the variance of its log; each (g,).
+
+        Both as means weighted by the power of each column (rows, g), all projected. Of a single run the spectrum is
+        that of the residual without the `tested` columns (rows, a), which are no part of the noise if they are real.
+        """
         shares = fitted**2 / np.maximum((fitted**2).sum(axis=0), 1e-300)
-        parts = np.split(shares, np.cumsum([n.whitener.rows for n in self.fit.noise])[:-1])
-        return np.asarray(sum(n.log_power_variance_of(part) for n, part in zip(self.fit.noise, parts, strict=True)))
+        level, variance = np.zeros(fitted.shape[1]), np.zeros(fitted.shape[1])
+        directions = ColumnSpace.of(tested).basis if any(x is not None for x in self._line_leverage) else tested[:, :0]
+        residual = self.residual - directions @ (directions.T @ self.residual)
+        for noise, part, leverage in zip(self.fit.noise, self._parts, self._line_leverage, strict=True):
+            variance += noise.log_power_variance_of(shares[part])
+            own = shares[part].sum(axis=0)
+            if leverage is None:
+                level += own
+                continue
+            p = leverage.shape[1]
+            taken = leverage + (lines(directions[part], p) ** 2).sum(axis=2)
+            spectrum = WhitenedSpectrum.of(residual[part], taken, stated=noise.source is NoiseSource.RIG)
+            above, uncertain = spectrum.of_columns(fitted[part])
+            level += own * above
+            variance += own * uncertain
+        return np.where(level > 0, level, 1.0), variance

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.row_selection import RowChoice
+from estimation.distributions import chi_square_p_value
 from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGTH
 from modeling.chain.effect import GridSuperposition
 
@@ -31,6 +32,18 @@ class PointScore:
     rank: int
     amounts: Array
     std: Array
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Power of the whitened noise along a direction, 1 where it is white as estimated, and the variance of its log."""
+
+    power: float
+    log_variance: float
+
+    def p_value(self, score: PointScore) -> float:
+        """P-value of a score test in this noise; 1 where the effect is not identifiable."""
+        return chi_square_p_value(score.score / self.power, score.rank, self.log_variance) if score.rank else 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,15 +204,15 @@ class ProjectedColumns:
         blocks = self.whitened.columns[:, self._index[place]]
         return np.asarray(np.einsum("s,rsa->ra", self._weights[place], blocks))
 
-    def log_power_variance(self, place: int) -> tuple[float, Array]:
-        """Variance of the estimated log power spectral density where a point's score comes from, and each column's.
+    def noise_level(self, place: int) -> tuple[NoiseLevel, Array, Array]:
+        """Level of the noise where a point's score comes from; levels and variances of their logs of each column.
 
-        A float, and (a,) for the amplitudes, each alone.
+        Each (a,) for the amplitudes, each alone.
         """
         _, amounts = self.found
         known = np.isfinite(self.scale[place])
         columns = self.columns(place)
         columns = np.column_stack([columns[:, known] @ amounts[place, known], columns])
         free = self.null_model.project_out(self.null_model.spread(columns, self.whitened.choice))
-        found = self.null_model.log_power_variance_of(free)
-        return float(found[0]), found[1:]
+        level, variance = self.null_model.noise_level_of(free, free[:, 1:][:, known])
+        return NoiseLevel(float(level[0]), float(variance[0])), level[1:], variance[1:]

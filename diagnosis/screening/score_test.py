@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from diagnosis.parallel.progress import CountCallback
 from diagnosis.screening.finite_difference import GridPoint
 from diagnosis.screening.grid_search import GridSearch, refine_onsets
+from diagnosis.screening.motion_noise_score import DrawnMotion
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.screening.search_domain import search_domain
-from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit, shared_objects
 from estimation.model_response import missing_inputs
 from estimation.multiplicity import bonferroni_level, holm_adjusted
@@ -24,6 +24,9 @@ from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.parameter import Role
 from modeling.significance import LEVELS
+
+CLEARLY_SIGNIFICANT = 1e-6
+"""P-value by a limit of the motion's noise that needs no better one, whatever the number of effects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +71,9 @@ def screen(
     `cache` holds what fits in the same noise share; no effect is searched twice given the same fit.
     """
     count = len(effects) if candidates is None else candidates
-    searches = run_searches(absent_effects(fit, effects), ScreeningCache() if cache is None else cache, announce)
-    found = [_score_test(s, count) if isinstance(s, GridSearch) else s for s in searches]
+    cache = ScreeningCache() if cache is None else cache
+    searches = run_searches(absent_effects(fit, effects), cache, announce)
+    found = [_score_test(s, count, fit, cache) if isinstance(s, GridSearch) else s for s in searches]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))
 
 
@@ -152,7 +156,7 @@ def _not_excited(effect: Effect, reason: str) -> ScoreTest:
     return ScoreTest(effect, 0.0, 1.0, {}, {}, {}, reason=reason)
 
 
-def _score_test(search: GridSearch, candidates: int) -> ScoreTest:
+def _score_test(search: GridSearch, candidates: int, fit: Fit, cache: ScreeningCache) -> ScoreTest:
     best, effect = search.best, search.effect
     if best.rank == 0:
         return _not_excited(effect, search.unidentifiable_reason)
@@ -160,9 +164,32 @@ def _score_test(search: GridSearch, candidates: int) -> ScoreTest:
     return ScoreTest(
         effect=effect,
         statistic=best.score,
-        p_value=min(1.0, search.number_of_tests * chi_square_p_value(best.score, best.rank, search.log_power_variance)),
+        p_value=_p_value(search, fit, cache),
         start=search.start,
         amounts=search.amounts(),
         detectable=search.detectable(level),
         point=search.point,
     )
+
+
+def _p_value(search: GridSearch, fit: Fit, cache: ScreeningCache) -> float:
+    """P-value of a search over the grid, of what its score is beyond that which the noise of the motion gives alone.
+
+    The score is a squared length, to which the noise of the motion adds its own, at most in the same direction. The
+    limit that holds for every effect is tried first, as it costs nothing.
+    """
+    found = search.p_value(search.best.score)
+    motion = cache.drawn_motion(fit, lambda: DrawnMotion.of(fit)) if found < LEVELS.effect else None
+    if motion is None:
+        return found
+    limited = search.p_value(_less(search.best.score, motion.largest_power))
+    if limited < CLEARLY_SIGNIFICANT:
+        return limited
+    again = run_searches([(drawn, search.effect) for drawn in motion.fits], motion.cache)
+    from_motion = max(s.best.score if isinstance(s, GridSearch) else s.statistic for s in again)
+    return search.p_value(_less(search.best.score, from_motion))
+
+
+def _less(score: float, other: float) -> float:
+    """A squared length less another of the same direction."""
+    return float(max(score**0.5 - other**0.5, 0.0) ** 2)

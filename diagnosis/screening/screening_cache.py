@@ -50,10 +50,11 @@ class ScreeningCache:
     _sensitivities: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
     _null_models: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
     _found: dict[Hashable, object] = field(default_factory=dict)
+    _drawn_motions: dict[Hashable, Any] = field(default_factory=dict)
 
     def forget(self) -> None:
         """Empty the cache: null models and their cache refer to each other, and are large."""
-        for cache in (self._draws, self._sensitivities, self._null_models, self._found):
+        for cache in (self._draws, self._sensitivities, self._null_models, self._found, self._drawn_motions):
             cache.clear()
         fit_column_space.cache_clear()
 
@@ -69,6 +70,14 @@ class ScreeningCache:
                 self._null_models.popitem(last=False)
         self._null_models.move_to_end(fit)
         found: Result = self._null_models[fit]
+        return found
+
+    def drawn_motion(self, fit: Hashable, make: Callable[[], Result]) -> Result:
+        """What was drawn of the motion of a fit; that of the last fit is cached."""
+        if fit not in self._drawn_motions:
+            self._drawn_motions.clear()
+            self._drawn_motions[fit] = make()
+        found: Result = self._drawn_motions[fit]
         return found
 
     def draws(self, noise: Sequence[RecordingNoise]) -> Array:

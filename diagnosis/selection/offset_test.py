@@ -13,7 +13,7 @@ from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
 from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
-from estimation.distributions import chi2_sf, chi_square_p_value
+from estimation.distributions import chi2_sf
 from estimation.fit import Fit, reestimated_noise, refit
 from modeling.chain.effect import Effect, GridSuperposition
 from modeling.chain.model import WrenchModel
@@ -68,8 +68,7 @@ def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> floa
     choice = affected_rows(null_model, model, tested=False)
     whitened = WhitenedColumns(whitened_sensitivities(null_model, model, [{}], names, choice), choice)
     projected = ProjectedColumns(null_model, whitened, GridSuperposition.plain([{}]), -np.inf)
-    found = projected.trial(0)
-    return chi_square_p_value(found.score, found.rank, projected.log_power_variance(0)[0]) if found.rank else 1.0
+    return projected.noise_level(0)[0].p_value(projected.trial(0))
 
 
 def _freed(fit: Fit, effect: Effect) -> Fit:

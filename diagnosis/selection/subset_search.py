@@ -139,8 +139,8 @@ def search_subsets(
     """Beam search over sets of effects, beside those of the base model, until no further effect is significant.
 
     Each set is extended by the effects that are significant given those in it (score test, Holm, 1 %) and refitted
-    exactly. The best set by the criterion goes through backward elimination and is replaced by a smaller one that is
-    as good.
+    exactly; a set whose refit has not converged is not extended. The best set by the criterion goes through backward
+    elimination and is replaced by a smaller one that is as good.
     """
     start = CandidateModel(base, len(effects), ScreeningCache(workers or Workers()), base.model.effects)
     level, tried = [start], {start.ids: start}
@@ -148,20 +148,29 @@ def search_subsets(
         extended = _extended_sets(level, effects, tried, progress)
         if not extended:
             break
-        level = sorted(extended, key=lambda c: c.criterion)[: 1 if noise_from_residual(base) else BEAM_WIDTH]
+        level = _best_by_criterion(extended, 1 if noise_from_residual(base) else BEAM_WIDTH)
         best = min(tried.values(), key=lambda c: c.criterion)
         if best.adequate:
             if best not in level:
                 break
             level = [best]
+        if not level[0].fit.converged:
+            break
     best = level[0] if noise_from_residual(base) else min(tried.values(), key=lambda c: c.criterion)
-    if len(best.ids) > 1 and not noise_from_residual(base):
-        best = _exchanged(best, effects, tried, progress)
-    return SubsetSearch(
-        start,
-        _most_parsimonious(_backward_elimination(best, tried, progress), tuple(tried.values())),
-        tuple(tried.values()),
-    )
+    if len(best.ids) > 1:
+        exchanged = _exchanged(best, effects, tried, progress)
+        best = best if noise_from_residual(base) else exchanged  # there compared below, in a common noise
+    smaller = _backward_elimination(best, tried, progress)
+    chosen = _most_parsimonious(smaller, tuple(tried.values()))
+    if chosen is not smaller and noise_from_residual(base):
+        chosen = _backward_elimination(chosen, tried, progress)  # in the common noise
+    return SubsetSearch(start, chosen, tuple(tried.values()))
+
+
+def _best_by_criterion(candidates: Sequence[CandidateModel], width: int) -> list[CandidateModel]:
+    """The best by the criterion, of those whose refit converged if any did: a score test is valid at a minimum only."""
+    minima = [c for c in candidates if c.fit.converged]
+    return sorted(minima or candidates, key=lambda c: c.criterion)[:width]
 
 
 def _exchanged(

@@ -19,6 +19,8 @@ class RecordEvidence:
     unaccepted            whether, in noise that is estimated from the residual, some effect was significant in the
                           search: the lack-of-fit test has little power there
     slow                  whether a slow part of a single run's residual exceeds the noise: drift or slow physics
+    removed_share         what the effects removed of a single run's residual, over that and what remains of it in the
+                          band of the motion beyond 1/f noise; 1 where the noise is known
     within_tolerance      whether the systematic error is within tolerance in every channel of every recording
     power_share           systematic power of the final model's residual over that of the rigid tool's
     unrecorded_acceleration  whether a residual looks like mass times an acceleration that was not recorded, which no
@@ -30,6 +32,7 @@ class RecordEvidence:
     effects: int = 0
     unaccepted: bool = False
     slow: bool = False
+    removed_share: float = 1.0
     within_tolerance: bool = False
     power_share: float = 1.0
     unrecorded_acceleration: bool = False
@@ -54,6 +57,9 @@ RECORD_RULES: tuple[RecordRule, ...] = (
         "adequate without effects", lambda e: not e.effects and e.adequate and not e.unaccepted, V.NOTHING_MISSING
     ),
     VerdictRule("no effect accepted", lambda e: not e.effects, V.UNEXPLAINED),
+    VerdictRule(
+        "a single run of which little was removed", lambda e: e.adequate and e.removed_share < 0.5, V.PARTLY_EXPLAINED
+    ),
     VerdictRule("no lack of fit", lambda e: e.adequate, V.EXPLAINED),
     VerdictRule("error within tolerance", lambda e: e.within_tolerance, V.EXPLAINED),
     VerdictRule("systematic power at least halved", lambda e: e.power_share <= 0.5, V.PARTLY_EXPLAINED),

@@ -13,6 +13,8 @@ from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.generic_terms import cross_validated_gain
+from diagnosis.comparison.residual_spectrum import ResidualSpectrum
+from diagnosis.comparison.slow_residual import SlowResidual
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from estimation.fit import Fit
 from estimation.noise.recording_noise import NoiseSource
@@ -74,13 +76,31 @@ def explainable_power_by_step(steps: Sequence[SelectionStep]) -> Array:
     """Systematic power of the training residual after each step, relative to the noise power, over all recordings.
 
     With repeats it is the power that repeats. In a single run it is the power in excess of a stated noise; without one,
-    the power in excess of the last step's residual plus the cross-validated gain of generic terms on that residual.
+    the power in excess of the last step's residual, plus what of that residual is no noise: the cross-validated gain of
+    generic terms, or its slow part.
     """
     powers = [
         _single_run_power(steps, number) if last.explainable_rms is None else _repeating_power(steps, number)
         for number, last in enumerate(steps[-1].training)
     ]
     return np.asarray(np.sum(powers, axis=0))
+
+
+def removed_share(steps: Sequence[SelectionStep]) -> float:
+    """Of the power that the residuals of single runs had, beyond noise, the share that the effects removed.
+
+    What remains counts in the band of the motion, beyond noise that rises as 1/f. One where no noise is taken from the
+    residual of a run, or nothing was added.
+    """
+    removed = remains = 0.0
+    for first, last in zip(steps[0].training, steps[-1].training, strict=True):
+        if last.noise.source is not NoiseSource.RESIDUAL or last.recording.at_rest:
+            continue
+        spectrum = ResidualSpectrum.of(last.residual, last.recording.wrench - last.residual)
+        before, after = ((c.residual**2).mean(axis=0) for c in (first, last))
+        removed += float((np.maximum(before - after, 0.0) / spectrum.noise_variance).sum())
+        remains += float((spectrum.beyond_flicker_noise / spectrum.noise_variance).sum())
+    return removed / max(removed + remains, 1e-300) if len(steps) > 1 and remains else 1.0
 
 
 def _repeating_power(steps: Sequence[SelectionStep], number: int) -> Array:
@@ -97,7 +117,15 @@ def _single_run_power(steps: Sequence[SelectionStep], number: int) -> Array:
         return _relative_to_noise(last, [{c: v - last.noise_floor[c] ** 2 for c, v in p.items()} for p in power])
     removed = _relative_to_noise(last, [{c: v - power[-1][c] for c, v in p.items()} for p in power])
     unexplained = cross_validated_gain(fit, number).gain * len(fit.model.channels) / fit.noise[number].whitener.rows
-    return removed + max(unexplained, 0.0)
+    return removed + max(unexplained, _slow_power(last))
+
+
+def _slow_power(last: Comparison) -> float:
+    """Power of the slow part of a residual, relative to the noise, summed over the channels where it is significant."""
+    slow = SlowResidual.of(last)
+    if slow is None:
+        return 0.0
+    return float(sum((slow.rms[c] / max(last.noise_floor[c], 1e-300)) ** 2 for c in slow.above_noise))
 
 
 def _relative_to_noise(last: Comparison, powers: Sequence[Mapping[str, float]]) -> Array:

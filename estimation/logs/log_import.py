@@ -14,7 +14,7 @@ import estimation.logs.readers  # registers the readers  # noqa: F401
 from estimation.logs.checks.ambiguity import require_plausible_speed
 from estimation.logs.checks.frame_check import FrameCheck
 from estimation.logs.checks.recording_check import note_columns
-from estimation.logs.clocks.one_clock import on_one_clock
+from estimation.logs.clocks.one_clock import have_same_stamps, on_one_clock
 from estimation.logs.clocks.sample_mending import STAMP, Stream, mended, mended_runs
 from estimation.logs.clocks.suspicious_channels import note_suspicious_channels
 from estimation.logs.clocks.table_joining import joined_by_rows, require_preset, with_preset_names
@@ -61,7 +61,8 @@ Clocks: TypeAlias = tuple[tuple[ClockReading, ...], OffsetReading | None, Period
 class ReadingOptions:
     """How to read: a preset's name, a map, the period of the motion (s), and whether mending is refused.
 
-    With `one_run`, no period is looked for, and a column that counts repeats is left out.
+    With `one_run`, no period is looked for, and a column that counts repeats is left out. `clock_offset`: stamp of the
+    wrench minus that of the motion at one instant, s; None to estimate it.
     """
 
     preset: str | None = None
@@ -69,6 +70,7 @@ class ReadingOptions:
     period: float | None = None
     strict: bool = False
     one_run: bool = False
+    clock_offset: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -207,7 +209,11 @@ class _Reading:
         stamped = {**series[0].columns, STAMP: series[0].instants}
         series[0] = replace(series[0], columns=stamped)
         stated, options = self.stated, self.options
-        clock = on_one_clock(series, stated.offset, options.period, self.rig, self.log, self.one_clock, options.one_run)
+        offset = stated.offset if options.clock_offset is None else options.clock_offset
+        clock = on_one_clock(
+            series, offset, options.period, self.rig, self.log, self.one_clock, options.one_run,
+            same_stamps=have_same_stamps(streams),
+        )  # fmt: skip
         columns = self._turned(clock.columns, base_axes)
         intervals = [IntervalHistogram.of(stream.stamps) for stream in streams]
         clocks = tuple(replace(s.reading, intervals=own) for s, own in zip(series, intervals, strict=True))

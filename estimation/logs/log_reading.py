@@ -30,6 +30,7 @@ def read(
     period: float | None = None,
     strict: bool = False,
     one_run: bool = False,
+    clock_offset: float | None = None,
 ) -> Recording:
     """The recording in one or several files.
 
@@ -56,6 +57,8 @@ def read(
         Refuse what has to be mended; by default False.
     one_run : bool, optional
         Take everything as one run, whatever repeats; by default False.
+    clock_offset : float, optional
+        Stamp of the wrench minus stamp of the motion at one instant, s; by default estimated where they differ.
 
     Returns
     -------
@@ -75,10 +78,14 @@ def read(
     >>> recording.channels, recording.wrench.shape, recording.repeats
     (('fx', 'fy', 'tau'), (4000, 3), 8)
     """
-    as_it_stands = preset is None and map is None and period is None and not (rig is not None and rig.columns)
+    as_it_stands = preset is None and map is None and period is None and clock_offset is None
+    as_it_stands = as_it_stands and not (rig is not None and rig.columns)
     if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):
         return _as_it_stands(Path(sources[0]), rig, strict=strict, one_run=one_run)
-    found = imported(*sources, rig=rig, preset=preset, map=map, period=period, strict=strict, one_run=one_run)
+    found = imported(
+        *sources, rig=rig, preset=preset, map=map, period=period, strict=strict, one_run=one_run,
+        clock_offset=clock_offset,
+    )  # fmt: skip
     return found.recording(rig)
 
 
@@ -90,6 +97,7 @@ def imported(
     period: float | None = None,
     strict: bool = False,
     one_run: bool = False,
+    clock_offset: float | None = None,
 ) -> ImportedRecording:
     """Logs as a table of FORMATS with its reading report, whatever their columns are called; arguments as of `read`.
 
@@ -98,7 +106,9 @@ def imported(
     if not sources:
         raise InputError(what="no sources were given", where="read", remedy="give the paths of recordings or logs")
     stated = ColumnMap.read(map) if isinstance(map, str | Path) else map
-    options = ReadingOptions(preset=preset, stated=stated, period=period, strict=strict, one_run=one_run)
+    options = ReadingOptions(
+        preset=preset, stated=stated, period=period, strict=strict, one_run=one_run, clock_offset=clock_offset
+    )
     return import_recording(sources, options, rig=rig)
 
 
@@ -165,6 +175,7 @@ def recording_with_repeats(
     period: float | None = None,
     strict: bool = False,
     one_run: bool = False,
+    clock_offset: float | None = None,
 ) -> Recording:
     """The recording in a table of FORMATS' columns, cut into repeats as `read` says."""
     bare = replace(table, columns={key: column for key, column in table.columns.items() if key != "repeat"})

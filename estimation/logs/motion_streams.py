@@ -11,10 +11,10 @@ from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_recognition import ColumnGroup, ColumnMapping
 from estimation.logs.columns.column_units import KINDS, name_and_unit
 from estimation.logs.columns.orientation_form import OrientationForm, matrix_form, matrix_positions
-from estimation.logs.log_table import Array
+from estimation.logs.log_table import Array, LogTable
 from estimation.logs.step_log import StepLog
 from estimation.recordings.reports.reading_report import UsedColumns
-from modeling.errors import InputError
+from modeling.errors import InputError, quoted
 
 QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")
 PLANAR_FORM = OrientationForm("planar")
@@ -41,6 +41,8 @@ class SiColumns:
         group = self.mapping.wrench
         kinds = ["force" if target.startswith("f") else "torque" for target in group.targets]
         how = "base axes, turned into the sensor's by the pose" if self.base_axes else "sensor axes"
+        if frame := stated_frame(group.table):
+            how += f", frame {quoted(frame)} as its header states"
         if group.compensated:
             how += "; compensated by the robot"
             what = "the robot takes a payload's weight out of these readings: a tool's mass is not what they show"
@@ -168,6 +170,12 @@ class SiColumns:
                 remedy=f'state it in a map: units = {{ {kind} = "..." }}',
             )
         return factors[unit]
+
+
+def stated_frame(table: LogTable) -> str:
+    """The frame that a wrench's source states for it, in its header or in a column of text; empty for none."""
+    texts = next((values for name, values in table.texts.items() if name.lower().endswith("frame_id")), ())
+    return table.wrench_frame or (texts[0] if len(texts) == 1 else "")
 
 
 def _is_continuous(parts: Sequence[Array]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import shlex
 import warnings
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -48,6 +49,13 @@ class ColumnTable:
         return InputError(what=what, where=self.where, remedy=remedy)
 
 
+def import_remedy(where: str) -> str:
+    """What to do with a log that is no recording as it stands: the command to type where `where` is its path."""
+    if not Path(where).exists():
+        return "bring the log in by `truewrench import`"
+    return f"bring the log in first: `truewrench import {shlex.quote(where)} --out recording.csv`"
+
+
 def table_from_file(path: Path) -> ColumnTable:
     """The table in a CSV or Parquet file; rows are counted with a CSV's header as row 1."""
     content = _content(path)
@@ -59,8 +67,11 @@ def _content(path: Path) -> bytes:
     try:
         content = path.read_bytes()
     except OSError as error:
-        what = error.strerror or "cannot be read"
-        raise InputError(what=what, where=str(path), remedy="give the path of a CSV or Parquet file") from None
+        if path.is_dir():
+            what, remedy = "a directory, no recording", import_remedy(str(path))
+        else:
+            what, remedy = error.strerror or "cannot be read", "give the path of a CSV or Parquet file"
+        raise InputError(what=what, where=str(path), remedy=remedy) from None
     if not content.strip():
         raise InputError(what="the file is empty", where=str(path), remedy="give a recording with a header row")
     return content
@@ -116,9 +127,9 @@ def _pandas_columns(text: str, names: list[str], where: str) -> dict[str, Array]
 
 
 def _decoded(content: bytes, where: str) -> str:
-    remedy = "give a CSV file in UTF-8, or a Parquet file"
+    remedy = import_remedy(where)
     if b"\0" in content:
-        raise InputError(what="a binary file, not a CSV", where=where, remedy=remedy)
+        raise InputError(what="a binary file, no recording in CSV or Parquet", where=where, remedy=remedy)
     try:
         text = content.decode("utf-8-sig").rstrip() + "\n"
     except UnicodeDecodeError as error:
@@ -138,10 +149,12 @@ def header_names(text: str, where: str) -> list[str]:
         raise InputError(
             what=what,
             where=where,
-            remedy="write a CSV with commas, and points in the numbers, or bring the log in by `truewrench import`",
+            remedy=f"write a CSV with commas, and points in the numbers, or {import_remedy(where)}",
         )
     if all(re.fullmatch(r"[-+.\deE]+", name) for name in names):
-        raise InputError(what="row 1 is not a header", where=where, remedy="name the columns in the first row")
+        raise InputError(
+            what="row 1 is not a header", where=where, remedy=f"name the columns there, or {import_remedy(where)}"
+        )
     return require_unique_names(names, where)
 
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.column_table import ColumnTable, import_remedy
 from estimation.recordings.recording import QUATERNION, MotionForm, numbered_names
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 from modeling.space import Space
 
 JOINT_ANGLE = re.compile(r"q[1-9]\d*")
 KINEMATICS = {Space.PLANE: "link_lengths", Space.SPACE: "urdf"}
-RECORD = "record it, rename the column that holds it, or bring the log in by `truewrench import`"
+
+
+def _record(table: ColumnTable) -> str:
+    return f"record it, rename the column that holds it, or {import_remedy(table.where)}"
 
 
 def wrench_channels(table: ColumnTable) -> tuple[str, ...]:
@@ -28,9 +31,9 @@ def wrench_channels(table: ColumnTable) -> tuple[str, ...]:
     expected, found = (SPATIAL_CHANNELS, spatial) if lone else (PLANAR_CHANNELS, planar)
     missing = [channel for channel in expected if channel not in found]
     if not found:
-        raise table.error("no wrench: fx, fy, tau or fx, fy, fz, tx, ty, tz are missing", RECORD)
+        raise table.error("no wrench: fx, fy, tau or fx, fy, fz, tx, ty, tz are missing", _record(table))
     if missing:
-        raise table.error(f"the wrench is missing {_listed(missing)}", RECORD)
+        raise table.error(f"the wrench is missing {_listed(missing)}", _record(table))
     return expected
 
 
@@ -46,7 +49,7 @@ def motion_form(table: ColumnTable, channels: tuple[str, ...], rig: Rig | None) 
         if obstacle is not None and _has_any_column(form, table):
             raise table.error(*obstacle)
     other = "phi" if space is Space.PLANE else _listed(QUATERNION)
-    raise table.error(f"the motion is missing: neither q1..qn nor {other}", RECORD)
+    raise table.error(f"the motion is missing: neither q1..qn nor {other}", _record(table))
 
 
 def _has_any_column(form: MotionForm, table: ColumnTable) -> bool:
@@ -70,7 +73,7 @@ def _missing(form: MotionForm, table: ColumnTable, rig: Rig | None, space: Space
     if form is MotionForm.PLANAR_POSE and ("ax" in table.columns) != ("ay" in table.columns):
         needed += ["ax", "ay"]
     missing = [name for name in needed if name not in table.columns]
-    return (f"the motion is missing {_listed(missing)}", RECORD) if missing else None
+    return (f"the motion is missing {_listed(missing)}", _record(table)) if missing else None
 
 
 def _missing_joints(table: ColumnTable, rig: Rig | None, space: Space) -> tuple[str, str] | None:

@@ -13,6 +13,8 @@ UNCERTAIN = 0.1
 """Std of an acceleration over its rms from which a motion counts as not carried by its rate."""
 AT_REST = 0.01
 """Rad, m or parts of a quaternion: std of a series that does not move."""
+LEAST_TURN = 5.0
+"""Degrees that gravity turns from its mean direction in the sensor, below which it hardly differs from a zero."""
 PLACES = 60
 """Samples at which that is evaluated."""
 
@@ -22,7 +24,8 @@ def motion_limits(recording: Recording) -> tuple[str, ...]:
     if recording.at_rest:
         return ()
     recording.signals  # noqa: B018  the splines of the motion are those of its signals
-    return (*_held(recording), *_lost_frequencies(recording), *_unrecorded_acceleration(recording))
+    known = (_held, _lost_frequencies, _unrecorded_acceleration, _constant_orientation)
+    return tuple(sentence for limit in known for sentence in limit(recording))
 
 
 def acceleration_is_recorded(recording: Recording) -> bool:
@@ -87,3 +90,20 @@ def _acceleration_uncertainty(spline: SmoothingSpline) -> float:
 def _unrecorded_acceleration(recording: Recording) -> Iterator[str]:
     if not acceleration_is_recorded(recording):
         yield "no position was recorded: the acceleration of the sensor's origin is taken as zero"
+
+
+def _constant_orientation(recording: Recording) -> Iterator[str]:
+    """Six axes: where gravity keeps its direction in the sensor, the weight looks like the sensor's zero."""
+    if recording.form is not MotionForm.POSE:
+        return
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_quat(np.column_stack([recording.columns[name] for name in QUATERNION]))
+    down = turns.inv().apply([0.0, 0.0, -1.0])
+    mean = down.mean(axis=0) / np.linalg.norm(down.mean(axis=0))
+    turn = float(np.degrees(np.arccos(np.clip(down @ mean, -1.0, 1.0).min())))
+    if turn < LEAST_TURN:
+        yield (
+            f"the orientation hardly changes (gravity turns by {turn:.1g}° in the sensor): weight and zero of the "
+            "sensor are told apart by accelerations alone; turn the tool about two horizontal axes"
+        )

@@ -79,7 +79,7 @@ suspects.plot()
 # %%
 rigid = study.fit
 found = study.diagnose(workers=2)
-print(found.summary())
+found
 
 # %%
 study.plot()
@@ -115,7 +115,7 @@ for name, true in hidden.items():
 (magnet,) = resolve_effects(arm, motions["train"], [HIDDEN_EFFECTS["magnet"]])
 pulled, pulled_again = (record(f"magnet_{motion}", motion, magnet) for motion in motions)
 unknown = tw.diagnose(tw.planar(rig), pulled, validate=pulled_again, workers=2)
-print(unknown)
+unknown
 
 # %% [markdown]
 # `unexplained` is the right answer: refitted, the candidates do not explain it, or do not hold on the second motion,

@@ -63,7 +63,7 @@ suspects
 
 # %%
 wrong = study.add("coulomb_friction")
-print(study.stairs())
+study.stairs()
 
 # %% [markdown]
 # Fitted as well as it can be, it leaves the error where it was, and the lack-of-fit p-value says so, on both
@@ -73,7 +73,7 @@ print(study.stairs())
 study.undo()
 suspicion = suspects.to_frame().iloc[0]["effect"]
 right = study.add(suspicion)
-print(study.stairs())
+study.stairs()
 
 # %%
 study.plot(kind="residual")
@@ -82,7 +82,7 @@ study.plot(kind="residual")
 # Is that difference on the held-out recording significant, or luck?
 
 # %%
-print(study.compare(0, 1))
+study.compare(0, 1)
 
 # %% [markdown]
 # And what else? With the right effect in the model nothing stands out any more.
@@ -98,7 +98,7 @@ rest
 
 # %%
 found = tw.diagnose(tw.planar(rig), study.fit.recordings, validate=[c.recording for c in right.validation])
-print(found)
+found
 
 # %% [markdown]
 # ## The answer

@@ -53,7 +53,7 @@ train, validate = record("train", 0), record("validate", 1)
 model = tw.planar(rig)
 on_the_tool = [effect for effect in tw.effects.catalogue(model.space) if effect.stage.name == "TIP_BODY"]
 unknown = tw.diagnose(model, train, validate=validate, effects=on_the_tool)
-print(unknown)
+unknown
 
 # %% [markdown]
 # Nothing of it explains what is left. The last line says where that is, and the residual can say more. Averaged over
@@ -139,7 +139,7 @@ scratch.cleanup()
 
 # %%
 found = tw.diagnose(model, train, validate=validate, effects=[*on_the_tool, own])
-print(found)
+found
 
 # %% [markdown]
 # The error is down in the noise, also on the other motion. And it is the magnet that was hidden:

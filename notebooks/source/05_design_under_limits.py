@@ -45,7 +45,7 @@ logdet = {"x_opt of 22.17, scaled": tw.DOptimal().value(experiment.information(c
 
 plan = tw.design(rig, series=paper)
 logdet["22.10, optimised"] = plan.logdet
-print(plan)
+plan
 
 # %% [markdown]
 # ## How much better could any motion be?
@@ -82,11 +82,11 @@ scatter, promised = {}, {}
 for number, (name, motion) in enumerate({"x_opt of 22.17, scaled": chapter, "22.10, optimised": plan.motion}.items()):
     information = tw.Experiment.of(tw.planar(rig), rig.arm, noise=noise).information(motion, SAMPLES)
     promised[name] = float(np.sqrt(np.linalg.inv(information)[3, 3]))
-    frame = simulate(arm, motion, repeats=100, samples_per_period=SAMPLES, noise="white", seed=number)
+    frame = simulate(arm, motion, repeats=40, samples_per_period=SAMPLES, noise="white", seed=number)
     runs = [run.drop(columns="repeat") for _, run in frame.groupby("repeat")]
     masses = [tw.fit(tw.planar(rig), tw.from_dataframe(run, rig=rig), noise=noise).values["m"] for run in runs]
     scatter[name] = float(np.std(masses, ddof=1))
-    print(f"{name:24} std of m: {1e3 * scatter[name]:.2f} g in 100 recordings, {1e3 * promised[name]:.2f} g promised")
+    print(f"{name:24} std of m: {1e3 * scatter[name]:.2f} g in 40 recordings, {1e3 * promised[name]:.2f} g promised")
 
 # %% [markdown]
 # ## A motion for a question
@@ -126,7 +126,7 @@ told = tw.discriminate(
     noise=noise,
     runs=4,
 )
-print(told)
+told
 
 # %%
 separate = recorded(told.motion, "separate.csv")

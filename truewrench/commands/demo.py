@@ -3,54 +3,29 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truewrench.command_options.options import Subcommands
+from truewrench.files.demonstration import (
+    CONTACT,
+    NOTHING,
+    TRAINING,
+    VALIDATION,
+    contact_events,
+    hidden_effect_by_id,
+    record,
+    runs_of,
+)
 
 if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison
     from diagnosis.diagnosis import Diagnosis
     from estimation.contact.contact_wrench import ContactWrench
     from modeling.table import Table, Value
-    from truewrench.simulated_rig import Array, ContactEvent, HiddenEffect, PlanarRig
+    from truewrench.simulated_rig import Array, HiddenEffect
 
-NOTHING = "nothing"
-HARMONICS = 5
-SAMPLES = 500
-"""To a period of 5 s: 100 Hz."""
-
-RIG = """\
-[robot]
-name = "simulated planar arm"
-link_lengths = {lengths}   # m
-gravity = {gravity}   # m/s²
-
-[limits]
-position = {position}   # rad
-velocity = {velocity}   # rad/s
-acceleration = {acceleration}   # rad/s²
-
-[sensor]
-convention = "{convention}"
-"""
-
-
-@dataclass(frozen=True)
-class Run:
-    """One recording to simulate: the seed of its motion and noise, and how often the motion repeats."""
-
-    name: str
-    seed: int
-    repeats: int
-
-
-TRAINING = Run("train.csv", seed=1, repeats=8)
-VALIDATION = Run("validate.csv", seed=2, repeats=4)
-CONTACT = Run("contact.csv", seed=3, repeats=4)
-PUSH = (1.5, 2.5)
-"""Start and end (s) of the contact force in every repeat of the contact recording."""
 PICTURE = "contact.png"
 
 
@@ -76,7 +51,8 @@ def run(arguments: argparse.Namespace) -> None:
     effect = hidden_effect_by_id(arguments.effect)
     out = make_folder(arguments.out)
     print(f"Simulated planar arm with hidden effect: {_described(record(effect, out))}")
-    names = ("rig.toml", TRAINING.name, VALIDATION.name, CONTACT.name)
+    runs = runs_of(effect)
+    names = ("rig.toml", *(r.name for r in runs))
     print("Recorded: " + ", ".join(str(out / name) for name in names), end="\n\n", flush=True)
     training, validation = str(out / TRAINING.name), str(out / VALIDATION.name)
     found = diagnosed(DataSet.read([training], validation=[validation], rig=str(out / "rig.toml")))
@@ -84,28 +60,11 @@ def run(arguments: argparse.Namespace) -> None:
     write(found, found.to_data(), texts, out)
     print(diagnosis_text(found), end="\n\n")
     print(outcome(found, arguments.effect), end="\n\n")
-    print(contact_summary(found, out), end="\n\n")
+    if CONTACT in runs:
+        print(contact_summary(found, out), end="\n\n")
     print(f"Report: {out / FILES[0]}")
-    print(f"Contact wrench estimated with the rigid tool and with the final model: {out / PICTURE}")
-
-
-def hidden_effect_by_id(effect_id: str) -> HiddenEffect | None:
-    """The simulated effect of that id, None for `nothing`.
-
-    Raises InputError for an unknown id, and where MuJoCo is not installed.
-    """
-    from importlib.util import find_spec
-
-    from modeling.errors import InputError
-    from truewrench.simulated_rig import HIDDEN_EFFECTS
-
-    if effect_id != NOTHING and effect_id not in HIDDEN_EFFECTS:
-        remedy = f"use one of {', '.join((NOTHING, *HIDDEN_EFFECTS))}"
-        raise InputError(what=f"no effect is called '{effect_id}'", where="--effect", remedy=remedy)
-    if find_spec("mujoco") is None:
-        remedy = 'pip install "truewrench[simulation]"'
-        raise InputError(what="MuJoCo, which simulates the rig, is not installed", where="demo", remedy=remedy)
-    return HIDDEN_EFFECTS.get(effect_id)
+    if CONTACT in runs:
+        print(f"Contact wrench estimated with the rigid tool and with the final model: {out / PICTURE}")
 
 
 def _described(effect: HiddenEffect | None) -> str:
@@ -113,48 +72,6 @@ def _described(effect: HiddenEffect | None) -> str:
         return NOTHING
     sizes = ", ".join(f"{name} = {value}" for name, value in asdict(effect).items() if value is not None)  # type: ignore[call-overload]
     return f"{effect.id} ({sizes})"
-
-
-def record(effect: HiddenEffect | None, out: Path) -> HiddenEffect | None:
-    """Write rig file, training, validation and contact recordings; return the effect as resolved for the rig."""
-    from truewrench.files.output import atomic_write
-    from truewrench.simulated_rig import (
-        BiasDrift,
-        PlanarRig,
-        TransientEffect,
-        resolve_effects,
-        simulate,
-        write_recording,
-    )
-
-    rig = PlanarRig()
-    with atomic_write(out / "rig.toml") as path:
-        path.write_text(rig_text(rig), encoding="utf-8")
-    hidden = () if effect is None else (effect,)
-    motions = {r: rig.random_motion(seed=r.seed, harmonics=HARMONICS) for r in (TRAINING, VALIDATION, CONTACT)}
-    resolved = resolve_effects(rig, motions[TRAINING], hidden, repeats=TRAINING.repeats)
-    for r, motion in motions.items():
-        # Transient events and drift are recording-specific; other effects stay on the rig.
-        present = [e for e in resolved if r is TRAINING or not isinstance(e, TransientEffect | BiasDrift)]
-        present += contact_events(motion.period) if r is CONTACT else []
-        frame = simulate(rig, motion, hidden=present, repeats=r.repeats, samples_per_period=SAMPLES, seed=r.seed)
-        write_recording(frame, out / r.name)
-    return resolved[0] if resolved else None
-
-
-def contact_events(period: float) -> list[ContactEvent]:
-    """The contact force in every repeat of the contact recording."""
-    from truewrench.simulated_rig import ContactEvent
-
-    return [ContactEvent(start=r * period + PUSH[0], end=r * period + PUSH[1]) for r in range(CONTACT.repeats)]
-
-
-def rig_text(rig: PlanarRig) -> str:
-    """The rig file of a simulated arm."""
-    joints = rig.coordinates
-    limits = {"position": rig.position_limit, "velocity": rig.velocity_limit, "acceleration": rig.acceleration_limit}
-    lists = {name: list(v) if isinstance(v, tuple) else [v] * joints for name, v in limits.items()}
-    return RIG.format(lengths=list(rig.link_lengths), gravity=rig.gravity, convention=rig.convention, **lists)
 
 
 # ----------------------------------------------------------------------------------------- comparison with the truth

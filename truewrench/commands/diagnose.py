@@ -153,7 +153,7 @@ def write(
     contents = (
         texts.html,
         json.dumps(data, indent=2, allow_nan=False) + "\n",
-        ModelFile.of(found.fit).to_text(),
+        ModelFile.of(found.fit, found.misfitting).to_text(),
     )
     with ExitStack() as files:
         for name, text in zip(FILES, contents, strict=True):

@@ -42,7 +42,7 @@ def finite_number(text: str) -> float:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Write the text, print operation counts of code (on standard error if the code is on standard output)."""
+    """Write the text, print frame, convention and operation counts (on standard error if the text is on the other)."""
     from truewrench.emitted import emitted
     from truewrench.files.output import atomic_write, require_writable_folder
 
@@ -50,12 +50,14 @@ def run(arguments: argparse.Namespace) -> None:
         require_writable_folder(arguments.out.parent)
     found = emitted(arguments.model, arguments.to, rate=arguments.rate, sensor_pose=arguments.sensor_pose)
     text = found.text if found.text.endswith("\n") else found.text + "\n"
+    if found.warning:
+        print(f"warning: {found.warning}", file=sys.stderr)
+    said = "\n\n".join(str(part) for part in (found.operations, found.frames) if part)
     if arguments.out is None:
         sys.stdout.write(text)
-        if found.operations is not None:
-            print(found.operations, file=sys.stderr)
+        if said:
+            print(said, file=sys.stderr)
         return
     with atomic_write(arguments.out) as path:
         path.write_text(text, encoding="utf-8", newline="\n")
-    counts = "" if found.operations is None else f"{found.operations}\n\n"
-    print(f"{counts}Written: {arguments.out}")
+    print("\n\n".join(filter(None, [said, f"Written: {arguments.out}"])))

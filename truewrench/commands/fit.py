@@ -47,6 +47,8 @@ def add_to(commands: Subcommands[Any]) -> None:
     text = "read one long log in chunks; derivatives are columns of the log, the noise is that of the rig file"
     command.add_argument("--stream", action="store_true", help=text)
     command.add_argument("--runs", action="store_true", help="print mean error and variance of every repeat")
+    text = "print noise, systematic residual and gain of averaging over the repeats"
+    command.add_argument("--verbose", action="store_true", help=text)
     command.add_argument("--out", type=Path, metavar="MODEL.json", help="file for the model")
     add_report(command)
     command.add_argument("--json", action="store_true", help="print model and residual statistics as JSON alone")
@@ -78,7 +80,14 @@ def run(arguments: argparse.Namespace) -> None:
         progress("fit")
         found = fit_summary_of(model, case, constraints, robust=arguments.robust)
     written = [] if arguments.report is None else write_report(arguments, found, case)
-    print_fit(arguments, found.fit, lambda: found.to_data(case), lambda: found.text(case, runs=arguments.runs), written)
+    print_fit(
+        arguments,
+        found.fit,
+        lambda: found.to_data(case),
+        lambda: found.text(case, runs=arguments.runs, verbose=arguments.verbose),
+        written,
+        [c.recording.name for c in found.misfitting],
+    )
 
 
 def write_report(arguments: argparse.Namespace, found: FitSummary, case: DataSet) -> list[Path]:
@@ -129,6 +138,7 @@ def print_fit(
     data: Callable[[], dict[str, Any]],
     text: Callable[[], str],
     report: Sequence[Path] = (),
+    misfitting: Sequence[str] | None = None,
 ) -> None:
     """Write the model file of --out, and print the fit as text or as JSON."""
     saved = None
@@ -136,7 +146,7 @@ def print_fit(
         from truewrench.files.model_file import ModelFile
         from truewrench.files.output import atomic_write
 
-        saved = ModelFile.of(found)
+        saved = ModelFile.of(found, misfitting)
         if arguments.out is not None:
             with atomic_write(arguments.out) as path:
                 path.write_text(saved.to_text(), encoding="utf-8")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from modeling.errors import InputError, quoted
 from truewrench.command_options.options import Subcommands, positive
+from truewrench.command_options.presets import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,10 +18,6 @@ if TYPE_CHECKING:
     from estimation.logs.log_table import Array
     from estimation.recordings.reports.reading_report import ReadingReport
 
-PRESETS = (
-    *("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova"),
-    *("xyz_quaternion_wrench", "joints_deg_wrench"),
-)
 PICTURES, PICTURE_DPI = (".png", ".svg", ".pdf"), 144
 ROWS_AT_ONCE, ROWS_OF_GROUP = 100_000, 500_000
 WRITTEN = (".csv", ".parquet", ".pq")
@@ -42,6 +39,8 @@ def add_to(commands: Subcommands[Any]) -> None:
     period = command.add_mutually_exclusive_group()
     period.add_argument("--period", type=positive, metavar="T", help="period of a repeated motion, s: cut into repeats")
     period.add_argument("--no-period", action="store_true", help="one run, even if a column counts repeats")
+    text = "stamp of the wrench minus stamp of the motion at one instant, s (default: estimated); 0 believes the stamps"
+    command.add_argument("--clock-offset", type=float, metavar="S", help=text)
     command.add_argument("--strict", action="store_true", help="refuse whatever would have to be mended")
     command.add_argument("--out", type=Path, metavar="REC", help="recording to write (.csv or .parquet)")
     command.add_argument("--plot", type=Path, metavar="FILE", help="picture of the reading (.png, .svg or .pdf)")
@@ -96,6 +95,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.plot is not None:
         _require_picture(arguments.plot)
     rig = None if arguments.rig is None else Rig.read(arguments.rig)
+    said: list[str] = []
     with progress_line() as progress:
         progress("read")
         found = imported(
@@ -106,9 +106,12 @@ def run(arguments: argparse.Namespace) -> None:
             period=arguments.period,
             strict=arguments.strict,
             one_run=arguments.no_period,
+            clock_offset=arguments.clock_offset,
         )
         if (rig is not None or "q1" not in found.columns) and found.report.samples < LONGEST_CHECKED:
-            found.recording(rig)  # whatever could not be diagnosed is said now
+            from truewrench.files.data_set import imported_frames
+
+            said = imported_frames(found.recording(rig))  # whatever could not be diagnosed is said now
         if arguments.out is not None:
             progress("write")
             with atomic_write(arguments.out) as path:
@@ -117,9 +120,9 @@ def run(arguments: argparse.Namespace) -> None:
             progress("draw")
             write_picture(found.report, arguments.plot)
     if arguments.json:
-        print(json.dumps(found.report.to_data(), indent=2, allow_nan=False))
+        print(json.dumps(found.report.to_data() | {"frames": said}, indent=2, allow_nan=False))
         return
-    print(found.report)
+    print("\n\n".join([str(found.report), *said]))
     written = ", ".join(str(path) for path in (arguments.out, arguments.plot) if path is not None)
     print(f"\nWritten: {written}" if written else "\nNothing is written without --out REC.")
 

@@ -31,7 +31,7 @@ MEANINGS: dict[str, dict[str, str]] = {
     "coulomb_friction": {"level": "size of the torque, whatever the angular velocity"},
     "cable_spring": {
         "k": "stiffness",
-        r"anchor_([xyz])": "place of the fixed end, world {1} axis",
+        r"anchor_([xyz])": "place of the fixed end along the world's {1} axis, from its origin (the base)",
         "length": "length below which the cable is slack",
         **POINT,
     },

@@ -14,7 +14,7 @@ import numpy as np
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.logs.log_reading import read_with_rig
-from estimation.recordings.recording import Recording
+from estimation.recordings.recording import MotionForm, Recording
 from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
@@ -57,6 +57,13 @@ class DataSet:
         description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
         periods = (*(period for _ in training), *(None for _ in validation))
         recordings = read_recordings((*training, *validation), rig=description, periods=periods, one_run=one_run)
+        return cls.of(recordings[: len(training)], recordings[len(training) :], description)
+
+    @classmethod
+    def of(cls, training: Sequence[Recording], validation: Sequence[Recording], description: Rig | None) -> DataSet:
+        """Data set of recordings of one sensor; InputError for a convention that the data cannot decide."""
+        recordings = [*training, *validation]
+        _require_one_sensor(recordings)
         model = (planar if recordings[0].dimension == 2 else spatial)(description)
         case, sign = with_gravity_direction(model, recordings), None
         model, recordings = case.model, list(case.recordings)
@@ -81,7 +88,6 @@ def read_recordings(
         replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
         for path, name, period in zip(paths, file_labels(paths), periods or [None] * len(paths), strict=True)
     ]
-    _require_one_sensor(recordings)
     return recordings
 
 
@@ -128,6 +134,12 @@ def _with_convention(model: WrenchModel, recordings: Sequence[Recording]) -> tup
 
 # ------------------------------------------------------------------------------- sign convention
 
+MEANINGS = {
+    Convention.ON_TOOL: "the wrench that the sensor exerts on the tool (on_tool)",
+    Convention.ON_SENSOR: "the wrench that the tool exerts on the sensor (on_sensor)",
+}
+"""What the readings are by their convention."""
+
 
 def mounting_angle(sign: SignDecision) -> float:
     """Angle of the mounting rotation R, rad: R - R' is 2 sin(angle) of its axis, the trace 1 + 2 cos(angle)."""
@@ -137,13 +149,10 @@ def mounting_angle(sign: SignDecision) -> float:
 
 def convention_sentence(sign: SignDecision) -> str:
     """The decision as a sentence."""
-    meaning = {
-        Convention.ON_TOOL: "the wrench that the sensor exerts on the tool (on_tool)",
-        Convention.ON_SENSOR: "the wrench that the tool exerts on the sensor (on_sensor)",
-    }[sign.convention]
     return (
-        f"Sign convention decided from the data: the sensor reads {meaning}; "
-        f"mass {sign.mass:.4g} kg, mounting rotation {degrees(mounting_angle(sign)):.1f}°."
+        f"Sign convention decided from the data: the sensor reads {MEANINGS[sign.convention]}; "
+        f"first estimates of that decision, not of the fit: mass {sign.mass:.4g} kg, "
+        f"mounting rotation {degrees(mounting_angle(sign)):.1f}°."
     )
 
 
@@ -169,3 +178,36 @@ def frames_data(case: DataSet) -> dict[str, Any]:
     """The same as data."""
     gravity = {} if case.gravity is None else {"gravity": case.gravity.to_data()}
     return gravity | ({} if case.sign is None else {"sign": convention_data(case.sign)})
+
+
+def imported_frames(recording: Recording) -> list[str]:
+    """Frames of an imported recording's columns, and the sign convention of its readings, as `fit` will take it."""
+    if recording.dimension == 2:
+        axes = "Wrench: in the plane, in the sensor frame, about the sensor's origin."
+        stated = None if recording.rig is None else recording.rig.sensor.convention
+        convention = stated or Convention.ON_TOOL
+        how = "as the rig states" if stated else "unless the rig states otherwise"
+        return [axes, f"Sign convention: {MEANINGS[convention]}, {how}."]
+    motion = (
+        "joint coordinates lead to the sensor frame"
+        if recording.form is MotionForm.JOINTS
+        else "qx, qy, qz, qw is the rotation of the sensor frame in the base, v_base = R v_sensor"
+    )
+    return [
+        f"Frames: force and torque along the sensor frame's axes, about its origin; {motion}.",
+        *_sign_of(recording),
+    ]
+
+
+def _sign_of(recording: Recording) -> list[str]:
+    """The sign convention that the rig states, or that the weight in the data decides."""
+    rig = recording.rig
+    if rig is not None and rig.sensor.convention in MEANINGS:
+        return [f"Sign convention: {MEANINGS[rig.sensor.convention]}, as the rig states."]
+    try:
+        found = with_gravity_direction(spatial(rig), [recording])
+        _, sign = _with_convention(found.model, list(found.recordings))
+    except InputError as error:
+        return [f"Sign convention: undecided ({error.what}); {error.remedy}."]
+    gravity = [] if found.found is None else [found.found.sentence]
+    return [*gravity, convention_sentence(sign)]

@@ -19,6 +19,7 @@ from estimation.contact.calibrated_model import CalibratedModel
 from estimation.fit import Estimate, Fit, predicted_frame, require_recording
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, correlation_frame, parameter_frame
 from estimation.noise.recording_noise import NoiseSource
+from estimation.recordings.readings_digest import readings_digest
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
@@ -58,6 +59,8 @@ class ModelFile(Tabular):
                   an infinite variance and zero covariances
     noise_floor   std of one sample per channel of the first recording, and its source
     remainder     RMS per channel of the systematic residual of the fit
+    fitted_on     SHA-256 of the readings of each recording of the fit; None where it is not known
+    misfitting    recordings that the model does not fit, held-out ones named as such; None where it was not tested
     """
 
     model: WrenchModel
@@ -67,10 +70,12 @@ class ModelFile(Tabular):
     noise_floor: Mapping[str, float]
     noise_source: NoiseSource
     remainder: Mapping[str, float]
+    fitted_on: tuple[str, ...] | None = None
+    misfitting: tuple[str, ...] | None = None
 
     @classmethod
-    def of(cls, fitted: Fit | StreamedFit) -> Self:
-        """Model file of a fit, with the biases of its first recording."""
+    def of(cls, fitted: Fit | StreamedFit, misfitting: Iterable[str] | None = None) -> Self:
+        """Model file of a fit, with the biases of its first recording, and `misfitting` where it was tested."""
         noise = fitted.noise if isinstance(fitted, StreamedFit) else fitted.noise[0]
         names = [p.name for p in fitted.model.parameters]
         known, calibration = fitted.parameters, CalibratedModel.of(fitted)
@@ -82,6 +87,8 @@ class ModelFile(Tabular):
             noise_floor=_by_channel(fitted.model, noise.floor),
             noise_source=noise.source,
             remainder=_by_channel(fitted.model, calibration.remainder),
+            fitted_on=None if isinstance(fitted, StreamedFit) else tuple(map(readings_digest, fitted.recordings)),
+            misfitting=None if misfitting is None else tuple(misfitting),
         )
 
     @property
@@ -167,6 +174,8 @@ class ModelFile(Tabular):
             noise_floor=table.noise_floor,
             noise_source=NoiseSource(table.noise_source),
             remainder=table.remainder,
+            fitted_on=None if table.fitted_on is None else tuple(table.fitted_on),
+            misfitting=None if table.misfitting is None else tuple(table.misfitting),
         )
 
     def to_data(self) -> dict[str, Any]:
@@ -191,6 +200,8 @@ class ModelFile(Tabular):
             "noise_floor": dict(self.noise_floor),
             "noise_source": self.noise_source.value,
             "remainder": dict(self.remainder),
+            **({} if self.fitted_on is None else {"fitted_on": list(self.fitted_on)}),
+            **({} if self.misfitting is None else {"misfitting": list(self.misfitting)}),
             "rig": None if self.rig is None else self.rig.to_data(),
         }
 
@@ -341,6 +352,8 @@ class _Model(StrictTable):
     noise_floor: dict[str, Annotated[float, Field(ge=0)]]
     noise_source: Literal["repeats", "rig", "residual"]
     remainder: dict[str, Annotated[float, Field(ge=0)]]
+    fitted_on: list[str] | None = None
+    misfitting: list[str] | None = None
     rig: dict[str, Any] | None
 
 

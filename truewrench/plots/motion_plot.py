@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from design.exciting_trajectory import ExcitingTrajectory
 from design.information.sample_information import SampleInformation
+from design.trajectories.trajectory import Trajectory
 from estimation.fit import Fit
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording, numbered_names
@@ -86,14 +87,19 @@ def fit_motion_chart(fit: Fit) -> Chart:
 def trajectory_motion_chart(plan: ExcitingTrajectory) -> Chart:
     """Position, velocity and acceleration of the joints of a design, and the information of its samples."""
     time = plan.motion.series.instants(plan.samples)
-    names = numbered_names("q", plan.motion.series.joints)
-    unit = joined_units(plan.task.arm)
-    panels = []
-    for order, (name, per) in enumerate((("position", ""), ("velocity", "/s"), ("acceleration", "/s²"))):
-        values = plan.motion.derivative(time, order)
-        panels.append(_series_panel(name, unit + per, dict(zip(names, values.T, strict=True)), time))
+    panels = trajectory_panels(plan.motion, plan.samples, plan.task.arm)
     panels += _information_panels_of(time, plan.sample_information)
     return _chart(panels, "time (s)")
+
+
+def trajectory_panels(motion: Trajectory, samples: int, arm: Arm | None) -> list[Panel]:
+    """Position, velocity and acceleration of the joints at so many samples."""
+    time = motion.series.instants(samples)
+    names, unit = numbered_names("q", motion.series.joints), joined_units(arm)
+    return [
+        _series_panel(name, unit + per, dict(zip(names, motion.derivative(time, order).T, strict=True)), time)
+        for order, (name, per) in enumerate((("position", ""), ("velocity", "/s"), ("acceleration", "/s²")))
+    ]
 
 
 def information_panels(across: Array, columns: Array, names: list[str]) -> list[Panel]:

@@ -12,6 +12,7 @@ from modeling.number_format import NO_VALUE, format_number, format_unit, format_
 from modeling.table import Column, Table
 from truewrench.effect_description import effect_sketch, parameter_meaning
 from truewrench.effect_description.effect_equations import effect_equations
+from truewrench.effect_description.effect_size import size_sentence
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class EffectCard:
     equations  derived ones, as MathML; none where none is short enough to be read
     symbols    sentence on the symbols of these
     table      parameters with meaning, estimate and detection limit
+    size       sentence on how much it changes the readings; empty for a recording-specific one
     """
 
     id: str
@@ -32,6 +34,7 @@ class EffectCard:
     equations: tuple[Markup, ...]
     symbols: str
     table: Table
+    size: str = ""
 
 
 def effect_cards(fit: Fit) -> list[EffectCard]:
@@ -49,6 +52,7 @@ def _effect_card(effect: Effect, fit: Fit) -> EffectCard:
         sketch=sketch_markup(effect),
         equations=() if derived is None else tuple(Markup(line) for line in derived.mathml),  # SymPy escapes
         symbols="" if derived is None else derived.symbols,
+        size=size_sentence(fit, effect.id),
         table=_parameter_table(effect, fit),
     )
 

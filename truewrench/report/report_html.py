@@ -22,7 +22,12 @@ from truewrench.report.recording_section import diagnosis_sections
 from truewrench.report.report_files import ReportTexts
 from truewrench.report.verdict_section import verdict_section
 from truewrench.text.step_names import base_name, step_names
-from truewrench.text.verdict_words import EFFECT_VERDICT_LABELS, RECORD_VERDICT_LABELS, finding_sentence
+from truewrench.text.verdict_words import (
+    CANDIDATES_NOTE,
+    EFFECT_VERDICT_LABELS,
+    RECORD_VERDICT_LABELS,
+    finding_sentence,
+)
 
 
 def write_report(diagnosis: Diagnosis, path: str | Path, provenance: Provenance | None = None) -> Path:
@@ -69,6 +74,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "leading": leading,
         "others": [r for r in rows if r not in leading],
         "findings_table": findings_table(diagnosis),
+        "candidates_note": CANDIDATES_NOTE,
         "expanded": diagnosis.verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED),
         "changed": changed,
         "base_name": base_name(diagnosis),

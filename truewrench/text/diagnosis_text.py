@@ -10,10 +10,15 @@ from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.motion_notes import motion_notes
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
+from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
+from modeling.chain.effect import Effect
 from modeling.number_format import estimate_text
+from truewrench.effect_description import parameter_meaning
+from truewrench.effect_description.effect_size import size_sentence
 from truewrench.text.step_names import step_names
 from truewrench.text.verdict_words import (
+    CANDIDATES_NOTE,
     RECORD_VERDICT_LABELS,
     disturbance_sentences,
     fixed_point_sentence,
@@ -28,10 +33,10 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     parts = [
         verdict_sentence(diagnosis),
         *(_given_text(diagnosis, effect_id) for effect_id in diagnosis.given),
-        *(effect_text(f) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
+        *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
         error_reduction_text(diagnosis),
         "\n".join(_evidence(diagnosis)),
-        f"Candidate effects:\n{diagnosis.table}",
+        f"Candidate effects:\n{diagnosis.table}\n{CANDIDATES_NOTE}",
     ]
     return "\n\n".join(parts if diagnosis.unexplained is None else [*parts, _unexplained_text(diagnosis.unexplained)])
 
@@ -48,18 +53,24 @@ def _given_text(diagnosis: Diagnosis, effect_id: str) -> str:
     effect = next(e for e in diagnosis.model.effects if e.id == effect_id)
     names = (p.name for p in effect.qualified(diagnosis.model.space))
     estimates = {name.split(".", 1)[1]: diagnosis.fit.parameters[name] for name in names}
-    return "\n".join([f"Given {effect.id}: {effect.title}, {effect.equation}", *_estimate_lines(estimates)])
+    return "\n".join(
+        [f"Given {effect.id}: {effect.title}, {effect.equation}", *_estimate_lines(effect, estimates, diagnosis.fit)]
+    )
 
 
-def _estimate_lines(estimates: Mapping[str, Estimate]) -> list[str]:
-    width = max((len(name) for name in estimates), default=0)
-    return [f"  {name.ljust(width)} = {estimate_text(e.value, e.std, e.unit)}" for name, e in estimates.items()]
+def _estimate_lines(effect: Effect, estimates: Mapping[str, Estimate], fit: Fit) -> list[str]:
+    """Each estimate with what it is, then the size of the effect in the readings."""
+    values = {name: estimate_text(e.value, e.std, e.unit) for name, e in estimates.items()}
+    width, wide = max(map(len, values), default=0), max(map(len, values.values()), default=0)
+    lines = [f"  {n.ljust(width)} = {v.ljust(wide)}  {parameter_meaning(effect, n)}" for n, v in values.items()]
+    size = size_sentence(fit, effect.id)
+    return [line.rstrip() for line in [*lines, *([f"  {size}"] if size else [])]]
 
 
-def effect_text(finding: Finding) -> str:
-    """An effect added: estimates, effects indistinguishable from it, and what to check on the rig."""
+def effect_text(finding: Finding, fit: Fit) -> str:
+    """An effect added to a fit: estimates, its size, aliases, and what to check on the rig."""
     effect = finding.effect
-    lines = [f"Added {effect.id}: {effect.title}, {effect.equation}", *_estimate_lines(finding.parameters)]
+    lines = [f"Added {effect.id}: {effect.title}, {effect.equation}", *_estimate_lines(effect, finding.parameters, fit)]
     if sentence := fixed_point_sentence(finding):
         lines.append(f"  {sentence}")
     if finding.confusable_with:
@@ -81,6 +92,11 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
     lines = [*noise_notes(diagnosis), *motion_notes(last.training, diagnosis.fit.parameters)]
     lines += [warning] if warning else []
     lines += [f"{slow.sentence[0].upper()}{slow.sentence[1:]}." for slow in diagnosis.slow_residuals]
+    if diagnosis.removed_share < 0.995:
+        lines.append(
+            f"The effects added remove {diagnosis.removed_share:.0%} of what the residual holds beyond noise, as far as"
+            " one run shows; the rest is slow noise or physics."
+        )
     if not last.validation:
         lines.append("No validation: only the fitted recordings were tested; give another motion with --validate.")
     if diagnosis.zero_shift:
@@ -93,5 +109,5 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
 
 
 def _unexplained_text(residual: UnexplainedResidual) -> str:
-    resembles = f"Resembles {', '.join(residual.looks_like)} ({residual.share:.0%} of its power in that channel)."
+    resembles = f"Resembles {residual.resembles} ({residual.share:.0%} of its power in that channel)."
     return f"Unexplained residual: {residual.where}.\n{resembles}"

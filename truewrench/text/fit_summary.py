@@ -9,6 +9,8 @@ from math import isfinite
 from typing import Any
 
 from diagnosis.comparison.comparison import Comparison, comparison_of
+from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
+from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share, motion_notes
 from estimation.confidence_intervals import Intervals
 from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
@@ -20,6 +22,7 @@ from estimation.static.pose_advice import PoseAdvice
 from modeling.number_format import estimate_text
 from modeling.significance import LEVELS
 from modeling.table import Table
+from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.data_set import DataSet, frame_sentences, frames_data
 
 
@@ -44,19 +47,26 @@ class FitSummary:
 
     # ------------------------------------------------------------------------------------------ text
 
-    def text(self, case: DataSet | None, *, runs: bool) -> str:
-        """Full summary; the rows of every run in Table 22.1 only with `runs`."""
+    def text(self, case: DataSet | None, *, runs: bool = False, verbose: bool = True) -> str:
+        """Summary; Table 22.1 of the repeats only if `verbose`, and the rows of every run in it only with `runs`."""
         parts = [self.headline(), *([] if case is None else frame_sentences(case))]
         parts += [self.parameters(), *self._constraints(), *self._outliers(), *self._poses()]
         parts += [f"{c.recording.name}:\n{c}" for c in self.comparisons]
         parts += [f"{c.recording.name} (held out, its biases estimated there):\n{c}" for c in self.validation]
-        parts += [repeatability_text(t, runs=runs) for t in self.repeat_tables]
+        parts += [repeatability_text(t, runs=runs) for t in (self.repeat_tables if verbose or runs else ())]
         return "\n\n".join(parts)
 
     @property
     def misfitting(self) -> list[Comparison]:
-        """Recordings with a significant lack of fit, fitted or held out."""
-        fitted = [c for c in self.comparisons if c.lack_of_fit < LEVELS.effect]
+        """Recordings with a significant lack of fit, or a slow residual above the noise, fitted or held out."""
+        slow = {s.recording for s in self.slow if s.above_noise}
+        fitted = [
+            c
+            for c in self.comparisons
+            if c.lack_of_fit < LEVELS.effect
+            or c.recording.name in slow
+            or inertial_share(c, self.fit.parameters) > LIKELY_SHARE
+        ]
         return fitted + [c for c in self.validation if c.lack_of_fit < LEVELS.held_out]
 
     def headline(self) -> str:
@@ -64,16 +74,29 @@ class FitSummary:
         from_residual = any(c.noise.source is NoiseSource.RESIDUAL for c in self.comparisons)
         if self.misfitting:
             names = " and ".join(c.recording.name for c in self.misfitting)
-            return (
+            lines = [
                 f"The model does not fit {names}: something is missing in it. Stds and intervals hold for noise alone,"
                 " and are too small here; `truewrench diagnose` searches for what is missing."
-            )
+            ]
+            return "\n".join([*lines, *self.notes])
         if from_residual:
-            return (
+            line = (
                 "No lack of fit was found, but the noise is taken from the residual itself, so that systematic error"
                 " may count as noise: record repeats, or state the noise in the rig file."
             )
-        return "The model fits: the residual is consistent with the noise."
+            return "\n".join([line, *self.notes])
+        return "\n".join(["The model fits: the residual is consistent with the noise.", *self.notes])
+
+    @cached_property
+    def slow(self) -> tuple[SlowResidual, ...]:
+        """The significant slow parts of the residuals of single runs."""
+        return slow_residuals(self.comparisons)
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """What the motion leaves unknown, and what remains slowly."""
+        slow = [f"{s.sentence[0].upper()}{s.sentence[1:]}." for s in self.slow]
+        return [*motion_notes(self.comparisons, self.fit.parameters), *slow]
 
     def parameters(self) -> str:
         """Every estimate with std and 95 % interval, and remarks on identifiability."""
@@ -82,7 +105,13 @@ class FitSummary:
             for e, low, high in zip(self.fit.parameters.values(), self.intervals.low, self.intervals.high, strict=True)
         ]
         found = Table.of(("parameter", "value", f"{self.intervals.level:.0%} interval"), rows)
-        return "\n".join([str(found), *self.fit.remarks()])
+        return "\n".join([str(found), *self._effect_sizes(), *self.fit.remarks()])
+
+    def _effect_sizes(self) -> Iterator[str]:
+        """How large each effect of the model is in these recordings."""
+        for effect in self.fit.model.effects:
+            if size := size_sentence(self.fit, effect.id):
+                yield f"{effect.id}: {size}"
 
     def _constraints(self) -> Iterator[str]:
         if self.fit.constrained is not None:

@@ -24,6 +24,13 @@ EFFECT_VERDICT_LABELS = {
     EffectVerdict.NOT_SUPPORTED: "rejected",
 }
 """What a report calls the verdict on an effect."""
+CANDIDATES_NOTE = (
+    "p is of the score test, given the effects added before: how often noise alone would give as strong a sign of the"
+    " effect, corrected for the number of tests. The score test is a first look, linear in the effect. A candidate is"
+    " added only if it is also significant after the exact refit, in which all parameters are estimated together with"
+    " it; there another effect, or other values of the tool, may take its place."
+)
+"""What p of the table of candidate effects is, and why a small one is not enough."""
 NOISE_SOURCES = {
     NoiseSource.REPEATS: "measured from {repeats} repeats",
     NoiseSource.RIG: "as stated in the rig file; no repeats",

@@ -10,7 +10,7 @@ import numpy as np
 from estimation.logs.clocks.clock_offset import MotionRegressors, clock_offset
 from estimation.logs.clocks.repeat_cutting import aligned_runs, cut_into_repeats, one_run, separate_runs
 from estimation.logs.clocks.resampling import interpolated_position, interpolated_quaternion
-from estimation.logs.clocks.sample_mending import Series
+from estimation.logs.clocks.sample_mending import Series, Stream
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
@@ -23,6 +23,8 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 SMALLEST_SHIFT = 0.05
 """Of a sample: a smaller offset is not worth an interpolation."""
 
+SAME_STAMPS = 0.9
+"""Share of the wrench's stamps that the motion's hold exactly, from which on one clock has stamped both."""
 CLIPPED = 0.05
 """Of a sample: by so much a sample of the wrench may lie outside the motion, which is taken as its end then."""
 
@@ -45,10 +47,12 @@ def on_one_clock(
     log: StepLog,
     shared: bool,
     whole: bool = False,
+    same_stamps: bool = False,
 ) -> CommonClock:
     """All series at the instants of the first, which holds the wrench: that is the one with noise to keep white.
 
-    Cut into repeats where the motion has a period; `whole` keeps one run.
+    Cut into repeats where the motion has a period; `whole` keeps one run. With the `same_stamps` in both, somebody has
+    brought them onto one clock: an offset is estimated and said, and not applied.
 
     Motion of other series is interpolated there by cubic splines, orientation on the sphere; other columns linearly.
     """
@@ -57,7 +61,7 @@ def on_one_clock(
     if others and stated_offset is not None:
         offset = OffsetReading(offset=stated_offset, std=0.0, applied=True, correlation=1.0)
     elif others and not shared:
-        offset = _estimated(wrench, others, rig, log)
+        offset = _estimated(wrench, others, rig, log, same_stamps)
     shift = offset.offset if offset is not None and offset.applied else 0.0
     if shift:
         text = f"stamps of the wrench moved by {-shift * 1e3:.4g} ms"
@@ -74,7 +78,7 @@ def on_one_clock(
             raise InputError(
                 what=what,
                 where=wrench.where,
-                remedy="give logs of one run, or state the offset in a map: offset = 12.3 (s)",
+                remedy="give logs of one run, or state the offset: --clock-offset 12.3 (s)",
             )
         columns = {name: column[inside] for name, column in columns.items()}
         for one in others:
@@ -112,7 +116,9 @@ def _at(series: Series, instants: Array) -> dict[str, Array]:
     return found
 
 
-def _estimated(wrench: Series, others: Sequence[Series], rig: Rig | None, log: StepLog) -> OffsetReading | None:
+def _estimated(
+    wrench: Series, others: Sequence[Series], rig: Rig | None, log: StepLog, same_stamps: bool
+) -> OffsetReading | None:
     """The offset between the clocks of wrench and motion, where the motion's kinematics are known."""
     motion = others[0]
     start, stop = max(o.start for o in others), min(o.instants[-1] for o in others)
@@ -146,14 +152,17 @@ def _estimated(wrench: Series, others: Sequence[Series], rig: Rig | None, log: S
             f"too short to estimate its clock offset against {motion.where}; the stamps are believed", wrench.where
         )
         return None
-    return _judged(found, wrench, motion, log)
+    return _judged(found, wrench, motion, log, same_stamps)
 
 
-def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog) -> OffsetReading:
-    """The offset, applied where it is known and differs from zero by more than its interval and a part of a sample."""
+def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog, same_stamps: bool) -> OffsetReading:
+    """The offset, applied where it is known and differs from zero by more than its interval and a part of a sample.
+
+    Between streams with the same stamps it is not applied: what the rigid tool lacks looks like an offset, too.
+    """
     if not found.applied:
         what = f"the clock offset against {motion.where} cannot be estimated from this motion;"
-        what += " the stamps are believed, unless a map states offset = ... (s)"
+        what += " the stamps are believed, unless --clock-offset states it (s)"
         log.suspicious(what, wrench.where)
         return found
     if found.alternatives:
@@ -162,7 +171,18 @@ def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog) 
             f"the motion is periodic: an offset of {others} s would fit as well; the smallest is taken", wrench.where
         )
     small = abs(found.offset) < max(2 * found.std, SMALLEST_SHIFT * wrench.dt)
-    return replace(found, applied=not small)
+    if same_stamps and not small:
+        what = f"seems {found.offset * 1e3:.3g} ms late against {motion.where}, whose stamps are the same: not applied,"
+        what += " as what acts on the tool besides its weight looks like that, too; a delay is left to the diagnosis,"
+        what += " unless --clock-offset (clock_offset=) states an offset of the clocks, s"
+        log.suspicious(what, wrench.where)
+    return replace(found, applied=not small and not same_stamps)
+
+
+def have_same_stamps(streams: Sequence[Stream]) -> bool:
+    """Whether the stamps of the first stream, the wrench, are those of another one, but for a few that were lost."""
+    first, *others = (stream.stamps for stream in streams)
+    return any(np.isin(first, other).mean() > SAME_STAMPS for other in others)
 
 
 def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str, Array]:

@@ -195,7 +195,7 @@ class ReadingReport(Tabular):
 
 
 _TITLES: Mapping[StepKind, str] = {
-    StepKind.TAKEN: "Read as it stands",
+    StepKind.TAKEN: "How it was read",
     StepKind.MENDED: "Mended",
     StepKind.SUSPICIOUS: "Suspicious",
 }
@@ -211,6 +211,8 @@ def _offset_data(offset: OffsetReading) -> dict[str, Any]:
 
 
 def _offset_sentence(offset: OffsetReading) -> str:
+    if offset.std == 0:
+        return f"Clock offset: {offset.offset * 1e3:.6g} ms as stated; applied."
     low, high = (bound * 1e3 for bound in offset.interval)
     text = f"Clock offset: the wrench's stamps are {offset.offset * 1e3:.2f} ms late against the motion's"
     text += f" (95 % interval {low:.2f} to {high:.2f} ms)"

@@ -6,9 +6,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from modeling.codegen.payload.payload_format import PayloadFormat, remarks
+from modeling.codegen.payload.payload_format import MOMENTS, PayloadFormat, remarks
 from modeling.codegen.payload.tool_inertia import ToolInertia
 from modeling.rig.rig import STANDARD_GRAVITY
+
+FLANGE = "the controller takes them in the flange's frame: where that is another one, emit with --sensor-pose"
 
 
 class UniversalRobots(PayloadFormat):
@@ -23,11 +25,12 @@ class UniversalRobots(PayloadFormat):
     def text(self, tool: ToolInertia, source: str) -> str:
         """The script."""
         lines = [f"# {remark}" for remark in remarks(tool, source)]
+        lines += [f"# {FLANGE}; mass (kg), centre of mass [x, y, z] (m):"]
         lines.append(f"set_payload({tool.mass!r}, {_list(tool.centre_of_mass)})")
         if tool.inertia is not None:
-            order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-            moments = _list(tool.inertia[at] for at in order)
-            lines.append("# with inertia, on controllers that have it, instead:")
+            moments = _list(tool.inertia[at] for at in MOMENTS.values())
+            lines.append("# with inertia, on controllers that have it, the next line instead, which takes:")
+            lines.append(f"# mass (kg), centre of mass [x, y, z] (m), inertia about it [{', '.join(MOMENTS)}] (kg m²)")
             lines.append(f"# set_target_payload({tool.mass!r}, {_list(tool.centre_of_mass)}, {moments})")
         return "\n".join(lines) + "\n"
 
@@ -41,6 +44,10 @@ class Franka(PayloadFormat):
         """The call in C++."""
         columns = np.ravel(tool.required_inertia(self.name), order="F")
         lines = [f"// {remark}" for remark in remarks(tool, source)]
+        lines += [
+            f"// {FLANGE}; mass (kg), centre of mass (m), and inertia about it (kg m²)",
+            "// by columns Ixx, Ixy, Ixz, Ixy, Iyy, Iyz, Ixz, Iyz, Izz",
+        ]
         lines += [
             f"robot.setLoad({tool.mass!r},",
             f"              {{{{{_joined(tool.centre_of_mass)}}}}},",

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Comment, Element, ElementTree, SubElement, ind
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.codegen.payload.payload_format import PayloadFormat, remarks
+from modeling.codegen.payload.payload_format import PayloadFormat, remarks, where_it_goes
 from modeling.codegen.payload.tool_inertia import ToolInertia
 
 Array = NDArray[np.float64]
@@ -69,7 +69,8 @@ class Mjcf(PayloadFormat):
 
 def _root(tag: str, tool: ToolInertia, source: str, **attributes: str) -> Element:
     root = Element(tag, attributes)
-    root.extend(Comment(f" {remark.replace('--', '- ')} ") for remark in remarks(tool, source))
+    said = [*remarks(tool, source), where_it_goes(tool, "inertial", "body" if tag == "mujoco" else "link")]
+    root.extend(Comment(f" {remark.replace('--', '- ')} ") for remark in said)
     return root
 
 

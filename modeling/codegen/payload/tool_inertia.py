@@ -20,6 +20,7 @@ WHERE = "tool"
 ROUNDING = 1e-9
 """Relative size of a negative second moment that is rounding: an estimate on the boundary of consistency has zeros."""
 SENSOR_FRAME = "sensor frame"
+"""The frame whose pose was recorded, or to which the joints lead."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,18 +30,36 @@ class ToolInertia:
     mass            kg, and its std
     centre_of_mass  (3,) m, from the frame's origin along its axes
     inertia         (3, 3) kg m² about the centre of mass, along the frame's axes; None where it was not identifiable
+    centre_modes    (k, 3) m and
+    inertia_modes   (k, 3, 3) kg m²: changes of these by one std of each of k uncorrelated combinations of parameters
     frame           what the axes are
+    link            name of the link whose frame it is, where the rig names it; else empty
     """
 
     mass: float
     mass_std: float
     centre_of_mass: Array
     inertia: Array | None
+    centre_modes: Array
+    inertia_modes: Array
     frame: str = SENSOR_FRAME
+    link: str = ""
+
+    @property
+    def centre_std(self) -> Array:
+        """Std (3,) of the centre of mass, m, to first order."""
+        return np.asarray(np.sqrt(np.square(self.centre_modes).sum(axis=0)))
+
+    @property
+    def inertia_std(self) -> Array:
+        """Std (3, 3) of the inertia's elements, kg m², to first order."""
+        return np.asarray(np.sqrt(np.square(self.inertia_modes).sum(axis=0)))
 
     @classmethod
-    def of(cls, model: WrenchModel, theta: Array, covariance: Array) -> ToolInertia:
+    def of(cls, model: WrenchModel, theta: Array, covariance: Array, link: str = "") -> ToolInertia:
         """The tool of a six-axis model at its parameters theta (k,) with covariance (k, k), in the sensor frame.
+
+        `link` names that frame, where the rig does.
 
         With the pseudo-inertia [[Sigma, c], [c', m]] about the sensor origin (Wensing et al. 2018) the second moments
         about the centre of mass c/m are its Schur complement Sigma - c c'/m, and the inertia is tr(.) 1 minus them.
@@ -53,7 +72,8 @@ class ToolInertia:
         known = dict(zip((p.name for p in model.parameters), np.isfinite(np.diag(covariance)), strict=True))
         _require_identifiable([n for n in ("m", "mx", "my", "mz") if not known[n]])
         place = [p.name for p in model.parameters].index("m")
-        matrix = pseudo_inertia(model.base).over([p.name for p in model.parameters]).at(theta)
+        pseudo = pseudo_inertia(model.base).over([p.name for p in model.parameters])
+        matrix = pseudo.at(theta)
         first, mass = matrix[:3, 3], float(matrix[3, 3])
         if mass <= 0:
             raise InputError(
@@ -61,11 +81,16 @@ class ToolInertia:
             )
         second = matrix[:3, :3] - np.outer(first, first) / mass
         central = None if any(not known[n] for n in known if n[0] == "I" and len(n) == 3) else _consistent(second)
+        centre_modes, inertia_modes = _modes(matrix, np.tensordot(_one_std_changes(covariance), pseudo.slopes, axes=1))
         return cls(
             mass=mass,
             mass_std=float(np.sqrt(covariance[place, place])),
             centre_of_mass=first / mass,
             inertia=central,
+            centre_modes=centre_modes,
+            inertia_modes=inertia_modes,
+            frame=f"{SENSOR_FRAME}, link {link}" if link else SENSOR_FRAME,
+            link=link,
         )
 
     def seen_from(self, pose: Sequence[float]) -> ToolInertia:
@@ -79,8 +104,17 @@ class ToolInertia:
             raise InputError(what=what, where="sensor pose", remedy="give m, and roll, pitch and yaw in rad")
         turn, place = Rotation.from_euler("xyz", pose[3:]).as_matrix(), np.asarray(pose[:3], dtype=np.float64)
         turned = None if self.inertia is None else turn @ self.inertia @ turn.T
-        where = f"frame in which the sensor is at {' '.join(f'{v:g}' for v in pose)} (m, rad: x y z roll pitch yaw)"
-        return replace(self, centre_of_mass=turn @ self.centre_of_mass + place, inertia=turned, frame=where)
+        sensor = f"sensor (link {self.link})" if self.link else "sensor"
+        where = f"frame in which the {sensor} is at {' '.join(f'{v:g}' for v in pose)}"
+        return replace(
+            self,
+            centre_of_mass=turn @ self.centre_of_mass + place,
+            inertia=turned,
+            centre_modes=self.centre_modes @ turn.T,
+            inertia_modes=turn @ self.inertia_modes @ turn.T,
+            frame=f"{where} (m, rad: x y z roll pitch yaw)",
+            link="",
+        )
 
     def required_inertia(self, name: str) -> Array:
         """The inertia (3, 3); InputError where it was not identifiable and the format `name` needs it."""
@@ -108,3 +142,25 @@ def _consistent(second: Array) -> Array:
         )
         raise InputError(what=what, where=WHERE, remedy="fit again with --physical, or record a faster motion")
     return np.asarray(np.trace(second) * np.eye(3) - second)
+
+
+def _one_std_changes(covariance: Array) -> Array:
+    """Uncorrelated changes (k, k) of k parameters, by one std each; zero of what is not identifiable."""
+    known = np.isfinite(np.diag(covariance))
+    variances, directions = np.linalg.eigh(np.where(np.outer(known, known), covariance, 0.0))
+    return np.asarray((directions * np.sqrt(np.maximum(variances, 0.0))).T)
+
+
+def _modes(matrix: Array, changes: Array) -> tuple[Array, Array]:
+    """Changes (k, 3) of the centre of mass c/m and (k, 3, 3) of the inertia about it, by `changes` (k, 4, 4) of J.
+
+    With the second moments S = Sigma - c c'/m: d(c/m) = (dc - c/m dm)/m and
+    dS = dSigma - (dc c' + c dc')/m + c c'/m² dm; the inertia is tr(S) 1 - S.
+    """
+    mass, centre = matrix[3, 3], matrix[:3, 3] / matrix[3, 3]
+    first, weight = changes[:, :3, 3], changes[:, 3, 3]
+    crossed = first[:, :, None] * centre
+    second = changes[:, :3, :3] - crossed - np.swapaxes(crossed, 1, 2)
+    second = second + weight[:, None, None] * np.outer(centre, centre)
+    inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+    return (first - weight[:, None] * centre) / mass, inertia

@@ -1,4 +1,4 @@
-"""A chart: panels of marks with data, labels and units; matplotlib and plotly draw it from the same numbers."""
+"""A chart: panels of marks with data, labels and units; matplotlib, plotly and Bokeh draw it from the same numbers."""
 
 from __future__ import annotations
 

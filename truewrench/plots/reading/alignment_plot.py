@@ -53,6 +53,6 @@ def draw_chi_square(axes: Axes, offset: OffsetReading) -> None:
     axes.axvspan(low, high, color=INTERVAL_COLOUR, lw=0, zorder=0)
     axes.plot(curves.near * 1e3, curves.chi_square, color=ADEQUATE_COLOUR, lw=1.0, marker="o", ms=2.5)
     axes.axvline(offset.offset * 1e3, color=MISFIT_COLOUR, lw=0.9)
-    axes.set(xlabel="clock offset (ms)", ylabel="chi-square - min")
+    axes.set(xlabel="clock offset (ms)", ylabel="chi-square, rise")
     axes.yaxis.label.set_fontsize(SMALL)
     axes.ticklabel_format(axis="x", useOffset=False)

@@ -25,7 +25,7 @@ TITLE, HEAD, BOTTOM, AXIS = 58.0, 34.0, 24.0, 50.0
 CHANNEL, BETWEEN = 56.0, 10.0
 LABEL = 50.0
 """Distance of a vertical axis from its label."""
-ALIGNMENT, LAST = 118.0, 190.0
+ALIGNMENT, LAST = 134.0, 190.0
 MOST_CLOCKS, MOST_NAMES = 2, 3
 
 
@@ -119,9 +119,9 @@ class _Page:
         if self.offset is None or self.offset.curves is None:
             return top
         top += HEAD
-        before, after = (self.page.panel(LEFT, top + i * (ALIGNMENT + AXIS), HALF, ALIGNMENT - 10) for i in (0, 1))
+        before, after = (self.page.panel(LEFT, top + i * (ALIGNMENT + AXIS), HALF, ALIGNMENT - 26) for i in (0, 1))
         scan, near = (
-            self.page.panel(LEFT + HALF + GUTTER, top + i * (ALIGNMENT + AXIS), HALF, ALIGNMENT - 10) for i in (0, 1)
+            self.page.panel(LEFT + HALF + GUTTER, top + i * (ALIGNMENT + AXIS), HALF, ALIGNMENT - 26) for i in (0, 1)
         )
         draw_alignment(before, after, self.offset, self.report)
         draw_scan(scan, self.offset)

@@ -1,0 +1,38 @@
+"""Whether a body can have a fit's inertial parameters: the pseudo-inertia's smallest eigenvalue, with its std."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling.chain.model import WrenchModel
+from modeling.chain.pseudo_inertia import pseudo_inertia
+from modeling.number_format import format_number
+
+Array = NDArray[np.float64]
+
+
+def impossible_body(model: WrenchModel, names: Sequence[str], theta: Array, covariance: Array) -> str:
+    """A sentence where no distribution of positive mass has the estimates; empty where one has, or they are not known.
+
+    The pseudo-inertia of a body is positive definite (P. M. Wensing, S. Kim and J.-J. E. Slotine, IEEE Robotics and
+    Automation Letters 3, 2018). It is affine in the parameters; its smallest eigenvalue
+    has a std to first order.
+    """
+    inertia = pseudo_inertia(model.base)
+    place = [names.index(name) for name in inertia.names]
+    own = covariance[np.ix_(place, place)]
+    if not np.isfinite(own).all():
+        return ""
+    values, vectors = np.linalg.eigh(inertia.at(theta[place]))
+    if values[0] >= 0:
+        return ""
+    gradient = np.einsum("i,kij,j->k", vectors[:, 0], inertia.slopes, vectors[:, 0])
+    std = float(np.sqrt(gradient @ own @ gradient))
+    return (
+        f"no body has these inertial parameters: their pseudo-inertia has the eigenvalue {format_number(values[0], 2)}"
+        f" ± {format_number(std, 2)}, which must be positive; constrain it (--physical,"
+        " Constraints(physical=True)), and if it is negative by several std, something is missing in the model"
+    )

@@ -1,0 +1,115 @@
+"""Packaging: one version, licences of dependencies listed, a wheel of the sdist that runs in an empty environment."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tarfile
+import tomllib
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+import setuptools
+
+import truewrench as tw
+from docs.generator.dependency_table import FILE, dependency_file, dependency_table
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+BUILD = "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
+COMPATIBLE = ("MIT", "BSD", "Apache", "PSF", "Python Software Foundation", "LGPL", "any-OSI")
+"""Licences, or parts of their names, under which a program of another licence may import a package."""
+
+
+def test_the_version_has_one_place() -> None:
+    """The metadata of the installation say it, and the newest heading of the changes is of it."""
+    headings = [
+        line for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines() if line.startswith("## ")
+    ]
+    assert headings[0] == f"## {PROJECT['version']}"
+    assert tw.__version__ == PROJECT["version"]
+    assert PROJECT["version"] not in (ROOT / "CITATION.cff").read_text(encoding="utf-8").replace(
+        "cff-version: 1.2.0", ""
+    )
+
+
+def test_dependencies_are_listed_with_their_licences() -> None:
+    assert FILE.read_text(encoding="utf-8") == dependency_file(), "run python -m docs.generator.dependency_table"
+    for name, licence, _ in dependency_table().rows:
+        assert any(known in str(licence) for known in COMPATIBLE), f"{name}: {licence}"
+
+
+def test_every_requirement_is_pinned() -> None:
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {canonicalize_name(line.partition("==")[0]) for line in lines}
+    extras = [text for texts in PROJECT["optional-dependencies"].values() for text in texts]
+    needed = {canonicalize_name(Requirement(text).name) for text in [*PROJECT["dependencies"], *extras]}
+    assert needed - {"truewrench"} <= pinned
+    assert all("==" in line for line in lines)
+
+
+# ------------------------------------------------------------------------------------------- built and installed
+
+
+def built(hook: str, source: Path, target: Path) -> Path:
+    """What a hook of the build backend makes of a source tree, with the pinned setuptools."""
+    target.mkdir()
+    subprocess.run([sys.executable, "-c", BUILD, hook, str(target)], cwd=source, check=True, capture_output=True)
+    (made,) = target.iterdir()
+    return made
+
+
+def tracked_copy(folder: Path) -> Path:
+    """What a clone has: nothing that a build in the repository left behind."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    for name in filter(None, listed.split("\0")):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes((ROOT / name).read_bytes())
+    return folder
+
+
+def environment_with(wheel: Path, folder: Path) -> Path:
+    """A new environment that has the wheel alone; the pinned packages are found behind it, the repository is not.
+
+    A path in a `.pth` file is searched, but the `.pth` files of that folder, an editable installation's, are not read.
+    """
+    venv.create(folder, with_pip=False)
+    site = next(folder.glob("lib/python*/site-packages"))
+    python = folder / "bin" / "python"
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", str(python), "install"]
+    subprocess.run([*pip, "--quiet", "--no-deps", "--no-index", str(wheel)], check=True, capture_output=True)
+    (site / "pinned.pth").write_text(str(Path(setuptools.__file__).parents[1]), encoding="utf-8")
+    return folder / "bin"
+
+
+@pytest.mark.long
+def test_the_wheel_of_the_sdist_runs_the_demo(tmp_path: Path) -> None:
+    """The sdist alone makes the same wheel as the repository; installed, it is what runs, and finds what was hidden."""
+    pytest.importorskip("mujoco")
+    clone = tracked_copy(tmp_path / "clone")
+    sdist = built("build_sdist", clone, tmp_path / "sdist")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path / "unpacked", filter="data")
+    (unpacked,) = (tmp_path / "unpacked").iterdir()
+    wheels = [built("build_wheel", source, tmp_path / f"wheel_of_{source.name}") for source in (clone, unpacked)]
+    contents = [{i.filename: i.CRC for i in zipfile.ZipFile(w).infolist()} for w in wheels]
+    assert contents[0] == contents[1]
+    assert not any(name.split("/")[0] in {"tests", "docs", "benchmarks", "notebooks"} for name in contents[0])
+    programs = environment_with(wheels[1], tmp_path / "environment")
+    outside = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    where = subprocess.run(
+        [programs / "python", "-c", "import truewrench, modeling; print(truewrench.__file__, modeling.__file__)"],
+        cwd=tmp_path, env=outside, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    assert all(Path(path).is_relative_to(tmp_path / "environment") for path in where.stdout.split())
+    demo = [str(programs / "truewrench"), "demo", "--effect", "viscous_drag", "--out", "report"]
+    ran = subprocess.run(demo, cwd=tmp_path, env=outside, check=True, capture_output=True, text=True)
+    assert "Identified: viscous_drag. Correct." in ran.stdout
+    assert (tmp_path / "report" / "report.html").stat().st_size > 10_000

@@ -1,0 +1,111 @@
+"""The colour that an autoregression leaves in a single run: scores of slow columns keep their level in any noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.fft import idct
+from scipy.stats import binom
+
+from diagnosis.screening.score_test import screen, significant_effects
+from diagnosis.screening.whitened_spectrum import WhitenedSpectrum, lines
+from estimation.distributions import chi_square_p_value
+from estimation.fit import fit
+from estimation.noise.autoregression import fit_autoregression
+from estimation.noise.whitening import AutoregressiveWhitener
+from estimation.recordings.reading import from_columns
+from modeling.chain.model import spatial
+from modeling.effects import named
+from modeling.rig.rig import Rig
+from truewrench.simulated_rig import AutoregressiveNoise, NoiseModel, PinkNoise, SpatialRig, WhiteNoise, simulate
+
+Array = NDArray[np.float64]
+
+NOISES: dict[str, NoiseModel] = {
+    "white": WhiteNoise(),
+    "autoregressive": AutoregressiveNoise(rho=0.95),
+    "mild 1/f": PinkNoise(corner=0.1, tones=()),
+    "mild 1/f, with tones": PinkNoise(corner=0.1),
+}
+SEEDS, SAMPLES = 100, 1000
+LEVEL = 0.01
+TAIL = 1e-3
+"""Probability of a calibration test to fail although the level holds."""
+
+
+def motion_like(rng: np.random.Generator) -> Array:
+    """A column of a slow drag or a weight: ten lines of one channel."""
+    t = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    slow = sum(rng.normal() * np.cos(np.pi * k * t) for k in range(1, 11))
+    return np.outer(slow, [1.0, 0.0, 0.0])
+
+
+def p_value(seed: int, noise: str, size: float = 0.0) -> float:
+    """Score test of such a column in noise of three channels, whitened by the autoregression of the residual."""
+    rng = np.random.default_rng(seed)
+    column = motion_like(rng)
+    residual = NOISES[noise].draw(rng, SAMPLES, 3)
+    residual += size * column / column.std()
+    whitener = AutoregressiveWhitener(SAMPLES, fit_autoregression(residual, np.ones(SAMPLES, dtype=bool)))
+    row, tested = whitener.series(residual), whitener.series(column)[:, None]
+    tested /= np.linalg.norm(tested)
+    score = float((tested[:, 0] @ row) ** 2)
+    rest = row - tested[:, 0] * (tested[:, 0] @ row)
+    spectrum = WhitenedSpectrum.of(rest, lines(tested, 3)[..., 0] ** 2)
+    (power,), (variance,) = spectrum.of_columns(tested)
+    return chi_square_p_value(score / power, 1, variance)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_level_holds(noise: str) -> None:
+    alarms = sum(p_value(seed, noise) < LEVEL for seed in range(SEEDS))
+    assert alarms <= binom.isf(TAIL, SEEDS, LEVEL)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_significant_in_one_over_f_noise(seed: int) -> None:
+    """Six axes, one run of 15 s, nothing hidden: with the autoregression alone p of these was 1e-5 to 1e-30."""
+    rig = SpatialRig()
+    frame = simulate(rig, rig.random_motion(seed=seed, period=15.0), repeats=1, samples_per_period=1500,
+                     noise=PinkNoise(tones=()), seed=seed)  # fmt: skip
+    columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
+    fitted = fit(spatial(), from_columns(columns, name="run", rig=Rig.from_data({})))
+    tests = screen(fitted, [named(i) for i in ("thermal_drift", "sensor_crosstalk", "sensor_gain")])
+    assert not significant_effects(tests), [(t.effect.id, t.p_value) for t in tests]
+
+
+def test_white_noise_hardly_costs_power() -> None:
+    """A column of a quarter of the noise, lambda about 60, found as without the spectrum."""
+    found = sum(p_value(seed, "white", size=0.25) < LEVEL for seed in range(100))
+    assert found >= 95
+
+
+def test_a_spectrum_is_recovered() -> None:
+    """White and 1/f terms of known sizes, each within five of its stated std at every line."""
+    n, rng = 4000, np.random.default_rng(0)
+    line = np.maximum(np.arange(n), 1.0)
+    true = 0.8 + 40.0 / line
+    rows = np.sqrt(true)[:, None] * rng.standard_normal((n, 2))
+    residual = idct(rows, axis=0, norm="ortho").ravel()
+    found = WhitenedSpectrum.of(residual, np.zeros((n, 2)))
+    assert np.all(np.abs(np.log(found.level / true[:, None])) < 5 * found.log_std)
+    assert found.log_std.max() < 0.3
+
+
+def test_a_stated_std_is_the_level() -> None:
+    """Physics above white noise of the stated std raises nothing; 1/f noise of the stated std keeps its colour."""
+    n, rng = 4000, np.random.default_rng(1)
+    white = rng.standard_normal((n, 1))
+    slow = 3.0 * np.sin(2 * np.pi * 7 * np.arange(n) / n)[:, None]
+    above = WhitenedSpectrum.of((white + slow).ravel(), np.zeros((n, 1)), stated=True)
+    assert above.level.max() < 1.3
+    pink = PinkNoise(corner=1.0, tones=()).draw(rng, n, 1)
+    coloured = WhitenedSpectrum.of((pink / pink.std()).ravel(), np.zeros((n, 1)), stated=True)
+    assert coloured.level.mean() == pytest.approx(1.0)
+    assert coloured.level[5] > 10
+
+
+def test_lines_of_no_columns() -> None:
+    """An effect whose offsets are all known leaves no direction beside them."""
+    assert lines(np.zeros((12, 0)), 3).shape == (4, 3, 0)

@@ -1,0 +1,1 @@
+"""Tests of the workbench: its parts, and the page in a real browser."""

@@ -1,0 +1,147 @@
+"""What the page asks for is answered as the study answers in Python, and refused in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from modeling.errors import InputError
+from truewrench.files.demonstration import rig_text
+from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
+from truewrench.workbench.page_update import PageUpdate
+from truewrench.workbench.study.study_actions import StudyActions
+
+pytest.importorskip("mujoco")
+
+FORM = {"id": "hose", "stage": "tip_body", "parameters": "c: N*s/m", "formulas": "force_x = -c*tip_vx", "at": "0.1"}
+
+
+def simulated(folder: Path, hostile: str = "") -> dict[str, Any]:
+    """Request to open a recording of a rig with a drag; `hostile` names a column more."""
+    rig = PlanarRig()
+    frame = simulate(rig, rig.random_motion(seed=1), hidden=[ViscousDrag()], repeats=4, samples_per_period=150, seed=1)
+    if hostile:
+        frame[hostile] = range(len(frame))
+    (folder / "rig.toml").write_text(rig_text(rig), encoding="utf-8")
+    write_recording(frame, folder / "train.csv")
+    return {"do": "open", "recordings": [str(folder / "train.csv")], "rig": str(folder / "rig.toml")}
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> StudyActions:
+    """A study, opened once."""
+    found = StudyActions(lambda _text: None)
+    found.answer(simulated(tmp_path_factory.mktemp("recording")))
+    return found
+
+
+@pytest.fixture
+def actions(begun: StudyActions) -> Iterator[StudyActions]:
+    """The study at its first step, and back there after the test."""
+    yield begun
+    while len(begun.study.steps) > 1:
+        begun.answer({"do": "undo"})
+
+
+def asked(actions: StudyActions, do: str, **values: Any) -> PageUpdate:
+    return actions.answer({"do": do, **values})
+
+
+def test_the_loop_by_hand(actions: StudyActions) -> None:
+    asked(actions, "suspects")
+    added = asked(actions, "add", effect="viscous_drag")
+    assert "The current model fits" in added.words["steps"]
+    assert actions.study.effects == ("viscous_drag",)
+    assert "does not fit" in asked(actions, "drop", effect="viscous_drag").words["steps"]
+    assert "The current model fits" in asked(actions, "undo").words["steps"]
+
+
+@pytest.mark.parametrize("view", ["time", "map", "stairs", "spectrum"])
+def test_every_view_is_drawn(actions: StudyActions, view: str) -> None:
+    from truewrench.plots.charts.bokeh_chart import DARK, bokeh_chart, figures_of, legend_html
+
+    chart = asked(actions, "view", view=view).charts["plots"]
+    assert len(figures_of(bokeh_chart(chart, DARK))) == len(chart.panels)
+    assert legend_html(chart).startswith("<ul")
+
+
+def test_a_cell_of_a_map_is_seen_in_time(actions: StudyActions) -> None:
+    asked(actions, "view", view="map")
+    update = asked(actions, "cell", panel=0, x=0.0)
+    assert "Marked: samples where" in update.words["view"]
+    assert any(getattr(m, "label", "") == "samples of the cell" for p in update.charts["plots"].panels for m in p.marks)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({}, "Grammar and units are right"),
+        ({"formulas": "force_x = -c*tip_vx*tip_vx"}, "expected N"),
+        ({"formulas": "force_x = -c*tip_vx +"}, "column"),
+        ({"formulas": "force_x"}, "cannot be read"),
+        ({"formulas": 'force_x = __import__("os").system("id")'}, "not allowed"),
+        ({"formulas": "force_x = c.__class__"}, "force_x"),
+        ({"id": "<b>bold</b>"}, "&lt;b&gt;"),
+        ({"parameters": "c: N*s/m" * 1000}, "longer than"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_a_custom_effect_is_checked_while_it_is_written(
+    actions: StudyActions, changed: Mapping[str, str], said: str
+) -> None:
+    text = asked(actions, "check", **(FORM | dict(changed))).words["custom-result"]
+    assert said in text
+    assert "<b>" not in text
+
+
+def test_a_custom_effect_is_added(actions: StudyActions) -> None:
+    asked(actions, "custom", **FORM)
+    assert actions.study.effects == ("hose",)
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"do": "answer"}, {"do": "__class__"}, {"do": None}, {}, {"do": "view", "view": "passwd"},
+        {"do": "view", "recording": 7}, {"do": "view", "channel": 99}, {"do": "add", "effect": "<script>"},
+        {"do": "drop", "effect": "../x"}, {"do": "undo"}, {"do": "download", "file": "/etc/passwd"},
+        {"do": "download", "file": "trajectory"}, {"do": "compare", "first": 0, "second": 5},
+        {"do": "reveal"},
+        {"do": "open", "recordings": []}, {"do": "open", "recordings": ["x"], "period": "no"},
+        {"do": "puzzle", "effect": "os.system"}, {"do": "cell", "panel": 77, "x": 0},
+        {"do": "separate", "first": "viscous_drag", "second": "viscous_drag"},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_cannot_be_done_is_refused_in_one_line(actions: StudyActions, request_: Mapping[str, Any]) -> None:
+    with pytest.raises(InputError) as refusal:
+        actions.answer(request_)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("file", ["model", "numpy", "latex"])
+def test_files_are_taken_away(actions: StudyActions, file: str) -> None:
+    found = asked(actions, "download", file=file).download
+    assert found is not None
+    assert len(found.content) > 500
+
+
+def test_names_of_users_are_escaped(tmp_path: Path) -> None:
+    """A column with HTML in its name is a variable of the maps, and its name is text."""
+    actions = StudyActions(lambda _text: None)
+    begun = actions.answer(simulated(tmp_path, "<img src=x onerror=alert(1)>"))
+    words = "".join([*begun.words.values(), *asked(actions, "view", view="map").words.values()])
+    assert "<img" not in words
+
+
+def test_a_table_of_nothing_is_one_clear_line(tmp_path: Path) -> None:
+    request = simulated(tmp_path)
+    table = Path(request["recordings"][0])
+    head, *rows = table.read_text(encoding="utf-8").splitlines()
+    table.write_text("\n".join([head, *(",".join("nan" for _ in row.split(",")) for row in rows)]), encoding="utf-8")
+    with pytest.raises(InputError) as refusal:
+        StudyActions(lambda _text: None).answer(request)
+    assert "train.csv" in str(refusal.value)

@@ -1,0 +1,1 @@
+"""Server of the workbench: who may ask, the pages, the files that they send."""

@@ -1,0 +1,100 @@
+"""Form of a custom effect: lines of text to the table of an effects file, checked by the parser of formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+from markupsafe import Markup
+
+from diagnosis.study import Study
+from estimation.model_response import model_signals
+from modeling.errors import InputError, quoted
+from modeling.formulas.custom_effects.custom_effect import CustomEffect
+from modeling.formulas.custom_effects.effect_check import require_finite
+from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, target_units
+from modeling.number_format import format_unit
+
+POINT = "distance_along_the_tip"
+"""Constant for a point that is given as a number, in m."""
+LONGEST = 4000
+"""Characters of a field."""
+
+
+def effect_of_form(form: Mapping[str, Any], study: Study | None) -> CustomEffect:
+    """The custom effect that a form describes, checked on the recordings of a study.
+
+    Raises InputError, in one line, for whatever is wrong with it.
+    """
+    stage = str(form.get("stage", "tip_body"))
+    if stage not in FORMULA_STAGES:
+        raise InputError(what="there is no such place", where="acts on", remedy=f"use {', '.join(FORMULA_STAGES)}")
+    formulas, constants = _pairs(form, "formulas", "="), _pairs(form, "constants", ":")
+    if (point := _text(form, "at")) and stage == "tip_body":
+        formulas["at"] = point
+        if _is_number(point):
+            formulas["at"], constants[POINT] = POINT, f"{point} m"
+    table: dict[str, Any] = {
+        "id": _text(form, "id"),
+        "title": _text(form, "title") or _text(form, "id"),
+        "parameters": _pairs(form, "parameters", ":"),
+        stage: formulas,
+    }
+    table |= {
+        name: pairs for name, pairs in (("inputs", _pairs(form, "inputs", ":")), ("constants", constants)) if pairs
+    }
+    effect = CustomEffect.from_data(table, where=table["id"] or "effect")
+    if study is not None:
+        _require_usable(effect, study)
+    return effect
+
+
+def _require_usable(effect: CustomEffect, study: Study) -> None:
+    space = study.model.space
+    if space not in effect.spaces:
+        remedy = "use the signals and channels of these recordings"
+        what = f"it is not for a sensor of the channels {', '.join(space.channels)}"
+        raise InputError(what=what, where=effect.id, remedy=remedy)
+    for recording in study.fit.recordings:
+        where = f"{effect.id}, on {recording.name}"
+        require_finite(effect.definition, space, model_signals(recording), recording.samples, where)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _text(form: Mapping[str, Any], name: str) -> str:
+    text = str(form.get(name, "")).strip()
+    if len(text) > LONGEST:
+        raise InputError(what=f"longer than {LONGEST} characters", where=name, remedy="write less")
+    return text
+
+
+def _pairs(form: Mapping[str, Any], name: str, between: str) -> dict[str, str]:
+    """Lines `name = formula` or `name: unit`."""
+    found: dict[str, str] = {}
+    for line in filter(None, (line.strip() for line in _text(form, name).splitlines())):
+        left, sign, right = (part.strip() for part in line.partition(between))
+        if not sign or not left or not right:
+            remedy = f"write one to a line, as in {'c: N s/m' if between == ':' else 'force_x = -c * tip_vx'}"
+            raise InputError(what=f"{quoted(line)} cannot be read", where=name, remedy=remedy)
+        if left in found:
+            raise InputError(what=f"{quoted(left)} is given twice", where=name, remedy="give each once")
+        found[left] = right
+    return found
+
+
+def checked_words(form: Mapping[str, Any], study: Study | None) -> str:
+    """What is wrong with the form, or that nothing is, with the unit of each formula; as HTML."""
+    try:
+        effect = effect_of_form(form, study)
+    except InputError as error:
+        return Markup('<p class="wrong" role="status">{}: {}; {}</p>').format(error.where, error.what, error.remedy)
+    units = {name: unit for space in effect.spaces for name, unit in target_units(effect.stage, space).items()}
+    names = Markup(", ").join(f"{n} in {format_unit(units[n])}" for n, _ in effect.definition.formulas if n in units)
+    return Markup('<p class="right" role="status">Grammar and units are right: {}.</p>').format(names)

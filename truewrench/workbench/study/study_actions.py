@@ -1,0 +1,235 @@
+"""What the page can ask for, in the process of its study: each request by its name, with what it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.parallel.workers import available_cores
+from diagnosis.screening.suspects import Suspects
+from diagnosis.study import Study, StudyStep, study
+from modeling.errors import InputError, quoted
+from truewrench.files.data_set import DataSet
+from truewrench.workbench.page_update import PageUpdate
+from truewrench.workbench.study.contact import contact_of
+from truewrench.workbench.study.custom_form import checked_words, effect_of_form
+from truewrench.workbench.study.downloads import download_of
+from truewrench.workbench.study.puzzle import Puzzle, hidden_effect_of
+from truewrench.workbench.study.reading import ReadingForm, data_set
+from truewrench.workbench.study.separation import Separation, separation_of
+from truewrench.workbench.study.study_charts import view_at_cell, view_of
+from truewrench.workbench.study.study_words import (
+    comparison_words,
+    contact_words,
+    reading_words,
+    separation_words,
+    steps_words,
+    style_words,
+    suspects_words,
+    title_words,
+    verdict_words,
+    vocabulary_words,
+)
+from truewrench.workbench.study.view import View
+
+NO_STUDY = {"what": "no recording is open", "where": "workbench", "remedy": "choose a recording first"}
+
+
+class StudyActions:
+    """The study of a page, and what was learnt of its current model.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with one line of text at each stage.
+    """
+
+    def __init__(self, progress: Callable[[str], None]) -> None:
+        self._progress = progress
+        self._study: Study | None = None
+        self._case: DataSet | None = None
+        self._puzzle: Puzzle | None = None
+        self._suspects: dict[int, Suspects] = {}
+        self._diagnosis: Diagnosis | None = None
+        self._view = View()
+        self._files: tuple[str, ...] = ()
+        self._separation: Separation | None = None
+
+    def answer(self, request: Mapping[str, Any]) -> PageUpdate:
+        """The answer to a request; InputError for one that cannot be answered."""
+        name = str(request.get("do"))
+        if name not in ACTIONS:
+            raise InputError(what=f"there is no request {quoted(name)}", where="workbench", remedy="reload the page")
+        return ACTIONS[name](self, request)
+
+    @property
+    def study(self) -> Study:
+        """The study; InputError before a recording is open."""
+        if self._study is None:
+            raise InputError(**NO_STUDY)
+        return self._study
+
+    # ---------------------------------------------------------------------------------- what to open
+
+    def open(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Read recordings, and begin a study of the rigid tool."""
+        self._puzzle = None
+        files = request["recordings"], request.get("validate", ()), request.get("rig")
+        return self._begin(*files, ReadingForm.of(request))
+
+    def puzzle(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Simulate a rig with a hidden effect, and begin a study of its recordings."""
+        hidden = hidden_effect_of(str(request.get("effect", "")))
+        self._progress("simulate a rig")
+        self._puzzle = puzzle = Puzzle.simulated(hidden, str(request["folder"]))
+        return self._begin([puzzle.training], [puzzle.validation], puzzle.rig, ReadingForm())
+
+    def reveal(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Say what the simulated rig hides."""
+        if self._puzzle is None:
+            raise InputError(what="this recording is no puzzle", where="workbench", remedy="take a simulated rig")
+        return PageUpdate({"answer": self._puzzle.solution(self.study.effects)})
+
+    def _begin(
+        self, training: Sequence[str], validation: Sequence[str], rig: str | None, form: ReadingForm
+    ) -> PageUpdate:
+        self._progress("read")
+        case = data_set(training, validation, rig, form)
+        self._progress("fit the rigid tool")
+        begun = study(case.model, case.training, validate=case.validation, progress=self._progress)
+        self._case, self._study = case, begun
+        self._suspects, self._diagnosis, self._view = {}, None, View.first(begun)
+        self._files = tuple(filter(None, (*training, *validation, rig)))
+        return self._changed(
+            {
+                "sketch-style": style_words(),
+                "reading": reading_words(case),
+                "vocabulary": vocabulary_words(begun),
+                "custom-result": "",
+            }
+        )
+
+    # ------------------------------------------------------------------------------------ what to see
+
+    def view(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Show another figure, recording or channel."""
+        self._view = self._view.asked(request, self.study)
+        return self._shown()
+
+    def cell(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Show the samples of a cell of a residual map in time."""
+        self._view = view_at_cell(self._view, self.study, int(request["panel"]), float(request["x"]))
+        return self._shown()
+
+    def suspects(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Rank the suspects."""
+        return PageUpdate({"suspects": suspects_words(self.study, self._ranked())})
+
+    def _ranked(self) -> Suspects:
+        step = id(self.study.steps[-1])
+        if step not in self._suspects:
+            self._suspects[step] = self.study.suspects()
+        return self._suspects[step]
+
+    def _shown(self) -> PageUpdate:
+        return view_of(self._view, self.study)
+
+    # ------------------------------------------------------------------------------------- what to do
+
+    def add(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Add an effect."""
+        self.study.add(str(request["effect"]))
+        return self._changed()
+
+    def custom(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Add the custom effect of the form."""
+        effect = effect_of_form(request, self.study)
+        self.study.add(effect)
+        return self._changed({"custom-result": ""})
+
+    def check(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Say what is wrong with the custom effect of the form."""
+        return PageUpdate({"custom-result": checked_words(request, self._study)})
+
+    def drop(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Drop an effect."""
+        self.study.drop(str(request["effect"]))
+        return self._changed()
+
+    def undo(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Go back one step."""
+        self.study.undo()
+        return self._changed()
+
+    def diagnose(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Let the diagnosis go on from the current model."""
+        self._diagnosis = self.study.diagnose(workers=available_cores())
+        if self._case is not None and self._case.gravity is not None:
+            self._diagnosis = replace(self._diagnosis, gravity=self._case.gravity)
+        return self._changed({"verdict": verdict_words(self._diagnosis)}, keep_verdict=True)
+
+    def _changed(self, words: Mapping[str, str] | None = None, *, keep_verdict: bool = False) -> PageUpdate:
+        """The page after a step of the study; the suspects follow, if they are not known already."""
+        stale = {"answer": ""} if keep_verdict else {"verdict": "", "answer": ""}
+        if not keep_verdict:
+            self._diagnosis = None
+        self._view = self._view.of_step(self.study)
+        shown = self._shown()
+        known = self._suspects.get(id(self.study.steps[-1]))
+        ranked = {"suspects": suspects_words(self.study, known)}
+        steps = {"steps": steps_words(self.study, puzzle=self._puzzle is not None)}
+        return replace(
+            shown,
+            words={**shown.words, **stale, **steps, **ranked, **(words or {})},
+            follow=None if known else {"do": "suspects"},
+        )
+
+    # --------------------------------------------------------------------------------- what to take away
+
+    def compare(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Compare two steps."""
+        first, second = int(request["first"]), int(request["second"])
+        found = self.study.compare(first, second)
+        self._view = self._view.comparing(first, second)
+        shown = self._shown()
+        return replace(shown, words={**shown.words, "table": comparison_words(found)})
+
+    def contact(self, request: Mapping[str, Any]) -> PageUpdate:
+        """The contact in another recording, by the current model."""
+        file = str(request["recordings"][0]) if request.get("recordings") else self._contact_file()
+        found, chart = contact_of(self.study, file)
+        return PageUpdate(
+            {"view": title_words(f"Contact in {found.recording.name}"), "table": contact_words(found)}, {"plots": chart}
+        )
+
+    def _contact_file(self) -> str:
+        if self._puzzle is None:
+            raise InputError(what="no recording with a contact was given", where="contact", remedy="choose a file")
+        return self._puzzle.contact
+
+    def separate(self, request: Mapping[str, Any]) -> PageUpdate:
+        """The trajectory that separates two suspects."""
+        found = separation_of(self.study, str(request["first"]), str(request["second"]), self._progress)
+        self._separation = found
+        title = title_words(f"Trajectory that separates {found.first} and {found.second}")
+        words = {"view": title, "table": separation_words(found)}
+        return PageUpdate(words, {} if found.chart is None else {"plots": found.chart})
+
+    def download(self, request: Mapping[str, Any]) -> PageUpdate:
+        """A file to save."""
+        step: StudyStep = self.study.steps[-1]
+        asked = str(request.get("file"))
+        found = download_of(asked, step, self._case, self._diagnosis, self._files, self._separation)
+        return PageUpdate(download=found)
+
+
+ACTIONS: Mapping[str, Callable[[StudyActions, Mapping[str, Any]], PageUpdate]] = {
+    name: getattr(StudyActions, name)
+    for name in (
+        "open", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo", "diagnose",
+        "compare", "contact", "separate", "download",
+    )
+}  # fmt: skip
+"""What the page can ask for."""

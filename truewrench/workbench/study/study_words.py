@@ -1,0 +1,269 @@
+"""Words of a study as HTML: steps, suspects, the reading report, comparisons; whatever a user names is escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from diagnosis.comparison.comparison import Comparison, noise_from_residual
+from diagnosis.comparison.residual_map import ResidualMap
+from diagnosis.screening.score_test import ScoreTest
+from diagnosis.screening.suspects import Suspects
+from diagnosis.verdict.verdict import EffectVerdict
+from estimation.model_response import model_signals
+from estimation.recordings.recording import Recording
+from estimation.recordings.reports.reading_report import StepKind
+from modeling.chain.effect import Effect
+from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, signal_units, target_units, tip_units
+from modeling.formulas.functions import FORMULA_FUNCTIONS
+from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
+from modeling.table import Table
+from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
+from truewrench.files.data_set import DataSet, frame_sentences
+from truewrench.report.effect_row import effect_row
+from truewrench.text.verdict_words import (
+    RECORD_VERDICT_LABELS,
+    disturbance_sentences,
+    noise_notes,
+    verdict_headline,
+    weaker_verdict_warning,
+)
+
+if TYPE_CHECKING:
+    from diagnosis.comparison.model_comparison import ModelComparison
+    from diagnosis.diagnosis import Diagnosis
+    from diagnosis.study import Study
+    from estimation.contact.contact_wrench import ContactWrench
+    from truewrench.workbench.study.separation import Separation
+    from truewrench.workbench.study.view import View
+
+MOST_CELLS = 12
+"""Significant cells listed below the maps, the largest."""
+
+
+@cache
+def templates() -> Environment:
+    """Templates of the page's parts; values are escaped, a missing one is an error."""
+    environment = Environment(
+        loader=PackageLoader("truewrench.workbench"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"p_value": format_p_value, "percentage": format_percentage, "number": format_number}
+    return environment
+
+
+def part(template: str, **values: Any) -> str:
+    """A part of the page."""
+    return templates().get_template(template).render(**values)
+
+
+def style_words() -> str:
+    """The style of the sketches."""
+    return SKETCH_STYLE
+
+
+# ------------------------------------------------------------------------------------------ the recording
+
+
+def reading_words(case: DataSet) -> str:
+    """What was opened: size, rate, what was done to read it, what looks suspicious."""
+    several = [(r, "fitted") for r in case.training] + [(r, "held out") for r in case.validation]
+    return part(
+        "reading.html",
+        recordings=[_recording_values(r, use) for r, use in several],
+        sentences=frame_sentences(case),
+    )
+
+
+def _recording_values(recording: Recording, use: str) -> dict[str, Any]:
+    report = recording.reading
+    rate = "static poses" if recording.dt is None else f"{1 / recording.dt:.4g} Hz"
+    repeats = f"{recording.repeats} repeats" if recording.repeats > 1 else "one run"
+    suspicious = [] if report is None else [str(step) for step in report.of(StepKind.SUSPICIOUS)]
+    return {
+        "name": recording.name,
+        "use": use,
+        "size": f"{recording.samples} samples, {rate}, {repeats}",
+        "channels": ", ".join(recording.channels),
+        "suspicious": suspicious,
+        "report": "" if report is None else str(report),
+    }
+
+
+# ------------------------------------------------------------------------------------------- the model
+
+
+def steps_words(study: Study, *, puzzle: bool) -> str:
+    """The steps with the error of the worst channel, and what can be dropped."""
+    table = study.table
+    return part(
+        "steps.html",
+        headings=[c.heading for c in table.columns],
+        rows=[[c.text(v) for c, v in zip(table.columns, row, strict=True)] for row in table.rows],
+        effects=[_effect_values(effect, study) for effect in study.model.effects],
+        failing=study.steps[-1].misfitting,
+        puzzle=puzzle,
+        weak=noise_from_residual(study.fit),
+    )
+
+
+def _effect_values(effect: Effect, study: Study) -> dict[str, Any]:
+    estimates = {n: e for n, e in study.fit.parameters.items() if n.startswith(f"{effect.id}.")}
+    sizes = [
+        f"{n.partition('.')[2]} = {format_with_std(e.value, e.std)} {format_unit(e.unit)}" for n, e in estimates.items()
+    ]
+    return _described(effect, study) | {"sizes": sizes}
+
+
+def _described(effect: Effect, study: Study) -> dict[str, Any]:
+    """What an effect is: sketch, equation, parameters, what it is confused with, what to check."""
+    names = [(p.name, parameter_meaning(effect, p.name), format_unit(p.unit))
+             for p in effect.parameters(study.model.space)]  # fmt: skip
+    return {
+        "id": effect.id,
+        "title": effect.title,
+        "equation": effect.equation,
+        "advice": effect.advice,
+        "confused_with": effect.confused_with,
+        "sketch": Markup(effect_sketch(effect)),  # the sketch is ours
+        "parameters": names,
+    }
+
+
+# ----------------------------------------------------------------------------------------- the suspects
+
+
+@dataclass(frozen=True)
+class _SuspectRow:
+    """A suspect with its numbers as text."""
+
+    described: dict[str, Any]
+    p_value: str
+    removed: str
+    share: float
+    size: str
+    detectable: str
+    reason: str
+
+
+def suspects_words(study: Study, suspects: Suspects | None) -> str:
+    """The suspects ranked; none yet while they are tested."""
+    if suspects is None:
+        return part("suspects.html", significant=None, others=[], untested=[], names=[])
+    rows = {test.effect.id: _suspect_row(test, cells, suspects, study)
+            for test, cells in zip(suspects.tests, suspects.table.rows, strict=True)}  # fmt: skip
+    tested = [t.effect.id for t in suspects.tests if t.excited]
+    return part(
+        "suspects.html",
+        significant=[rows[i] for i in tested if i in suspects.ids],
+        others=[rows[i] for i in tested if i not in suspects.ids],
+        untested=[row for i, row in rows.items() if i not in tested],
+        names=tested,
+    )
+
+
+def _suspect_row(test: ScoreTest, cells: Sequence[Any], suspects: Suspects, study: Study) -> _SuspectRow:
+    texts = [c.text(v) for c, v in zip(suspects.table.columns, cells, strict=True)]
+    share = suspects.share(test)
+    largest = max((t.statistic for t in suspects.tests), default=0.0)
+    width = share if share is not None else test.statistic / max(largest, 1e-300)
+    return _SuspectRow(
+        described=_described(test.effect, study), p_value=texts[1], removed="" if share is None else texts[2],
+        share=round(100 * width, 1), size=texts[3], detectable=texts[4], reason=test.reason,
+    )  # fmt: skip
+
+
+def verdict_words(diagnosis: Diagnosis) -> str:
+    """The verdict of a diagnosis, each effect with size and what it is confusable with."""
+    rows = [effect_row(f, diagnosis.model.space, diagnosis.findings) for f in diagnosis.findings]
+    leading = (EffectVerdict.SUPPORTED, EffectVerdict.CONFUSABLE)
+    return part(
+        "verdict.html",
+        kind=diagnosis.verdict.value,
+        label=RECORD_VERDICT_LABELS[diagnosis.verdict],
+        headline=verdict_headline(diagnosis),
+        rows=[row for row in rows if row.finding.verdict in leading],
+        notes=[*disturbance_sentences(diagnosis), *noise_notes(diagnosis)],
+        warning=weaker_verdict_warning(diagnosis),
+    )
+
+
+# -------------------------------------------------------------------------------------------- the views
+
+
+def view_words(view: View, study: Study, maps: Sequence[ResidualMap]) -> str:
+    """What is looked at, and what else there is to look at."""
+    step = study.steps[-1]
+    several: Sequence[tuple[Comparison, str]] = [(c, "fitted") for c in step.training]
+    several = [*several, *((c, "held out") for c in step.validation)]
+    return part(
+        "view.html",
+        view=view,
+        recordings=[f"{c.recording.name} ({use})" for c, use in several],
+        channels=study.model.channels,
+        steps=[f"{i}: {s.change}" for i, s in enumerate(study.steps)],
+        cells=_significant_cells(maps),
+        fits=several[view.recording][0].remarks(),
+    )
+
+
+def _significant_cells(maps: Sequence[ResidualMap]) -> list[dict[str, Any]]:
+    found = [
+        {"panel": number, "x": float(m.centre[i]), "variable": m.variable, "unit": format_unit(m.variable_unit),
+         "at": format_number(float(m.centre[i])), "mean": format_number(float(m.mean[i])),
+         "mean_unit": format_unit(m.channel_unit), "size": abs(float(m.mean[i])) / max(m.tolerance, 1e-300)}
+        for number, m in enumerate(maps) for i in range(len(m.centre)) if m.practically_significant[i]
+    ]  # fmt: skip
+    return sorted(found, key=lambda cell: -float(cell["size"]))[:MOST_CELLS]  # type: ignore[arg-type]
+
+
+def vocabulary_words(study: Study) -> str:
+    """What formulas of a custom effect may use and add to, for this sensor."""
+    space, recording = study.model.space, study.fit.recordings[0]
+    known = {name: unit for name, unit in signal_units(space).items() if name in model_signals(recording)}
+    places = {"tip_body": "force on the tool", "gain": "gain", "zero": "zero"}
+    return part(
+        "vocabulary.html",
+        signals=_with_units(known),
+        tip=_with_units(tip_units(space)),
+        inputs=sorted(recording.auxiliary),
+        targets=[(places[key], _with_units(target_units(stage, space))) for key, stage in FORMULA_STAGES.items()],
+        functions=sorted(FORMULA_FUNCTIONS),
+    )
+
+
+def _with_units(units: Mapping[str, str]) -> list[tuple[str, str]]:
+    return [(name, format_unit(unit)) for name, unit in units.items()]
+
+
+def title_words(title: str) -> str:
+    """A heading in the place of what is looked at."""
+    return Markup("<h2>{}</h2>").format(title)
+
+
+def table_words(parts: Sequence[Table | str]) -> str:
+    """Tables and sentences of a result, in their order."""
+    return part("tables.html", parts=[Markup(p.to_html()) if isinstance(p, Table) else p for p in parts])
+
+
+def comparison_words(found: ModelComparison) -> str:
+    """Two models side by side, in numbers."""
+    return table_words(found.printed())
+
+
+def contact_words(found: ContactWrench) -> str:
+    """The contacts found."""
+    return table_words(found.printed())
+
+
+def separation_words(found: Separation) -> str:
+    """How well a trajectory separates two suspects."""
+    return table_words(found.design.printed()) + part("separation.html", available=found.design.motion is not None)

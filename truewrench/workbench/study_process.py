@@ -1,0 +1,229 @@
+"""Process of one page that does the numerical work: the page stays quick, and what takes long can be cancelled."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+Request = Mapping[str, Any]
+"""What the page asks for: `do` names it, the rest are its arguments."""
+GRACE = 5.0
+"""Seconds after which a process that does not stop is ended."""
+LEAST_MEMORY = 4 << 30
+"""Bytes of addresses that a process may have on any machine: libraries reserve more than they use."""
+CANCEL = getattr(signal, "SIGUSR1", None)
+"""Signal that cancels; where the system has none, the process is ended."""
+
+
+@dataclass(frozen=True)
+class Started:
+    """The process takes requests, and can be cancelled."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A stage of the work, in words."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Done:
+    """The answer."""
+
+    answer: Any
+
+
+@dataclass(frozen=True)
+class Refused:
+    """What is wrong, where, and the remedy."""
+
+    what: str
+    where: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Cancelled:
+    """The work was cancelled; the study is as before."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The process is no more, and with it the study."""
+
+
+Message = Started | Progress | Done | Refused | Cancelled | Ended
+
+
+class CancelRequest(BaseException):
+    """Raised within the work by the signal that cancels."""
+
+
+# ------------------------------------------------------------------------------------- in the page's process
+
+
+def prepare() -> None:
+    """Import once what every process needs, in a server process that the others are forked from."""
+    context = _context()
+    if context.get_start_method() == "forkserver":
+        context.set_forkserver_preload(["truewrench.workbench.study.study_actions"])
+        from multiprocessing.forkserver import ensure_running
+
+        ensure_running()
+
+
+def _context() -> Any:
+    return get_context("forkserver" if sys.platform != "win32" else "spawn")
+
+
+class StudyProcess:
+    """The process of one page, from the page's side.
+
+    Parameters
+    ----------
+    receive : callable
+        Called with each message, in a thread of its own.
+    """
+
+    def __init__(self, receive: Callable[[Message], None]) -> None:
+        context = _context()
+        self._connection, self._other = context.Pipe()
+        self._process = context.Process(target=work, args=(self._other,), daemon=False)
+        self._receive, self._started, self._unwanted = receive, False, False
+        Thread(target=self._run, daemon=True).start()
+
+    def ask(self, request: Request) -> None:
+        """Send a request; its messages follow."""
+        self._connection.send(dict(request))
+
+    def cancel(self) -> None:
+        """Cancel what is under way; a process that has not started is ended."""
+        if not self._started:
+            self._unwanted = True
+        elif CANCEL is None:
+            self._process.terminate()
+        elif self._process.is_alive() and self._process.pid is not None:
+            os.kill(self._process.pid, CANCEL)
+
+    def end(self) -> Thread:
+        """Cancel, and end the process, in a thread."""
+        thread = Thread(target=self._end)
+        thread.start()
+        return thread
+
+    def _end(self) -> None:
+        with suppress(OSError, ValueError):
+            self.cancel()
+            self._connection.send(None)
+        with suppress(AssertionError):  # it has not started, and is ended when it does
+            self._process.join(GRACE)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+
+    def _run(self) -> None:
+        """Start the process, which waits for what all of them share, and pass its messages on."""
+        self._process.start()
+        self._other.close()
+        while True:
+            try:
+                message = self._connection.recv()
+            except (EOFError, OSError, TypeError):
+                self._receive(Ended())
+                return
+            self._started = self._started or isinstance(message, Started)
+            if self._unwanted:
+                self._process.kill()
+                self._receive(Cancelled())
+                self._receive(Ended())
+                return
+            if not isinstance(message, Started):
+                self._receive(message)
+
+
+# ------------------------------------------------------------------------------------- in the process itself
+
+
+def work(connection: Connection) -> None:
+    """Answer requests until the page is gone."""
+    busy = _cancellable()
+    _bound_memory()
+
+    from diagnosis.parallel.freed_memory import keep_freed_memory
+    from truewrench.workbench.study.study_actions import StudyActions
+
+    keep_freed_memory()
+    connection.send(Started())
+    actions = StudyActions(lambda text: connection.send(Progress(text)))
+    while True:
+        try:
+            request = connection.recv()
+        except (EOFError, OSError):
+            return
+        if request is None:
+            return
+        message = _answer(actions, request, busy)
+        try:
+            connection.send(message)
+        except OSError:
+            return
+
+
+def _bound_memory() -> None:
+    """Half of the machine's memory: a file that unpacks to more is an error of this process alone."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    most, hard = max(whole // 2, LEAST_MEMORY), resource.getrlimit(resource.RLIMIT_AS)[1]
+    resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
+
+
+def _cancellable() -> list[bool]:
+    """Whether work is under way, as the signal's handler sees it; an interrupt of the terminal is the server's."""
+    busy = [False]
+
+    def cancel(_number: int, _frame: object) -> None:
+        if busy[0]:
+            busy[0] = False
+            raise CancelRequest
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if CANCEL is not None:
+        signal.signal(CANCEL, cancel)
+    return busy
+
+
+def _answer(actions: Any, request: Request, busy: list[bool]) -> Message:
+    from modeling.errors import InputError
+
+    try:
+        busy[0] = True
+        answer = actions.answer(request)
+        busy[0] = False
+        return Done(answer)
+    except CancelRequest:
+        return Cancelled()
+    except InputError as error:
+        return Refused(error.what, error.where, error.remedy)
+    except MemoryError:
+        return Refused("the memory that is free does not suffice", "recording", "give a shorter recording")
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}, line {place.lineno}"
+        what = f"internal error of truewrench, {type(error).__name__}: {error}"
+        return Refused(what, where, "report it with the recording")
+    finally:
+        busy[0] = False
