@@ -60,13 +60,15 @@ class WhitenedSpectrum:
     def of_columns(self, columns: Array) -> tuple[Array, Array]:
         """Level and variance of its log, each (g,), where the power of columns (n p, g) is.
 
-        The errors of a channel's level go together at all its lines, those of the channels are independent.
+        The errors of a channel's level go together at all its lines, those of the channels are independent. A column
+        without power has level 1.
         """
         share = lines(columns, self.level.shape[1]) ** 2
-        share /= np.maximum(share.sum(axis=(0, 1)), 1e-300)
-        level = np.einsum("kp,kpg->g", self.level, share)
+        power = share.sum(axis=(0, 1))
+        share /= np.where(power > 0, power, 1.0)
+        level = np.where(power > 0, np.einsum("kp,kpg->g", self.level, share), 1.0)
         spread = np.einsum("kp,kpg->pg", self.level * self.log_std, share)
-        return level, (spread**2).sum(axis=0) / np.maximum(level, 1e-300) ** 2
+        return level, (spread**2).sum(axis=0) / level**2
 
 
 def lines(rows: Array, channels: int) -> Array:
