@@ -33,7 +33,7 @@ from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
-from estimation.fit import Fit, check_channels, initial_noise, refit, require_positive_fitted_mass
+from estimation.fit import Fit, check_channels, initial_noise, recordings_of, refit, require_positive_fitted_mass
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
@@ -41,8 +41,8 @@ from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
-from modeling.chain.effect import Effect
-from modeling.chain.model import WrenchModel
+from modeling.chain.effect import Effect, effects_of
+from modeling.chain.model import WrenchModel, require_model
 from modeling.effects import catalogue
 from modeling.number_format import P_VALUE, SHARE, finite
 from modeling.significance import LEVELS
@@ -227,9 +227,9 @@ def diagnose(
     """
     from threadpoolctl import threadpool_limits
 
-    training = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
-    others = (validate,) if isinstance(validate, Recording) else tuple(validate or ())
-    candidates = None if effects is None else tuple(effects)
+    require_model(model, "diagnose")
+    training, others = recordings_of(recordings, "diagnose"), recordings_of(validate, "validate")
+    candidates = None if effects is None else effects_of(effects)
     with threadpool_limits(1):  # tall, thin matrices: multithreaded linear algebra only slows down
         return run_spmd(
             workers, lambda team: _diagnosed(model, training, others, candidates, effect_rules, progress, team)

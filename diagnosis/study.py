@@ -22,9 +22,10 @@ from diagnosis.screening.suspects import Suspects
 from diagnosis.selection.subset_search import CandidateModel, refit_with_effect
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance
-from estimation.fit import Fit, check_channels, fit, initial_noise, reestimated_noise, refit
+from estimation.fit import Fit, check_channels, fit, initial_noise, recordings_of, reestimated_noise, refit
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.logs.log_reading import read
+from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
@@ -141,6 +142,11 @@ class Study(Tabular):
     def fit(self) -> Fit:
         """The current fit."""
         return self.steps[-1].fit
+
+    @property
+    def misfitting(self) -> tuple[str, ...]:
+        """The recordings that the current model does not fit, held-out ones among them."""
+        return tuple(self.steps[-1].misfitting)
 
     @property
     def model(self) -> WrenchModel:
@@ -353,6 +359,7 @@ def study(
     rig = Rig.read(model) if isinstance(model, str | Path) else model
     known = rig if isinstance(rig, Rig) else None
     several, others = _recordings(recordings, known), _recordings(validate, known)
+    _require_different((*several, *others))
     check_channels(given := _model(rig, several), several)
     case = with_gravity_direction(given, (*several, *others))
     given, several, others = case.model, case.recordings[: len(several)], case.recordings[len(several) :]
@@ -363,8 +370,21 @@ def study(
 
 
 def _recordings(given: Recorded | Iterable[Recorded] | None, rig: Rig | None) -> tuple[Recording, ...]:
-    several = (given,) if isinstance(given, Recorded) else tuple(given or ())
-    return tuple(r if isinstance(r, Recording) else read(r, rig=rig) for r in several)
+    if given is None:
+        return ()
+    several = (given,) if isinstance(given, Recorded) or hasattr(given, "columns") else tuple(given)
+    return recordings_of(tuple(read(r, rig=rig) if isinstance(r, str | Path) else r for r in several), "study")
+
+
+def _require_different(recordings: Sequence[Recording]) -> None:
+    """InputError for readings that were given twice: their agreement with themselves would count as evidence."""
+    known: dict[str, str] = {}
+    for recording in recordings:
+        digest = readings_digest(recording)
+        if digest in known:
+            what = f"{recording.name} has the readings of {known[digest]}"
+            raise InputError(what=what, where="study", remedy="give each recording once, and another one to validate")
+        known[digest] = recording.name
 
 
 def _model(rig: WrenchModel | Rig | None, recordings: Sequence[Recording]) -> WrenchModel:

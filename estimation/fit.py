@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -26,7 +26,7 @@ from estimation.recordings.sign_convention import with_decided_convention
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunk_information import RecordingOrChunk, require_channels
 from estimation.streaming.streamed_fit import StreamedFit, fit_streamed
-from modeling.chain.model import WrenchModel
+from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.parameter import Parameter
@@ -47,6 +47,7 @@ __all__ = [
     "fit",
     "initial_noise",
     "initial_values",
+    "recordings_of",
     "reestimated_noise",
     "refit",
     "require_positive_fitted_mass",
@@ -160,6 +161,26 @@ def require_recording(given: object, where: str) -> None:
     if not isinstance(given, Recording | None):
         what = f"a recording is needed, not a {type(given).__name__}"
         raise InputError(what=what, where=where, remedy="read it: tw.read(path), tw.from_dataframe(frame)")
+
+
+def recordings_of(given: Recording | Iterable[Recording] | None, where: str) -> tuple[Recording, ...]:
+    """The recordings of an argument: one, several, or none; InputError, in a sentence, for anything else."""
+    several = () if given is None else tuple(_each(given, where))
+    return tuple(one for one in several if isinstance(one, Recording))
+
+
+def _each(given: RecordingOrChunk | Iterable[RecordingOrChunk], where: str) -> Iterator[RecordingOrChunk]:
+    """The recordings, or chunks, of an argument that is one or several."""
+    other: object = given  # whatever the caller's types say
+    if isinstance(given, Recording | Chunk):
+        yield given
+    elif isinstance(other, str) or hasattr(other, "columns") or not isinstance(given, Iterable):
+        require_recording(other, where)
+    else:
+        for part in given:
+            if not isinstance(part, Chunk):
+                require_recording(part, where)
+            yield part
 
 
 def predicted_frame(model: WrenchModel, values: Mapping[str, float], recording: Recording) -> pd.DataFrame:
@@ -281,14 +302,10 @@ def fit(
     >>> type(tw.fit(tw.planar(rig), tw.chunks(recording, 1000), noise=white)).__name__
     'StreamedFit'
     """
-    given: object = model
-    if not isinstance(given, WrenchModel):
-        remedy = "give a model first: tw.fit(tw.planar(rig), recording)"
-        raise InputError(what=f"a {type(given).__name__} is no model", where="fit", remedy=remedy)
+    require_model(model, "fit")
     if isinstance(noise, NoiseModel):
         return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=constraints)
-    parts = (recordings,) if isinstance(recordings, Recording | Chunk) else recordings
-    several = _whole_recordings(parts, executor)
+    several = _whole_recordings(_each(recordings, "fit"), executor)
     check_channels(model, several)
     case = with_gravity_direction(model, several)
     decided, several = with_decided_convention(case.model, case.recordings), case.recordings
@@ -330,7 +347,6 @@ def _whole_recordings(parts: Iterable[RecordingOrChunk], executor: Executor | No
     for part in parts:
         if isinstance(part, Chunk):
             raise InputError(what="noise cannot be estimated from chunks", where=part.run, remedy=remedy)
-        require_recording(part, "fit")
         several.append(part)
     return tuple(several)
 

@@ -17,10 +17,11 @@ def quoted(text: object) -> str:
 
 
 def suggestion(name: str, choices: Collection[str], shown: Callable[[str], str] = str, most: int = 12) -> str:
-    """Remedy for an unknown name: the choices closest to it, else `most` of them, as `shown`."""
+    """Remedy for an unknown name: the choices closest to it, or that contain it, else `most` of them, as `shown`."""
     from difflib import get_close_matches
 
     close = get_close_matches(name, choices, n=2)
+    close = close or ([c for c in choices if name.lower() in c.lower()][:most] if len(name) > 2 else [])
     if close:
         return f"did you mean {' or '.join(map(shown, close))}?"
     return f"use one of {', '.join(map(shown, [*choices][:most]))}{', ..' * (len(choices) > most)}"

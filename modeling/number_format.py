@@ -10,7 +10,7 @@ P_VALUE = "p"
 SHARE = "%"
 """Formats of a p-value and of a share, beside the format specifications of Python such as `.3g` and `.2f`."""
 SMALLEST_P_VALUE = 1e-300
-"""p-values below are printed as this: their tail is beyond double precision."""
+"""p-values below are not told apart: their tail is beyond double precision."""
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_VALUE = "–"
@@ -30,7 +30,7 @@ def finite(value: Any) -> Any:
 def plain_number(value: float, spec: str) -> str:
     """A finite number as plain text, in a format of Python, `P_VALUE` or `SHARE`."""
     if spec == P_VALUE:
-        return f"{max(value, SMALLEST_P_VALUE):.2g}"
+        return f"< {SMALLEST_P_VALUE:.0e}" if value < SMALLEST_P_VALUE else f"{value:.2g}"
     return format_percentage(value) if spec == SHARE else f"{value:{spec}}"
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.comparison.slow_residual import Part
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.contact.contact_wrench import ContactWrench, compensate
@@ -21,8 +22,10 @@ from estimation.recordings.reading import read
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import decide_convention
 from modeling.chain.model import spatial
+from modeling.effects import named
 from modeling.errors import InputError
 from modeling.rig.rig import Convention, Rig
+from truewrench.text.tool_text import BIASED, tool_text
 
 DATA = Path(os.environ.get("TRUEWRENCH_DATA") or Path(__file__).parents[2] / "shared" / "data") / "ais2202"
 
@@ -38,9 +41,14 @@ def recording(name: str) -> Recording:
     return read(DATA / f"{name}.csv", rig=Rig.read(DATA / "rig.toml"))
 
 
+LIKE_A_HAND = ("contact_event", "payload_change", "cable_spring", "thermal_drift", "sensor_rotation", "viscous_drag")
+"""What a hand on the tool may be taken for: the second diagnosis of it need not try the rest again."""
+
+
 @lru_cache
 def diagnosed(*names: str) -> Diagnosis:
-    return diagnose(spatial(Rig.read(DATA / "rig.toml")), [recording(name) for name in names])
+    candidates = None if len(names) == 1 else [named(effect) for effect in LIKE_A_HAND]
+    return diagnose(spatial(Rig.read(DATA / "rig.toml")), [recording(name) for name in names], effects=candidates)
 
 
 def test_the_poses_weigh_the_tool_and_decide_the_sign() -> None:
@@ -61,13 +69,20 @@ def test_the_runs_cannot_decide_the_sign(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("names", [("contact",), ("contact", "calibration_poses")], ids=len)
 def test_the_hand_is_found_and_not_taken_for_a_heavier_tool(names: tuple[str, ...]) -> None:
-    """Fitted blindly the contact run weighs 1.20 kg; the hand is on the tool from about 0.6 s to 4.2 s."""
+    """Fitted blindly the contact run weighs 1.20 kg; the hand is on the tool from about 0.6 s to 4.2 s.
+
+    The force of a hand changes while it holds, so that 2.5 N of it remain, and this is said; alone, the run's mass is
+    biased by what remains.
+    """
     found = diagnosed(*names)
     assert found.added == ("contact_event",)
+    assert found.verdict is RecordVerdict.PARTLY_EXPLAINED
+    assert Part.FOREIGN in {part for slow in found.slow_residuals for part in slow.part.values()}
+    assert BIASED in tool_text(found.fit, misfitting=bool(found.misfitting))
     parameters = found.fit.parameters
     assert parameters["contact_event.start"].value == pytest.approx(0.6, abs=0.4)
     assert parameters["contact_event.end"].value == pytest.approx(4.2, abs=0.4)
-    assert parameters["m"].value == pytest.approx(KNOWN_MASS, abs=0.03 if len(names) == 1 else 0.005)
+    assert parameters["m"].value == pytest.approx(KNOWN_MASS, abs=0.06 if len(names) == 1 else 0.005)
 
 
 @pytest.mark.parametrize(

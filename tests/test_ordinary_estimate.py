@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 RIG = SpatialRig()
 TRUTH = np.array([*RIG.bias, RIG.mass, *RIG.first_moment, *RIG.inertia])
-SEEDS = 6
+SEEDS = 3
 TAIL = 1e-4
 """Probability of the coverage test to fail although coverage is as assumed there."""
 

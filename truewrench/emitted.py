@@ -12,10 +12,8 @@ from modeling.codegen.payload.payload_format import FORMATS, payload_format
 from modeling.errors import InputError, suggestion
 
 if TYPE_CHECKING:
-    from estimation.fit import Fit
-    from estimation.streaming.streamed_fit import StreamedFit
     from modeling.table import Table
-    from truewrench.files.model_file import ModelFile
+    from truewrench.files.model_file import Fitted, ModelFile
 
 BASES = ("planar", "spatial")
 
@@ -35,7 +33,7 @@ class Emitted:
 
 
 def emit(
-    model: Fit | StreamedFit | str | Path,
+    model: Fitted | str | Path,
     to: str,
     *,
     rate: float | None = None,
@@ -45,8 +43,9 @@ def emit(
 
     Parameters
     ----------
-    model : Fit, StreamedFit, str or Path
-        A fit, the path of a model file, or a base model: "planar", "spatial".
+    model : Fit, StreamedFit, ModelFile, Study, Diagnosis, str or Path
+        A fit, or a study or a diagnosis, whose last fit it is; a model file or its path; or a base model: "planar",
+        "spatial".
     to : str
         Code: "numpy", "casadi", "c", "latex". The tool: "urdf", "sdf", "mjcf", "ur", "franka", "ros2".
     rate : float, optional
@@ -78,7 +77,7 @@ def emit(
 
 
 def emitted(
-    model: Fit | StreamedFit | str | Path,
+    model: Fitted | str | Path,
     to: str,
     *,
     rate: float | None = None,
@@ -102,7 +101,7 @@ def _source() -> str:
     return f"truewrench {version('truewrench')}"
 
 
-def _tool(model: Fit | StreamedFit | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
+def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
     from modeling.codegen.payload.tool_inertia import ToolInertia
 
     if str(model) in BASES:
@@ -137,7 +136,7 @@ def _warning(saved: ModelFile) -> str:
     )
 
 
-def _code(model: Fit | StreamedFit | str | Path, to: str, rate: float | None) -> Emitted:
+def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
     from modeling.codegen.fitted_model import FittedModel
     from modeling.codegen.generated_code import GeneratedCode
     from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
@@ -157,12 +156,12 @@ def _code(model: Fit | StreamedFit | str | Path, to: str, rate: float | None) ->
     return Emitted(code.text, code.table, said, _warning(saved))
 
 
-def _model_file(model: Fit | StreamedFit | str | Path) -> ModelFile:
-    """What a model file holds, of a fit or of the file."""
-    from truewrench.files.model_file import ModelFile
+def _model_file(model: Fitted | str | Path) -> ModelFile:
+    """What a model file holds, of a fit, of what has one, or of the file."""
+    from truewrench.files.model_file import ModelFile, as_model_file
 
     if not isinstance(model, (str, Path)):
-        return ModelFile.of(model)
+        return as_model_file(model, "emit")
     if not Path(model).is_file():
         remedy = "give planar, spatial, or the path of a model file"
         raise InputError(what="neither a base model nor a model file", where=str(model) or "MODEL", remedy=remedy)

@@ -24,7 +24,7 @@ HEADER_BYTES = 1 << 16
 
 def read(
     *sources: str | Path,
-    rig: Rig | None = None,
+    rig: Rig | str | Path | None = None,
     preset: str | None = None,
     map: str | Path | ColumnMap | None = None,  # the option's name on the command line
     period: float | None = None,
@@ -45,8 +45,8 @@ def read(
     ----------
     *sources : str or Path
         One file; or several, each with some of the columns, on their own clocks.
-    rig : Rig, optional
-        The kinematics that joint angles need, and [columns], names of the log's columns.
+    rig : Rig, str or Path, optional
+        A rig or its file: the kinematics that joint angles need, and [columns], names of the log's columns.
     preset : str, optional
         Name of a layout; by default recognised.
     map : str or Path or ColumnMap, optional
@@ -78,6 +78,9 @@ def read(
     >>> recording.channels, recording.wrench.shape, recording.repeats
     (('fx', 'fy', 'tau'), (4000, 3), 8)
     """
+    for source in sources:
+        require_path(source)
+    rig = Rig.read(rig) if isinstance(rig, str | Path) else rig
     as_it_stands = preset is None and map is None and period is None and clock_offset is None
     as_it_stands = as_it_stands and not (rig is not None and rig.columns)
     if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):
@@ -110,6 +113,13 @@ def imported(
         preset=preset, stated=stated, period=period, strict=strict, one_run=one_run, clock_offset=clock_offset
     )
     return import_recording(sources, options, rig=rig)
+
+
+def require_path(given: object) -> None:
+    """InputError, in a sentence, for what is no path of a file."""
+    if not isinstance(given, str | Path):
+        remedy = "give the path of a file; a data frame goes to tw.from_dataframe(frame), arrays to tw.from_arrays"
+        raise InputError(what=f"a {type(given).__name__} is no path", where="read", remedy=remedy)
 
 
 def is_recording(path: Path) -> bool:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.fit import Fit
 from modeling import symbolic as sp
+from modeling.chain.model import WrenchModel
 from modeling.expressions.compilation import numpy_function
 from modeling.space import Space
 from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
@@ -16,11 +17,24 @@ from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
 Array = NDArray[np.float64]
 
 
+class Estimated(Protocol):
+    """A model with its parameters estimated: a fit, or a model file."""
+
+    @property
+    def model(self) -> WrenchModel: ...
+    @property
+    def theta(self) -> Array: ...
+    @property
+    def covariance(self) -> Array: ...
+    @property
+    def identifiable(self) -> NDArray[np.bool_]: ...
+
+
 @dataclass(frozen=True, eq=False)
 class CentreOfMass(Tabular):
     """The tool's centre of mass in the sensor frame, from the sensor origin.
 
-    `of` gives that of a fit, with the model's effects on the body.
+    `of` gives that of a fit or of a loaded model, with the model's effects on the body.
 
     Parameters
     ----------
@@ -49,8 +63,8 @@ class CentreOfMass(Tabular):
     shown: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, fitted: Fit) -> CentreOfMass:
-        """Of the model's body, changed by its effects, at the fit's values."""
+    def of(cls, fitted: Estimated) -> CentreOfMass:
+        """Of the model's body, changed by its effects, at the values estimated."""
         body, space = fitted.model.chain.body, fitted.model.space
         unit = {"x'": sp.Matrix([1, 0, 0]), "tip": space.tip_axis} if space is Space.PLANE else _unit_vectors()
         centre = {name: axis.dot(body.first_moment) / body.mass for name, axis in unit.items()}
@@ -62,10 +76,11 @@ class CentreOfMass(Tabular):
         values = numpy_function(symbols, [*column, *slopes])(*fitted.theta[:size])
         jacobian = np.array(values[len(centre) :], dtype=float).reshape(len(centre), size)
         used = np.array([[bool(entry != 0) for entry in slopes.row(i)] for i in range(len(centre))])
+        covariance = np.nan_to_num(fitted.covariance[:size, :size], posinf=0.0)
         return cls(
             tuple(centre),
             np.array(values[: len(centre)], dtype=float),
-            jacobian @ fitted.covariance[:size, :size] @ jacobian.T,
+            jacobian @ covariance @ jacobian.T,
             np.array([fitted.identifiable[:size][row].all() for row in used]),
         )
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
+from modeling.errors import InputError, quoted
 from modeling.parameter import Parameter, Role
 from modeling.space import Space
 
@@ -142,3 +143,18 @@ class Effect(ABC):
 
 def _number(value: float) -> sp.Expr:
     return sp.Float(value) if value else sp.S.Zero
+
+
+def effects_of(given: Effect | Iterable[Effect]) -> tuple[Effect, ...]:
+    """The effects of an argument that is one or several; InputError, in a sentence, for what is none."""
+    whole: object = given
+    several: tuple[object, ...] = (
+        tuple(whole) if isinstance(whole, Iterable) and not isinstance(whole, str) else (whole,)
+    )
+    for one in several:
+        if not isinstance(one, Effect):
+            name = one if isinstance(one, str) else "viscous_drag"
+            what = f"{quoted(one) if isinstance(one, str) else f'a {type(one).__name__}'} is no effect"
+            remedy = f"take one of the catalogue, tw.effects.named({name!r}), or write one"
+            raise InputError(what=what, where="effects", remedy=remedy)
+    return tuple(one for one in several if isinstance(one, Effect))

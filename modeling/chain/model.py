@@ -11,7 +11,7 @@ from typing import Any, Self, TypeVar
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, rigid_chain
-from modeling.chain.effect import Effect
+from modeling.chain.effect import Effect, effects_of
 from modeling.chain.stages.bias_stage import Bias
 from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
 from modeling.errors import InputError
@@ -151,7 +151,7 @@ class WrenchModel:
 
     def __add__(self, effect: Effect | Iterable[Effect]) -> WrenchModel:
         """The model with one more effect (or several) in its chain."""
-        added = (effect,) if isinstance(effect, Effect) else tuple(effect)
+        added = effects_of(effect)
         for place, new in enumerate(added):
             if self.space not in new.spaces:
                 raise InputError(
@@ -369,9 +369,20 @@ def spatial(rig: Rig | None = None) -> WrenchModel:
     return _of_rig(Space.SPACE, rig, Convention.AUTO)
 
 
+def require_model(given: object, where: str) -> None:
+    """InputError, in a sentence, for what is no model."""
+    if not isinstance(given, WrenchModel):
+        remedy = f"give a model first: tw.{where}(tw.planar(rig), recording)"
+        raise InputError(what=f"a {type(given).__name__} is no model", where=where, remedy=remedy)
+
+
 def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
     if rig is None:
         return WrenchModel(space=space, convention=default)
+    given: object = rig
+    if not isinstance(given, Rig):
+        what = f"a {type(given).__name__} is no rig"
+        raise InputError(what=what, where="model", remedy="read it: tw.Rig.read(path), or tw.Rig.from_data(tables)")
     sensor, arm = rig.sensor, rig.arm if rig.arm is not None and rig.arm.space is space else None
     stated = sensor.convention if sensor is not None and sensor.convention is not None else default
     mirror = bool(sensor is not None and sensor.mirror_y)

@@ -9,7 +9,7 @@ from functools import reduce
 from math import isclose
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +118,16 @@ class ModelFile(Tabular):
         return {name: estimate.value for name, estimate in self.parameters.items()}
 
     @property
+    def theta(self) -> Array:
+        """The values (k,) of all parameters, in the model's order."""
+        return np.array([e.value for e in self.parameters.values()])
+
+    @property
+    def identifiable(self) -> NDArray[np.bool_]:
+        """Whether a parameter (k,) is identifiable."""
+        return self.calibration.known
+
+    @property
     def correlation(self) -> pd.DataFrame:
         """Correlation coefficients (k, k) of the estimates; missing for an unidentifiable parameter."""
         return correlation_frame(list(self.parameters), self.covariance, self.calibration.known)
@@ -135,7 +145,7 @@ class ModelFile(Tabular):
         """Calibrated model for compensation of other recordings."""
         return CalibratedModel(
             model=self.model,
-            theta=np.array([e.value for e in self.parameters.values()]),
+            theta=self.theta,
             covariance=self.covariance,
             floor=np.array([self.noise_floor[c] for c in self.model.channels]),
             remainder=np.array([self.remainder[c] for c in self.model.channels]),
@@ -210,13 +220,39 @@ class ModelFile(Tabular):
         return json.dumps(self.to_data(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def save(fit: Fit | StreamedFit | ModelFile, path: str | Path) -> Path:
+class HasFit(Protocol):
+    """A study or a diagnosis: its last fit, and the recordings that this does not fit."""
+
+    @property
+    def fit(self) -> Fit: ...
+    @property
+    def misfitting(self) -> Iterable[str]: ...
+
+
+Fitted = Fit | StreamedFit | ModelFile | HasFit
+"""What a model file can be made of."""
+
+
+def as_model_file(given: Fitted, where: str) -> ModelFile:
+    """What a model file of it holds; InputError, in a sentence, for what has no fitted model."""
+    if isinstance(given, ModelFile):
+        return given
+    if isinstance(given, Fit | StreamedFit):
+        return ModelFile.of(given)
+    fitted: object = getattr(given, "fit", None)
+    if not isinstance(fitted, Fit):
+        remedy = f"give a fit: tw.{where}(tw.fit(model, recording), ..); or a study, a diagnosis or a loaded model"
+        raise InputError(what=f"a {type(given).__name__} is no fitted model", where=where, remedy=remedy)
+    return ModelFile.of(fitted, given.misfitting)
+
+
+def save(fit: Fitted, path: str | Path) -> Path:
     """Write a fitted model as a model file, atomically.
 
     Parameters
     ----------
-    fit : Fit, StreamedFit or ModelFile
-        The model with its parameters, covariance and noise.
+    fit : Fit, StreamedFit, ModelFile, Study or Diagnosis
+        The model with its parameters, covariance and noise; of a study or a diagnosis its last fit.
     path : str or Path
         The JSON file, which is replaced.
 
@@ -238,15 +274,11 @@ def save(fit: Fit | StreamedFit | ModelFile, path: str | Path) -> Path:
     >>> tw.load(path)["m"].unit
     'kg'
     """
-    given: object = fit
     file: object = path
-    if not isinstance(given, Fit | StreamedFit | ModelFile):
-        remedy = 'save a fit: tw.save(tw.fit(model, recording), "model.json"); of a diagnosis found.fit'
-        raise InputError(what=f"a {type(given).__name__} is no fitted model", where="save", remedy=remedy)
+    saved = as_model_file(fit, "save")
     if not isinstance(file, str | Path):
         remedy = 'give the path of the file, such as "model.json"'
         raise InputError(what=f"a {type(file).__name__} is no path", where="save", remedy=remedy)
-    saved = given if isinstance(given, ModelFile) else ModelFile.of(given)
     target = Path(path)
     with atomic_write(target) as temporary:
         temporary.write_text(saved.to_text(), encoding="utf-8")

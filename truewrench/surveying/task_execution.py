@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
+from functools import partial
 
 from modeling.errors import InputError
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
@@ -33,7 +34,7 @@ def run_tasks(
             else:
                 yield futures[future], outcome
     for task in suspects:
-        with _submit([task], executor, work) as (future,):
+        with _submit([task], executor, partial(_again, work)) as (future,):
             yield task, _outcome(next(as_completed([future]))) or failed_outcome(future.exception() or RuntimeError())
 
 
@@ -49,6 +50,11 @@ def _submit(
     finally:
         for future in futures:
             future.cancel()
+
+
+def _again(work: Work, task: SurveyTask) -> DiagnosisOutcome:
+    """The work of a task that was given up: Dask takes the same call of the same function for the same failed task."""
+    return work(task)
 
 
 def _outcome(future: Future[DiagnosisOutcome]) -> DiagnosisOutcome | None:

@@ -24,6 +24,7 @@ from modeling.significance import LEVELS
 from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.data_set import DataSet, frame_sentences, frames_data
+from truewrench.text.tool_text import LEGEND, tool_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,9 @@ class FitSummary:
             for e, low, high in zip(self.fit.parameters.values(), self.intervals.low, self.intervals.high, strict=True)
         ]
         found = Table.of(("parameter", "value", f"{self.intervals.level:.0%} interval"), rows)
-        return "\n".join([str(found), *self._effect_sizes(), *self.fit.remarks()])
+        legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
+        tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting))) else []
+        return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
 
     def _effect_sizes(self) -> Iterator[str]:
         """How large each effect of the model is in these recordings."""

@@ -1,0 +1,39 @@
+"""The tool in one line: mass and centre of mass, which an engineer compares with scales and drawing."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from estimation.fit import Fit
+from estimation.static.centre_of_mass import CentreOfMass
+from modeling.number_format import estimate_text
+from modeling.space import Space
+
+LEGEND = {
+    Space.PLANE: "m mass, mlg mass times the distance of its centre along the tip, I inertia about the sensor's origin",
+    Space.SPACE: "m mass, mx my mz mass times its centre's coordinates, Ixx .. Iyz inertia about the sensor's origin",
+}
+"""What the parameters of a rigid tool are."""
+
+
+BIASED = "the model does not fit, and what it lacks biases these"
+"""Of the numbers of a model with something missing."""
+
+
+def tool_text(fitted: Fit, *, misfitting: bool) -> str:
+    """Mass and centre of mass with std, as far as they are identifiable; empty where the mass is not.
+
+    Of a `misfitting` model it says that the std are too small.
+    """
+    mass = fitted.parameters["m"]
+    if not isfinite(mass.std):
+        return ""
+    centre = CentreOfMass.of(fitted)
+    parts = [
+        f"{axis} {estimate_text(1e3 * value, 1e3 * std, 'mm')}"
+        for axis, value, std in zip(centre.axes, centre.value, centre.std, strict=True)
+        if isfinite(std)
+    ]
+    where = f"; centre of mass {', '.join(parts)} from the sensor's origin, in its axes" if parts else ""
+    doubt = f" ({BIASED})" if misfitting else ""
+    return f"Tool: m {estimate_text(mass.value, mass.std, mass.unit)}{where}{doubt}."
