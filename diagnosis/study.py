@@ -22,7 +22,16 @@ from diagnosis.screening.suspects import Suspects
 from diagnosis.selection.subset_search import CandidateModel, refit_with_effect
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance
-from estimation.fit import Fit, check_channels, fit, initial_noise, recordings_of, reestimated_noise, refit
+from estimation.fit import (
+    Fit,
+    check_channels,
+    fit,
+    initial_noise,
+    recordings_of,
+    reestimated_noise,
+    refit,
+    require_recording,
+)
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.logs.log_reading import read
 from estimation.recordings.readings_digest import readings_digest
@@ -372,7 +381,9 @@ def study(
 def _recordings(given: Recorded | Iterable[Recorded] | None, rig: Rig | None) -> tuple[Recording, ...]:
     if given is None:
         return ()
-    several = (given,) if isinstance(given, Recorded) or hasattr(given, "columns") else tuple(given)
+    if not isinstance(given, Recorded | Iterable) or hasattr(given, "columns"):
+        require_recording(given, "study")
+    several = (given,) if isinstance(given, Recorded) else tuple(given)
     return recordings_of(tuple(read(r, rig=rig) if isinstance(r, str | Path) else r for r in several), "study")
 
 

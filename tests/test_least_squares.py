@@ -172,6 +172,8 @@ FIT_DIGITS = {
     "wampler4": (7, 13),
 }
 """Digits that a fit reaches, of coefficients and std, rounded down."""
+OTHER_PROCESSOR = 0.5
+"""Digits by which processors differ: they sum in other orders."""
 NOT_IDENTIFIABLE = ("filip", "wampler5")
 """Columns dependent to 1e10, and a noise of a million times the smallest column: a fit has to say so."""
 
@@ -183,8 +185,8 @@ def test_every_certified_set_has_its_place() -> None:
 @pytest.mark.parametrize("name", FIT_DIGITS)
 def test_certified_digits(name: str) -> None:
     found, stated = reached(name, fitted), FIT_DIGITS[name]
-    assert found[0] >= stated[0]
-    assert found[1] >= stated[1]
+    assert found[0] >= stated[0] - OTHER_PROCESSOR
+    assert found[1] >= stated[1] - OTHER_PROCESSOR
 
 
 @pytest.mark.parametrize("name", NOT_IDENTIFIABLE)

@@ -144,7 +144,8 @@ def _refined(
     `least_gain`.
     """
     begun, evaluations, motion = perf_counter(), 1, start
-    best = _contracted(task, start, TerminationStatus.FAILED)
+    best = given = _contracted(task, start, TerminationStatus.FAILED)
+    ended = TerminationStatus.FAILED
     for round_ in range(REFINEMENT_ROUNDS):
         solution = solve(rows, motion, round_)
         evaluations += solution.evaluations
@@ -152,6 +153,7 @@ def _refined(
             break
         motion = Trajectory(start.series, solution.coefficients)
         found = _contracted(task, motion, solution.outcome)
+        ended = TerminationStatus.FAILED if found is None else found.outcome
         before, best = best, max((a for a in (best, found) if a is not None), key=lambda a: a.value, default=None)
         settled = before is not None and best is not None and best.value - before.value < least_gain
         if found is not None and (found.contraction_loss < CONTRACTION_TOLERANCE or (round_ > 0 and settled)):
@@ -159,7 +161,8 @@ def _refined(
         rows = rows.refined(solution.coefficients)
     if best is None:
         raise _infeasible()
-    return replace(best, evaluations=evaluations, seconds=perf_counter() - begun)
+    outcome = ended if best is given else best.outcome  # nothing found was better than the start: why, is known
+    return replace(best, outcome=outcome, evaluations=evaluations, seconds=perf_counter() - begun)
 
 
 def _infeasible() -> InputError:
