@@ -174,16 +174,14 @@ class Study(Tabular):
 
     # -------------------------------------------------------------------------------------- what to see
 
-    def where(self, recording: int = 0) -> Location:
-        """Where the current model fails, on a recording by its number: the fitted ones, then the held-out ones."""
+    def where(self, recording: int | str = 0) -> Location:
+        """Where the current model fails, on a recording by name or number: the fitted ones, then the held-out ones."""
         step = self.steps[-1]
         comparisons = (*step.training, *step.validation)
-        if not 0 <= recording < len(comparisons):
-            remedy = f"use 0 to {len(comparisons) - 1}"
-            raise InputError(what=f"there is no recording {recording}", where="recording", remedy=remedy)
-        found = comparisons[recording]
+        number = _number(recording, [c.recording.name for c in comparisons], "recording")
+        found = comparisons[number]
         maps = sorted(residual_maps(found, self.tolerance), key=lambda m: -m.explained)
-        fitted = recording < len(step.training)
+        fitted = number < len(step.training)
         return Location(found, describe_residual(found, self.tolerance, fitted=fitted), tuple(maps))
 
     def suspects(self) -> Suspects:
@@ -197,12 +195,13 @@ class Study(Tabular):
         """Error of each channel of each recording after every step."""
         return error_table(self.steps, [step.change for step in self.steps], self.tolerance)
 
-    def compare(self, *steps: int) -> ModelComparison:
-        """Compare steps by number (by default the first and the last): on the held-out recordings, else the fitted."""
-        chosen = steps or (0, len(self.steps) - 1)
-        if missing := [i for i in chosen if not 0 <= i < len(self.steps)]:
-            remedy = f"use 0 to {len(self.steps) - 1}"
-            raise InputError(what=f"there is no step {missing[0]}", where="compare", remedy=remedy)
+    def compare(self, *steps: int | str) -> ModelComparison:
+        """Compare steps, by number or by what they changed: on the held-out recordings, else the fitted.
+
+        By default the first and the last.
+        """
+        changes = [step.change for step in self.steps]
+        chosen = [_number(step, changes, "step") for step in steps] or [0, len(self.steps) - 1]
         several = {f"{i}: {self.steps[i].change}": self.steps[i].fit for i in dict.fromkeys(chosen)}
         return compare_models(several, [h.recording for h in self._held_out] or list(self.fit.recordings))
 
@@ -307,6 +306,17 @@ class Study(Tabular):
         training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
         validation = tuple(comparison_of(h.validation_fit(fitted), 0) for h in self._held_out)
         return StudyStep(change, fitted, training, validation)
+
+
+def _number(asked: int | str, names: Sequence[str], kind: str) -> int:
+    """The number of what was asked for by number or name, the last of that name; InputError for none."""
+    if isinstance(asked, str) and asked in names:
+        return len(names) - 1 - names[::-1].index(asked)
+    if not isinstance(asked, str) and 0 <= asked < len(names):
+        return asked
+    remedy = suggestion(asked, names) if isinstance(asked, str) else f"use 0 to {len(names) - 1}"
+    named_as = quoted(asked) if isinstance(asked, str) else asked
+    raise InputError(what=f"there is no {kind} {named_as}", where=kind, remedy=remedy)
 
 
 def _worst_ratio(comparisons: Sequence[Comparison]) -> float:

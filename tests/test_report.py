@@ -35,9 +35,9 @@ from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual, std_of_interval_means
 from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum
 from truewrench.plots.residuals.time_series_plot import running_mean
-from truewrench.report import report_page, write_report
-from truewrench.report.effect_row import effect_row
-from truewrench.report.zoom.plotly_script import script_hash
+from truewrench.reports import report_page, write_report
+from truewrench.reports.effect_row import effect_row
+from truewrench.reports.zoom.plotly_script import script_hash
 from truewrench.simulated_rig import (
     BiasDrift,
     CentreOfMassOffset,
@@ -272,7 +272,7 @@ def test_many_parameters_unfold_the_surest_first() -> None:
 
 
 def test_written_file_is_renamed_into_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truewrench.report.report_html.report_page", lambda *_: "<p>é</p>")
+    monkeypatch.setattr("truewrench.reports.report_html.report_page", lambda *_: "<p>é</p>")
     target = tmp_path / "new" / "report.html"
     assert write_report(ANY, target) == target
     assert target.read_text(encoding="utf-8") == "<p>é</p>"
@@ -285,7 +285,7 @@ def test_failed_report_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.Mo
 
     target = tmp_path / "report.html"
     target.write_text("old")
-    monkeypatch.setattr("truewrench.report.report_html.report_page", broken)
+    monkeypatch.setattr("truewrench.reports.report_html.report_page", broken)
     with pytest.raises(RuntimeError):
         write_report(ANY, target)
     assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]

@@ -18,11 +18,11 @@ from markupsafe import Markup
 
 from modeling.table import Column, Table
 from truewrench.command_line import main
-from truewrench.report.effect_card import EffectCard
-from truewrench.report.markdown import markdown_table, markdown_text
-from truewrench.report.page_templates import page_templates
-from truewrench.report.provenance import InputFile, Provenance
-from truewrench.report.zoom.zoomable_figure import ZoomableFigure, kept_samples
+from truewrench.reports.effect_card import EffectCard
+from truewrench.reports.markdown import markdown_table, markdown_text
+from truewrench.reports.page_templates import page_templates
+from truewrench.reports.provenance import InputFile, Provenance
+from truewrench.reports.zoom.zoomable_figure import ZoomableFigure, kept_samples
 
 TEXT = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1).map(str.strip).filter(bool)
 MARKDOWN = MarkdownIt("commonmark").enable("table")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,6 +105,7 @@ def test_where_it_fails_is_told_until_it_does_not(begun: Study) -> None:
     assert begun.where().comparison.lack_of_fit < 1e-6
     assert "resembles" in str(begun.where())
     assert "motion 501" in str(begun.where(1))
+    assert str(begun.where("motion 501")) == str(begun.where(1))
     begun.add("viscous_drag")
     begun.add("sensor_crosstalk")
     assert "resembles" not in str(begun.where())
@@ -117,6 +119,7 @@ def test_steps_are_compared(begun: Study) -> None:
     names = [(d.better, d.worse) for d in begun.compare().differences]
     assert names == [("2: + com_offset", "0: rigid tool")]
     assert len(begun.compare(0, 1, 2).differences) == 3
+    assert str(begun.compare("rigid tool", "+ com_offset")) == str(begun.compare())
 
 
 REFUSED = {
@@ -126,6 +129,8 @@ REFUSED = {
     "nothing to undo": lambda s: s.undo(),
     "there is no step 9; use 0 to 0": lambda s: s.compare(0, 9),
     "there is no step -1; use 0 to 0": lambda s: s.compare(-1),
+    "there is no step '+ dragg'; use one of rigid tool": lambda s: s.compare("+ dragg"),
+    "there is no recording 'motion'; did you mean motion 1": lambda s: s.where("motion"),
 }
 
 
@@ -154,6 +159,18 @@ def test_it_prints_in_a_few_lines(begun: Study) -> None:
         assert len(str(shown).splitlines()) < 40
         assert shown._repr_html_()
     assert repr(begun) == str(begun)
+
+
+def test_everything_has_a_report(begun: Study, tmp_path: Path) -> None:
+    begun.add("viscous_drag")
+    results: list[Any] = [begun, begun.fit, begun.compare(), begun.diagnose()]
+    for number, result in enumerate(results):
+        page, markdown = tw.report(result, tmp_path / str(number))
+        assert page.read_text().startswith("<!doctype html>")
+        assert "motion 1" in markdown.read_text()
+    results = [begun.fit.recordings[0]]
+    with pytest.raises(InputError, match="a Recording has no report"):
+        tw.report(results[0], tmp_path)
 
 
 def test_a_step_says_which_recording_condemns_it(begun: Study) -> None:

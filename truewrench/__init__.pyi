@@ -65,6 +65,8 @@ from truewrench.files.effects_file import read_effects as read_effects
 from truewrench.files.model_file import load as load
 from truewrench.files.model_file import save as save
 from truewrench.plots.reading.reading_plot import plot_reading as plot_reading
+from truewrench.reports.reported import report as report
+from truewrench.simulated_rig import simulate as simulate
 from truewrench.surveying.survey import survey as survey
 
 __version__: str

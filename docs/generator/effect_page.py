@@ -24,7 +24,7 @@ from modeling.table import Column, Table
 from truewrench.effect_description import effect_sketch, parameter_meaning
 from truewrench.effect_description.effect_equations import effect_equations
 from truewrench.effect_description.provocation import PROVOCATIONS
-from truewrench.report.markdown import markdown_table, markdown_text
+from truewrench.reports.markdown import markdown_table, markdown_text
 
 SENSORS = {Space.PLANE: "planar", Space.SPACE: "six axes"}
 CHANNELS = {name for space in Space for name in space.channels}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimation.recordings.recording import Recording
-    from truewrench.report.provenance import Provenance
+    from truewrench.reports.provenance import Provenance
 
 Subcommands = argparse._SubParsersAction  # argparse has no public name for what add_subparsers returns
 
@@ -58,7 +58,7 @@ def require_report_folder(arguments: argparse.Namespace) -> None:
 
 def provenance_of(arguments: argparse.Namespace, *files: str | Path | None) -> Provenance:
     """What a report says about itself: the command as typed, and the files that it read."""
-    from truewrench.report.provenance import Provenance
+    from truewrench.reports.provenance import Provenance
 
     return Provenance.now(getattr(arguments, "typed", ""), [file for file in files if file is not None])
 

@@ -48,8 +48,8 @@ def run(arguments: argparse.Namespace) -> None:
         found = compare_models(models, recordings)
     written = []
     if arguments.report is not None:
-        from truewrench.report.comparison_report import comparison_report
-        from truewrench.report.report_files import write_report_files
+        from truewrench.reports.comparison_report import comparison_report
+        from truewrench.reports.report_files import write_report_files
 
         provenance = provenance_of(arguments, *paths, *arguments.on)
         written = write_report_files(comparison_report(found, provenance), arguments.report)

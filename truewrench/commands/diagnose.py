@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from diagnosis.diagnosis import Diagnosis
     from modeling.chain.effect import Effect
     from truewrench.files.data_set import DataSet
-    from truewrench.report.provenance import Provenance
-    from truewrench.report.report_files import ReportTexts
+    from truewrench.reports.provenance import Provenance
+    from truewrench.reports.report_files import ReportTexts
 
 FILES = ("report.html", "result.json", "model.json")
 
@@ -129,7 +129,7 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers
 def report_texts(found: Diagnosis, provenance: Provenance) -> ReportTexts:
     """The report as HTML and as Markdown."""
     from truewrench.files.output import progress_line
-    from truewrench.report.report_html import diagnosis_report
+    from truewrench.reports.report_html import diagnosis_report
 
     with progress_line() as progress:
         progress("write the report")
@@ -145,7 +145,7 @@ def write(
     """
     from truewrench.files.model_file import ModelFile
     from truewrench.files.output import atomic_write
-    from truewrench.report.report_files import write_report_files
+    from truewrench.reports.report_files import write_report_files
 
     written = [] if report is None else write_report_files(texts, report)
     if out is None:

@@ -93,8 +93,8 @@ def run(arguments: argparse.Namespace) -> None:
 def write_report(arguments: argparse.Namespace, found: FitSummary, case: DataSet) -> list[Path]:
     """Write the report of --report; return its files."""
     from truewrench.files.data_set import frame_sentences
-    from truewrench.report.fit_report import fit_report
-    from truewrench.report.report_files import write_report_files
+    from truewrench.reports.fit_report import fit_report
+    from truewrench.reports.report_files import write_report_files
 
     inputs = (arguments.rig, arguments.effects, arguments.bounds, arguments.prior)
     provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)

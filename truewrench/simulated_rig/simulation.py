@@ -115,13 +115,43 @@ def simulate(
     noise: NoiseModel | str = "white",
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Simulated recording of a periodic motion, repeated without pause, in the columns of FORMATS.md.
+    """Simulated recording of a periodic motion, repeated without pause.
 
-    Columns: time (s, continuous), repeat, the rig's motion, its wrench channels, temperature (°C). The motion
-    precedes the record too, so that lag and play are in their periodic state. The noise depends on the seed only, not
-    on the hidden effects.
+    Parameters
+    ----------
+    rig : SimulatedRig
+        `tw.simulated_rig.PlanarRig()` or `SpatialRig()`: a robot, a tool and a sensor in MuJoCo.
+    motion : PeriodicMotion
+        Its period, s, and its coordinates with derivatives: `rig.random_motion(seed=1)`, or a trajectory of `design`.
+        It precedes the record too, so that lag and play are in their periodic state.
+    hidden : sequence of HiddenEffect, optional
+        What a rigid tool's model lacks, such as `tw.simulated_rig.ViscousDrag(c=0.15)`.
+    repeats, samples_per_period : int, optional
+        By default 8 and 1000.
+    noise : NoiseModel or str, optional
+        By default "white", of the rig's std.
+    seed : int, optional
+        Of the noise, which does not depend on the hidden effects.
 
-    Raises ValueError when motion, effects or counts do not suit the rig.
+    Returns
+    -------
+    pandas.DataFrame
+        One row a sample: time (s, continuous), repeat, the rig's motion, its wrench channels (N, N m), temperature
+        (°C), as a recording has them.
+
+    Raises
+    ------
+    ValueError
+        When motion, effects or counts do not suit the rig.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.simulated_rig.SpatialRig()
+    >>> drag = tw.simulated_rig.ViscousDrag(c=0.6)
+    >>> frame = tw.simulate(rig, rig.random_motion(seed=1), hidden=[drag], repeats=2, samples_per_period=200)
+    >>> tw.from_dataframe(frame).repeats
+    2
     """
     _check_counts(rig, motion, repeats, samples_per_period)
     _check_compatible(hidden)

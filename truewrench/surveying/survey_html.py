@@ -14,8 +14,8 @@ from typing import Any
 
 from modeling.number_format import NO_VALUE, FormattedQuantity, format_number, format_unit
 from truewrench.files.output import atomic_write
-from truewrench.report.effect_row import MAX_SHOWN_PARAMETERS, quantities
-from truewrench.report.page_templates import page_templates
+from truewrench.reports.effect_row import MAX_SHOWN_PARAMETERS, quantities
+from truewrench.reports.page_templates import page_templates
 from truewrench.surveying.change_detection import significant_changes
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 from truewrench.surveying.parquet_table import write_parquet

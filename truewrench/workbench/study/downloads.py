@@ -12,8 +12,8 @@ from modeling.errors import InputError
 from truewrench.emitted import emit
 from truewrench.files.data_set import DataSet, frame_sentences
 from truewrench.files.model_file import ModelFile
-from truewrench.report.provenance import InputFile, Provenance
-from truewrench.report.report_files import ReportTexts
+from truewrench.reports.provenance import InputFile, Provenance
+from truewrench.reports.report_files import ReportTexts
 from truewrench.workbench.page_update import Download
 from truewrench.workbench.study.separation import Separation
 
@@ -56,10 +56,10 @@ def _report(step: StudyStep, case: DataSet | None, diagnosis: Diagnosis | None, 
     inputs = tuple(replace(InputFile.of(file), path=Path(file).name) for file in files)
     provenance = replace(Provenance.now("truewrench workbench"), inputs=inputs)
     if diagnosis is not None:
-        from truewrench.report.report_html import diagnosis_report
+        from truewrench.reports.report_html import diagnosis_report
 
         return diagnosis_report(diagnosis, provenance)
-    from truewrench.report.fit_report import fit_report
+    from truewrench.reports.fit_report import fit_report
     from truewrench.text.fit_summary import FitSummary
 
     summary = FitSummary(step.fit, step.fit.intervals(), validation=step.validation)

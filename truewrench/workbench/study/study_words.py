@@ -25,7 +25,7 @@ from modeling.number_format import format_number, format_p_value, format_percent
 from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
 from truewrench.files.data_set import DataSet, frame_sentences
-from truewrench.report.effect_row import effect_row
+from truewrench.reports.effect_row import effect_row
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,

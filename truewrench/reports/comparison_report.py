@@ -8,11 +8,11 @@ from diagnosis.comparison.model_comparison import ModelComparison
 from modeling.significance import LEVELS
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
-from truewrench.report.page_templates import html_page, markdown_page
-from truewrench.report.provenance import Provenance
-from truewrench.report.recording_section import RecordingSection, full_section, line_count
-from truewrench.report.report_files import ReportTexts
-from truewrench.report.zoom.zoomable_figure import points_of_line
+from truewrench.reports.page_templates import html_page, markdown_page
+from truewrench.reports.provenance import Provenance
+from truewrench.reports.recording_section import RecordingSection, full_section, line_count
+from truewrench.reports.report_files import ReportTexts
+from truewrench.reports.zoom.zoomable_figure import points_of_line
 
 COLOURS = (MISFIT_COLOUR, ADEQUATE_COLOUR, HELD_OUT)
 """Of the models in the pictures, in the order given; more models are in the tables alone."""

@@ -16,8 +16,8 @@ from modeling.rig.rig import Convention
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.worst_channel_plot import MIN_SIGNAL_TO_NOISE, worst_channel, worst_channel_figure
 from truewrench.plots.svg_image import svg_image
-from truewrench.report.compared_models import compared_models, worst_recording
-from truewrench.report.effect_row import EffectRow
+from truewrench.reports.compared_models import compared_models, worst_recording
+from truewrench.reports.effect_row import EffectRow
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,

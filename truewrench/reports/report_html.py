@@ -13,14 +13,14 @@ from modeling.number_format import P_VALUE, SHARE, FormattedQuantity
 from modeling.table import Column, Table
 from truewrench.files.output import atomic_write
 from truewrench.plots.error_reduction_plot import error_reduction_image
-from truewrench.report.effect_card import effect_cards
-from truewrench.report.effect_row import effect_row
-from truewrench.report.page_templates import html_page, markdown_page
-from truewrench.report.parameter_changes import ParameterChanges
-from truewrench.report.provenance import Provenance
-from truewrench.report.recording_section import diagnosis_sections
-from truewrench.report.report_files import ReportTexts
-from truewrench.report.verdict_section import verdict_section
+from truewrench.reports.effect_card import effect_cards
+from truewrench.reports.effect_row import effect_row
+from truewrench.reports.page_templates import html_page, markdown_page
+from truewrench.reports.parameter_changes import ParameterChanges
+from truewrench.reports.provenance import Provenance
+from truewrench.reports.recording_section import diagnosis_sections
+from truewrench.reports.report_files import ReportTexts
+from truewrench.reports.verdict_section import verdict_section
 from truewrench.text.step_names import base_name, step_names
 from truewrench.text.verdict_words import (
     CANDIDATES_NOTE,

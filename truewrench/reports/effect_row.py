@@ -14,7 +14,7 @@ from modeling.number_format import (
     format_percentage,
 )
 from modeling.space import Space
-from truewrench.report.effect_card import sketch_markup
+from truewrench.reports.effect_card import sketch_markup
 from truewrench.text.verdict_words import EFFECT_VERDICT_LABELS, finding_sentence
 
 MAX_SHOWN_PARAMETERS = 6

@@ -11,13 +11,13 @@ from modeling.significance import LEVELS
 from modeling.table import Column, Table
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
-from truewrench.report.effect_card import effect_cards
-from truewrench.report.page_templates import html_page, markdown_page
-from truewrench.report.parameter_changes import ParameterChanges
-from truewrench.report.provenance import Provenance
-from truewrench.report.recording_section import RecordingSection, full_section, line_count, short_section
-from truewrench.report.report_files import ReportTexts
-from truewrench.report.zoom.zoomable_figure import points_of_line
+from truewrench.reports.effect_card import effect_cards
+from truewrench.reports.page_templates import html_page, markdown_page
+from truewrench.reports.parameter_changes import ParameterChanges
+from truewrench.reports.provenance import Provenance
+from truewrench.reports.recording_section import RecordingSection, full_section, line_count, short_section
+from truewrench.reports.report_files import ReportTexts
+from truewrench.reports.zoom.zoomable_figure import points_of_line
 from truewrench.text.fit_summary import FitSummary
 
 

@@ -21,8 +21,8 @@ from truewrench.plots.residuals.residual_map_plot import residual_map_figure
 from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum_figure
 from truewrench.plots.residuals.time_series_plot import time_series_figure
 from truewrench.plots.svg_image import SvgImage, svg_image
-from truewrench.report.compared_models import compared_models
-from truewrench.report.zoom.zoomable_figure import (
+from truewrench.reports.compared_models import compared_models
+from truewrench.reports.zoom.zoomable_figure import (
     ZoomableFigure,
     points_of_line,
     zoomable_series,

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from truewrench.report.report_html import report_page, write_report
+from truewrench.reports.report_html import report_page, write_report
 
 __all__ = ["report_page", "write_report"]

@@ -11,8 +11,8 @@ from markupsafe import Markup
 from modeling.number_format import format_percentage
 from truewrench.effect_description import SKETCH_STYLE
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MEASURED, MISFIT_COLOUR, NOISE, QUIET_NOISE
-from truewrench.report.markdown import markdown_table, markdown_text
-from truewrench.report.zoom.plotly_script import loader_script, packed_plotly, script_hash
+from truewrench.reports.markdown import markdown_table, markdown_text
+from truewrench.reports.zoom.plotly_script import loader_script, packed_plotly, script_hash
 
 LEGEND = (
     (MEASURED, "measured"),

@@ -1,0 +1,75 @@
+"""Report of any result, in Python: what `--report` writes on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from modeling.errors import InputError
+
+if TYPE_CHECKING:
+    from diagnosis.comparison.model_comparison import ModelComparison
+    from diagnosis.diagnosis import Diagnosis
+    from diagnosis.study import Study
+    from estimation.fit import Fit
+    from truewrench.reports.report_files import ReportTexts
+
+
+def report(result: Fit | Study | Diagnosis | ModelComparison, folder: str | Path) -> list[Path]:
+    """Write the report of a result: a page without network, zoomable, and the same as Markdown.
+
+    Parameters
+    ----------
+    result : Fit, Study, Diagnosis or ModelComparison
+        What `fit`, `study`, `diagnose` or `compare` gave; of a study, its current model with the held-out recordings.
+    folder : str or Path
+        Where `report.html` and `report.md` go; it is made if there is none.
+
+    Returns
+    -------
+    list of Path
+        Both files.
+
+    Raises
+    ------
+    InputError
+        For what has no report, and when the files cannot be written: then neither is.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> fit = tw.fit(tw.planar(rig), tw.read("train.csv", rig=rig))
+    >>> [path.name for path in tw.report(fit, "fit_report")]
+    ['report.html', 'report.md']
+    """
+    from truewrench.reports.report_files import write_report_files
+
+    return write_report_files(_texts(result), folder)
+
+
+def _texts(result: object) -> ReportTexts:
+    from diagnosis.comparison.model_comparison import ModelComparison
+    from diagnosis.diagnosis import Diagnosis
+    from diagnosis.study import Study
+    from estimation.fit import Fit
+    from truewrench.reports.comparison_report import comparison_report
+    from truewrench.reports.fit_report import fit_report
+    from truewrench.reports.provenance import Provenance
+    from truewrench.reports.report_html import diagnosis_report
+    from truewrench.text.fit_summary import FitSummary
+
+    made = Provenance.now()
+    match result:
+        case Diagnosis():
+            return diagnosis_report(result, made)
+        case ModelComparison():
+            return comparison_report(result, made)
+        case Study():
+            return fit_report(
+                FitSummary(result.fit, result.fit.intervals(), validation=result.steps[-1].validation), made
+            )
+        case Fit():
+            return fit_report(FitSummary(result, result.intervals()), made)
+    remedy = "give what fit, study, diagnose, or compare of several models gave"
+    raise InputError(what=f"a {type(result).__name__} has no report", where="report", remedy=remedy)
