@@ -12,6 +12,8 @@ from estimation.fit import Fit
 from estimation.least_squares.column_space import ColumnSpace
 
 Array = NDArray[np.float64]
+RowIndex = slice | NDArray[np.intp]
+"""Some of the whitened rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +21,7 @@ class FitColumnSpace:
     """Whitened residual (rows,) of a fit, the rows `reached` by its sensitivities, and their column space there."""
 
     residual: Array
-    reached: slice | NDArray[np.intp]
+    reached: RowIndex
     directions: ColumnSpace
 
     @property
@@ -28,6 +30,18 @@ class FitColumnSpace:
         found = np.zeros(len(self.residual))
         found[self.reached] = np.einsum("ij,ij->i", self.directions.basis, self.directions.basis)
         return found
+
+    def basis_in(self, index: RowIndex) -> Array:
+        """The basis in other rows (r, k), with no columns where it is zero there."""
+        basis, reached = self.directions.basis, self.reached
+        if isinstance(index, slice) and isinstance(reached, slice):
+            if index == reached:
+                return basis
+            if index.start >= reached.stop or index.stop <= reached.start:
+                return np.zeros((index.stop - index.start, 0))
+        whole = np.zeros((len(self.residual), basis.shape[1]))
+        whole[reached] = basis
+        return np.asarray(whole[index])
 
 
 @lru_cache(maxsize=1)

@@ -9,10 +9,10 @@ from scipy.fft import idct
 from scipy.stats import binom
 
 from diagnosis.screening.score_test import screen, significant_effects
-from diagnosis.screening.whitened_spectrum import WhitenedSpectrum, lines
 from estimation.distributions import chi_square_p_value
 from estimation.fit import fit
 from estimation.noise.autoregression import fit_autoregression
+from estimation.noise.whitened_spectrum import WhitenedSpectrum, lines
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial

@@ -18,6 +18,7 @@ from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
 from estimation.recordings.recording import Recording
+from estimation.run_spectrum import run_spectrum
 from modeling.number_format import P_VALUE, plain_number
 from modeling.space import Space
 from modeling.table import Cell, Column, Table, Tabular
@@ -153,8 +154,9 @@ def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
     """Reduced chi-square of one recording of a fit, and the p-value of its lack of fit.
 
     With a noise estimate independent of the residual, the whitened rows are tested in frequency bands (each against F,
-    as the spectrum is itself estimated), and the smallest p-value is Bonferroni-corrected. Where the noise is estimated
-    from the residual, the test is the cross-validated prediction of the residual by generic terms of the inputs.
+    as the spectrum is itself estimated), and the smallest p-value is Bonferroni-corrected; of a stated std the power of
+    a record differs by chance, the more the redder its noise is. Where the noise is estimated from the residual, the
+    test is the cross-validated prediction of the residual by generic terms of the inputs.
     """
     noise = fit.noise[number]
     if noise.source is NoiseSource.RESIDUAL:
@@ -162,16 +164,25 @@ def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
     rows, leverage = _rows_and_leverage(fit, number)
     excited = noise.whitener.periodic_rows
     total = (rows[:excited] ** 2).sum() / max(1.0, excited - leverage[:excited].sum())
-    p_values = []
+    p_values, coloured = [], _record_power_variance(fit, number)
     for band in frequency_bands(noise):
         degrees_of_freedom = band.sum() - leverage[band].sum()
         if degrees_of_freedom > 0.5:
             power = float((rows[band] ** 2).sum())
             shares = (rows * band)[:, None] ** 2 / max(power, 1e-300)
             p_values.append(
-                chi_square_p_value(power, degrees_of_freedom, float(noise.log_power_variance_of(shares)[0]))
+                chi_square_p_value(power, degrees_of_freedom, float(noise.log_power_variance_of(shares)[0]) + coloured)
             )
     return float(total), bonferroni_p_value(p_values)
+
+
+def _record_power_variance(fit: Fit, number: int) -> float:
+    """Variance of the logarithm of a run's whole power under a stated std, beyond that of white noise."""
+    spectrum = run_spectrum(fit, number)
+    if spectrum is None:
+        return 0.0
+    shares = spectrum.level.sum(axis=0) / spectrum.level.sum()
+    return float(shares**2 @ spectrum.log_power_variance)
 
 
 def noise_from_residual(fit: Fit) -> bool:

@@ -15,6 +15,7 @@ from estimation.model_response import model_signals
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.recording import Recording
 from estimation.recordings.sensor_frame import in_sensor_frame
+from estimation.run_spectrum import run_spectrum
 
 Array = NDArray[np.float64]
 
@@ -78,7 +79,7 @@ class CrossValidatedGain:
     """Cross-validated prediction of the residual by generic terms.
 
     gain     drop of the whitened chi-square on held-out blocks; zero mean under noise, so that it may be negative
-    p_value  of the gain, by a sign-flip permutation test over the blocks
+    p_value  by a sign-flip permutation test over the blocks, in rows without the colour that whitening leaves
     """
 
     gain: float
@@ -91,7 +92,9 @@ def cross_validated_gain(fit: Fit, number: int) -> CrossValidatedGain:
     The whitened residual of each channel is regressed (ridge) on a constant and the whitened terms; the gain of a
     held-out block is its residual times its prediction. The sum of the gains is a quadratic form in the blocks'
     residuals without its diagonal; under noise the blocks' signs are exchangeable, and all 2^(blocks - 1) sign
-    patterns give the null distribution. Less powerful than repeats: the autoregression absorbs part of the residual.
+    patterns give the null distribution. They are not where 1/f noise goes on from block to block, which an
+    autoregression does not whiten: for the p-value the rows are flattened by their own spectrum. Less powerful than
+    repeats: the autoregression absorbs part of the residual.
     """
     recording, whitener = fit.recordings[number], fit.noise[number].whitener
     assert isinstance(whitener, AutoregressiveWhitener), "the test is for a single run"
@@ -102,14 +105,19 @@ def cross_validated_gain(fit: Fit, number: int) -> CrossValidatedGain:
     columns = np.column_stack([constant, standardised_columns(terms)]) if terms else constant
     residual = whitener.series(fit.residuals[number]).reshape(-1, p)
     blocks = np.array_split(np.arange(len(residual)), min(FOLDS, len(residual)))
+    spectrum = run_spectrum(fit, number)
     pairs = np.zeros((len(blocks), len(blocks)))
+    flat_pairs = pairs.copy()
     for channel in range(p):
-        white = whitener.of_channel(channel).series(columns[:, None])
-        pairs += _gain_of_pairs(white, residual[:, channel], blocks)
+        white, rows = whitener.of_channel(channel).series(columns[:, None]), residual[:, channel]
+        pairs += _gain_of_pairs(white, rows, blocks)
+        if spectrum is not None:
+            flat_pairs += _gain_of_pairs(spectrum.flattened(white, channel), spectrum.flattened(rows, channel), blocks)
+    flat_pairs = pairs if spectrum is None else flat_pairs
     signs = np.array(list(product((1.0, -1.0), repeat=len(blocks) - 1)))
     signs = np.column_stack([np.ones(len(signs)), signs])
-    gains = np.einsum("sb,bc,sc->s", signs, pairs, signs)
-    return CrossValidatedGain(float(gains[0]), float(np.mean(gains >= gains[0] * (1 - 1e-12))))
+    gains = np.einsum("sb,bc,sc->s", signs, flat_pairs, signs)
+    return CrossValidatedGain(float(pairs.sum()), float(np.mean(gains >= gains[0] * (1 - 1e-12))))
 
 
 def _gain_of_pairs(white: Array, residual: Array, blocks: list[NDArray[np.intp]]) -> Array:

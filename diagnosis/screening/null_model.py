@@ -10,13 +10,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.screening.row_selection import RowChoice, RowIndex, row_index
+from diagnosis.screening.row_selection import RowChoice, row_index
 from diagnosis.screening.screening_cache import ScreeningCache
-from diagnosis.screening.whitened_spectrum import MIN_ROWS, WhitenedSpectrum, lines
 from estimation.fit import Fit
-from estimation.fit_column_space import FitColumnSpace, fit_column_space
+from estimation.fit_column_space import FitColumnSpace, RowIndex, fit_column_space
 from estimation.least_squares.column_space import ColumnSpace
 from estimation.noise.recording_noise import NoiseSource
+from estimation.noise.whitened_spectrum import WhitenedSpectrum, lines
+from estimation.run_spectrum import has_run_spectrum
 from modeling.chain.effect import SearchDomain
 
 Array = NDArray[np.float64]
@@ -92,20 +93,8 @@ class NullModel:
         """Projected residual and basis in chosen rows of each recording."""
         if choice not in self._null_rows:
             index = self.index(choice)
-            self._null_rows[choice] = NullRows(self.residual[index], self._basis_in(index))
+            self._null_rows[choice] = NullRows(self.residual[index], self.column_space.basis_in(index))
         return self._null_rows[choice]
-
-    def _basis_in(self, index: RowIndex) -> Array:
-        """The column space's basis in other rows (r, k), with no columns where it is zero there."""
-        basis, reached = self.directions.basis, self.reached
-        if isinstance(index, slice) and isinstance(reached, slice):
-            if index == reached:
-                return basis
-            if index.start >= reached.stop or index.stop <= reached.start:
-                return np.zeros((index.stop - index.start, 0))
-        whole = np.zeros((len(self.residual), basis.shape[1]))
-        whole[reached] = basis
-        return np.asarray(whole[index])
 
     @cached_property
     def draws_in_basis(self) -> Array:
@@ -159,14 +148,12 @@ class NullModel:
 
         That is with repeats, for static poses, and for a run too short to have one.
         """
-        basis = self._basis_in(slice(0, len(self.residual)))
+        basis = self.column_space.basis_in(slice(0, len(self.residual)))
         found: list[Array | None] = []
         for recording, noise, part in zip(self.fit.recordings, self.fit.noise, self._parts, strict=True):
             p = len(recording.channels)
-            if noise.source is NoiseSource.REPEATS or recording.at_rest or noise.whitener.rows < p * MIN_ROWS:
-                found.append(None)
-            else:
-                found.append((lines(basis[part], p) ** 2).sum(axis=2))
+            known = has_run_spectrum(recording, noise)
+            found.append((lines(basis[part], p) ** 2).sum(axis=2) if known else None)
         return found
 
     @property

@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.fit_column_space import RowIndex
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import Whitener
 
 Array = NDArray[np.float64]
-RowIndex = slice | NDArray[np.intp]
 
 
 class RowSet(Enum):

@@ -12,16 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct
+from scipy.fft import dct, idct
 
 Array = NDArray[np.float64]
 
 EXPONENTS = (0.0, 1.0)
-"""Of 1/frequency in the terms of a spectrum: white noise, 1/f noise and a random walk."""
+"""Of 1/frequency in the terms of a spectrum: white noise and 1/f noise."""
 MIN_ROWS = 64
 """Rows of a channel below which its colour is not estimated."""
 SINGLE_LINES = 32
 """Lowest lines that are bins by themselves; from there on as many bins to a factor e."""
+SPREAD = 2.0
+"""Std of a record's mean power, by which it may exceed that of the process."""
 STEPS = 50
 STEP_TOLERANCE = 1e-3
 """Of the log of the spectrum: a hundredth of its std, or less."""
@@ -42,8 +44,8 @@ class WhitenedSpectrum:
     def of(cls, residual: Array, leverage: Array, stated: bool = False) -> WhitenedSpectrum:
         """Of projected rows (n p,), of whose lines the share `leverage` (n, p) was projected out.
 
-        With a `stated` std the level of all lines together is known: a spectrum that exceeds it does so by what the
-        model lacks.
+        With a `stated` std the level of all lines together is known, but for what a record has by chance: a spectrum
+        that exceeds it does so by what the model lacks.
         """
         n, p = leverage.shape
         bins = _bins(n)
@@ -54,8 +56,20 @@ class WhitenedSpectrum:
         level = np.stack([terms @ f.weights for f in fitted], axis=1)
         log_std = np.stack([f.log_std(terms) for f in fitted], axis=1)
         if stated:
-            level = np.stack([_of_mean_one(column) for column in level.T], axis=1)
+            level = np.stack([_of_known_mean(column) for column in level.T], axis=1)
         return cls(level, log_std)
+
+    @property
+    def log_power_variance(self) -> Array:
+        """Variance (p,) of the logarithm of a channel's power in a record, beyond that of white noise."""
+        n = len(self.level)
+        return np.asarray(2 * (self.level**2).sum(axis=0) / self.level.sum(axis=0) ** 2 - 2 / n)
+
+    def flattened(self, rows: Array, channel: int) -> Array:
+        """Rows (n, ...) of a channel, filtered to a flat spectrum."""
+        root = np.sqrt(self.level[:, channel])
+        root = root.reshape(-1, *np.ones(rows.ndim - 1, dtype=int))
+        return np.asarray(idct(dct(rows, axis=0, norm="ortho") / root, axis=0, norm="ortho"))
 
     def of_columns(self, columns: Array) -> tuple[Array, Array]:
         """Level and variance of its log, each (g,), where the power of columns (n p, g) is.
@@ -83,7 +97,7 @@ def _bins(n: int) -> NDArray[np.intp]:
 
 
 def _terms(n: int) -> Array:
-    """Terms (n, 3) of a spectrum at the lines 0 .. n - 1, each of unit mean; line 0 as line 1."""
+    """Terms (n, 2) of a spectrum at the lines 0 .. n - 1, each of unit mean; line 0 as line 1."""
     line = np.maximum(np.arange(n), 1.0)
     terms = line[:, None] ** -np.array(EXPONENTS)
     return np.asarray(terms / terms.mean(axis=0))
@@ -91,7 +105,7 @@ def _terms(n: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Mixture:
-    """Maximum-likelihood weights (3,) of the terms of a channel's spectrum, none negative, and their covariance."""
+    """Maximum-likelihood weights (2,) of the terms of a channel's spectrum, none negative, and their covariance."""
 
     weights: Array
     covariance: Array
@@ -114,15 +128,22 @@ class _Mixture:
         return cls(weights, np.linalg.pinv(0.5 * relative.T @ (relative * free[:, None])))
 
     def log_std(self, terms: Array) -> Array:
-        """Standard deviation of the log of the spectrum of terms (n, 3)."""
+        """Standard deviation of the log of the spectrum of terms (n, 2)."""
         relative = terms / (terms @ self.weights)[:, None]
         return np.asarray(np.sqrt(np.maximum(np.einsum("kt,tu,ku->k", relative, self.covariance, relative), 0.0)))
 
 
+def _of_known_mean(level: Array) -> Array:
+    """The spectrum (n,) where the mean of the process is 1; that of a record differs, the more the redder it is."""
+    mean = level.mean()
+    most = 1.0 + SPREAD * np.sqrt(2 * (level**2).sum()) / level.sum()
+    if mean <= 1.0:
+        return np.asarray(level / mean)
+    return level if mean <= most else np.asarray(most * _of_mean_one(level / most))
+
+
 def _of_mean_one(level: Array) -> Array:
-    """The spectrum (n,) of mean 1 and the largest entropy below a spectrum of larger mean, min(level, c); or scaled."""
-    if level.mean() <= 1.0:
-        return np.asarray(level / level.mean())
+    """The spectrum (n,) of mean 1 and the largest entropy below a spectrum of larger mean, min(level, c)."""
     order = np.sort(level)
     clipped = (np.cumsum(order) + order * np.arange(len(order) - 1, -1, -1)) / len(order)
     first = int(np.searchsorted(clipped, 1.0))
