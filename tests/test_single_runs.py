@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
@@ -28,15 +29,17 @@ from estimation.fit import WhitenedProblem, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from modeling.chain.model import planar
+from modeling.chain.model import planar, spatial
 from modeling.effects import named, viscous_drag
-from modeling.rig.rig import Rig
+from modeling.rig.rig import Convention, Rig
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
     HiddenEffect,
     NoiseModel,
+    PinkNoise,
     PlanarRig,
     SensorLag,
+    SpatialRig,
     ViscousDrag,
     simulate,
 )
@@ -100,6 +103,23 @@ def test_noise_alone_lacks_nothing(noise: NoiseModel | str) -> None:
     result = diagnose(planar(RIG), run(3000, noise=noise), effects=FEW)
     assert result.added == ()
     assert result.verdict is RecordVerdict.NOTHING_MISSING
+
+
+@pytest.mark.long
+def test_slow_noise_is_no_lack_of_fit() -> None:
+    """1/f noise goes on from block to block; six axes. Before rows were flattened, 40 % were alarms at 5 %.
+
+    This fails for one choice of seeds in 1000.
+    """
+    tool, seeds, alarms = SpatialRig(), range(4000, 4040), 0
+    model = replace(spatial(), convention=Convention.ON_TOOL)
+    for seed in seeds:
+        motion = tool.random_motion(seed=seed, period=15.0)
+        frame = simulate(tool, motion, repeats=1, samples_per_period=1500, noise=PinkNoise(tones=()), seed=seed)
+        columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
+        fitted = fit(model, from_columns(columns, name="run", rig=Rig.from_data({})))
+        alarms += compare(fitted).lack_of_fit < 0.05
+    assert alarms <= binom.isf(1e-3, len(seeds), 0.05)
 
 
 def test_what_has_not_converged_is_not_extended(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -136,9 +136,10 @@ class _Mixture:
 def _of_known_mean(level: Array) -> Array:
     """The spectrum (n,) where the mean of the process is 1; that of a record differs, the more the redder it is."""
     mean = level.mean()
-    most = 1.0 + SPREAD * np.sqrt(2 * (level**2).sum()) / level.sum()
     if mean <= 1.0:
         return np.asarray(level / mean)
+    least = _of_mean_one(level)
+    most = 1.0 + SPREAD * np.sqrt(2 * (least**2).sum()) / least.sum()
     return level if mean <= most else np.asarray(most * _of_mean_one(level / most))
 
 
