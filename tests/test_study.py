@@ -167,7 +167,7 @@ def test_everything_has_a_report(begun: Study, tmp_path: Path) -> None:
     for number, result in enumerate(results):
         page, markdown = tw.report(result, tmp_path / str(number))
         assert page.read_text().startswith("<!doctype html>")
-        assert "motion 1" in markdown.read_text()
+        assert "viscous" in markdown.read_text()
     results = [begun.fit.recordings[0]]
     with pytest.raises(InputError, match="a Recording has no report"):
         tw.report(results[0], tmp_path)
