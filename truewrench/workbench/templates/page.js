@@ -12,6 +12,7 @@
     if (["check", "scheme", "ready"].includes(request.do)) return;
     notice("");
     busy(true, "working");
+    document.body.dataset.busy = "true";
   };
   const notice = (html, wrong) => {
     const box = place("notice");
