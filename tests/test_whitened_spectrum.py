@@ -109,7 +109,7 @@ def test_a_stated_std_is_the_level() -> None:
 
 
 def test_power_of_a_record_varies_as_stated() -> None:
-    """The variance of the logarithm of a record's power: by the spectrum, and by records. 400 of them tell it to 7 %."""
+    """The variance of the logarithm of a record's power: by the spectrum, and of 400 records, which tell it to 7 %."""
     rng, n = np.random.default_rng(3), 1000
     line = np.maximum(np.arange(n), 1.0)
     level = 1 / line + 0.002
