@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-settings.register_profile("seeded", derandomize=True)
+settings.register_profile("seeded", derandomize=True, max_examples=60)
 settings.load_profile("seeded")
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(variable, "1")

@@ -25,7 +25,7 @@ from modeling.errors import InputError
 from tests import survey_work as stand_in
 from truewrench.command_line import main
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
-from truewrench.surveying import Survey, survey
+from truewrench.surveying import Survey, dask_executor, survey
 from truewrench.surveying.dask_executor import local_executor
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 from truewrench.surveying.survey import OutcomeStore
@@ -358,6 +358,7 @@ def test_bad_usage_is_one_line(
     options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(dask_executor, "CONNECT_TIMEOUT", 0.5)
     (path,) = files(tmp_path, 1)
     assert main(["survey", str(path), *options]) == 2
     printed = capsys.readouterr()
