@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,12 @@ def test_loaded_model_is_as_good_as_its_fit(recording: tw.Recording, folder: Pat
     of_fit, of_file = tw.CentreOfMass.of(study.fit), tw.CentreOfMass.of(loaded)
     np.testing.assert_allclose(of_file.value, of_fit.value)
     np.testing.assert_allclose(of_file.std, of_fit.std)
+
+
+def test_compensated_readings_have_no_tool(recording: tw.Recording) -> None:
+    noise = np.random.default_rng(1).normal(size=recording.wrench.shape) * RIG.noise
+    found = tw.fit(tw.planar(), replace(recording, wrench=noise))
+    assert "Tool: none, m " in str(found.summary())
 
 
 def test_tool_is_a_line_of_the_fit(recording: tw.Recording) -> None:

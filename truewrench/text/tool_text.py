@@ -19,15 +19,23 @@ LEGEND = {
 BIASED = "the model does not fit, and what it lacks biases these"
 """Of the numbers of a model with something missing."""
 
+SIGNIFICANT = 5.0
+"""Std of a mass from which there is one."""
+WEIGHTLESS = "these readings hold no weight; was the tool compensated already?"
+
 
 def tool_text(fitted: Fit, *, misfitting: bool) -> str:
     """Mass and centre of mass with std, as far as they are identifiable; empty where the mass is not.
+
+    Of readings without weight it says that there is none.
 
     Of a `misfitting` model it says that the std are too small.
     """
     mass = fitted.parameters["m"]
     if not isfinite(mass.std):
         return ""
+    if abs(mass.value) < SIGNIFICANT * mass.std:
+        return f"Tool: none, m {estimate_text(mass.value, mass.std, mass.unit)}: {WEIGHTLESS}"
     centre = CentreOfMass.of(fitted)
     parts = [
         f"{axis} {estimate_text(1e3 * value, 1e3 * std, 'mm')}"
