@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from math import isfinite
 
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.finite_difference import GridPoint, score_columns
 from diagnosis.screening.null_model import NullModel
-from diagnosis.screening.projection import NoiseLevel, PointScore, ProjectedColumns, WhitenedColumns
+from diagnosis.screening.point_test import PointScore, PointTest
+from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
 from diagnosis.screening.row_selection import RowChoice, RowSet
 from diagnosis.screening.whitened_sensitivity import MAX_EXACT_POINTS, sensitivity_of
 from estimation.model_response import signals_are_periodic
-from estimation.multiplicity import detectable_noncentrality, effective_number_of_frequencies, effective_number_of_tests
+from estimation.multiplicity import effective_number_of_frequencies, effective_number_of_tests
 from estimation.parameter_layout import parameter_layout
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
@@ -126,26 +127,20 @@ def _cache_key(
 class GridSearch:
     """Score tests of an effect at every point of its grid.
 
-    best_index          index of the best point
-    best                the score test there
-    std                 standard deviations (g, a) of the amounts at each point
-    noise_level         level of the noise where the best score comes from
-    amplitude_power     the same (a,) where the score of each amplitude alone comes from
-    amplitude_variance  variances of their logs
-    effective_tests     effective number of tests over the grid
-    nonzero             whether the effect changes any row
-    samples             of the longest recording
+    best_index       index of the best point
+    test             the score tests there
+    std              standard deviations (g, a) of the amounts at each point
+    effective_tests  effective number of tests over the grid
+    nonzero          whether the effect changes any row
+    samples          of the longest recording
     """
 
     effect: Effect
     space: Space
     grid: tuple[GridPoint, ...]
     best_index: int
-    best: PointScore
+    test: PointTest
     std: Array
-    noise_level: NoiseLevel
-    amplitude_power: Array
-    amplitude_variance: Array
     effective_tests: float
     nonzero: bool
     samples: int
@@ -157,24 +152,25 @@ class GridSearch:
         """The search over a grid that is not empty."""
         projected = projected_columns(null_model, model, effect, grid)
         place = _best_point(projected)
-        best = projected.trial(place)
-        noise_level, power, variance = projected.noise_level(place)
+        test = projected.test(place)
         return cls(
             effect=effect,
             space=model.space,
             grid=tuple(grid_points(model, effect, grid)),
             best_index=place,
-            best=best,
+            test=test,
             std=projected.std,
-            noise_level=noise_level,
-            amplitude_power=power,
-            amplitude_variance=variance,
-            effective_tests=effective_number_of_tests(projected.noise_scores(), best.rank)
-            if len(grid) > 1 and best.rank
+            effective_tests=effective_number_of_tests(projected.noise_scores(), test.score.rank)
+            if len(grid) > 1 and test.score.rank
             else 1.0,
             nonzero=bool(projected.gram.any()),
             samples=max(r.samples for r in null_model.fit.recordings),
         )
+
+    @property
+    def best(self) -> PointScore:
+        """The best score."""
+        return self.test.score
 
     @property
     def point(self) -> GridPoint:
@@ -193,9 +189,9 @@ class GridSearch:
             return max(self.effective_tests, effective_number_of_frequencies(self.best.score, self.samples))
         return self.effective_tests
 
-    def p_value(self, score: float) -> float:
-        """P-value of a score at the best point, corrected for the number of tests over the grid."""
-        return min(1.0, self.number_of_tests * self.noise_level.p_value(replace(self.best, score=score)))
+    def p_value(self, from_motion: float = 0.0) -> float:
+        """P-value beyond the score that the motion's noise gives by itself, corrected for the tests over the grid."""
+        return min(1.0, self.number_of_tests * self.test.p_value(from_motion))
 
     @property
     def unidentifiable_reason(self) -> str:
@@ -224,8 +220,7 @@ class GridSearch:
         Where the nominal value is infinite, the effect decreases with the value: the value within the grid range, from
         the grid point whose own noncentrality is nearest.
         """
-        noncentrality = detectable_noncentrality(self.best.rank, level, self.amplitude_variance)
-        needed = np.sqrt(self.amplitude_power * noncentrality) * self.std
+        needed = np.sqrt(self.test.power * self.test.detectable_noncentrality(level)) * self.std
         found = {}
         for i, p in enumerate(self.point.amplitudes):
             if isfinite(p.nominal):

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.screening.null_model import NullModel
+from diagnosis.screening.point_test import AmplitudeTest, NoiseLevel, PointScore, PointTest
 from diagnosis.screening.row_selection import RowChoice
-from estimation.distributions import chi_square_p_value
 from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGTH
 from modeling.chain.effect import GridSuperposition
 
@@ -18,32 +18,6 @@ Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-4
 """Relative length of a projected direction below which it counts as rounding error of the derivative."""
-
-
-@dataclass(frozen=True, eq=False)
-class PointScore:
-    """Score test of an effect's amplitudes at one point of its grid.
-
-    score         drop of the whitened chi-square, with `rank` degrees of freedom
-    amounts, std  estimate and standard deviation of each amplitude, (a,), in units of the grid point
-    """
-
-    score: float
-    rank: int
-    amounts: Array
-    std: Array
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """Power of the whitened noise along a direction, 1 where it is white as estimated, and the variance of its log."""
-
-    power: float
-    log_variance: float
-
-    def p_value(self, score: PointScore) -> float:
-        """P-value of a score test in this noise; 1 where the effect is not identifiable."""
-        return chi_square_p_value(score.score / self.power, score.rank, self.log_variance) if score.rank else 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,15 +178,24 @@ class ProjectedColumns:
         blocks = self.whitened.columns[:, self._index[place]]
         return np.asarray(np.einsum("s,rsa->ra", self._weights[place], blocks))
 
-    def noise_level(self, place: int) -> tuple[NoiseLevel, Array, Array]:
-        """Level of the noise where a point's score comes from; levels and variances of their logs of each column.
-
-        Each (a,) for the amplitudes, each alone.
-        """
-        _, amounts = self.found
-        known = np.isfinite(self.scale[place])
+    def test(self, place: int) -> PointTest:
+        """The score tests at one of the points, in the noise where their scores come from."""
+        score, known = self.trial(place), np.isfinite(self.scale[place])
         columns = self.columns(place)
-        columns = np.column_stack([columns[:, known] @ amounts[place, known], columns])
+        columns = np.column_stack([columns[:, known] @ score.amounts[known], columns])
         free = self.null_model.project_out(self.null_model.spread(columns, self.whitened.choice))
         level, variance = self.null_model.noise_level_of(free, free[:, 1:][:, known])
-        return NoiseLevel(float(level[0]), float(variance[0])), level[1:], variance[1:]
+        noise = NoiseLevel(float(level[0]), float(variance[0]))
+        alone = self._strongest_alone(place, free[:, 1:], level[1:]) if score.rank > 1 else None
+        return PointTest(score, noise, alone, level[1:], variance[1:])
+
+    def _strongest_alone(self, place: int, free: Array, power: Array) -> AmplitudeTest:
+        """Of a point's projected columns (rows, a) the one of the largest score relative to the noise."""
+        length = np.linalg.norm(free, axis=0)
+        identifiable = length > RANK_TOLERANCE * self.scale[place]
+        scores = (free.T @ self.null_model.residual / np.where(identifiable, length, np.inf)) ** 2
+        strongest = int(np.argmax(scores / power))
+        column = free[:, [strongest]]
+        level, variance = self.null_model.noise_level_of(column, column)
+        noise = NoiseLevel(float(level[0]), float(variance[0]))
+        return AmplitudeTest(float(scores[strongest]), noise, int(identifiable.sum()))

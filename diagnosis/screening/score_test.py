@@ -175,21 +175,15 @@ def _score_test(search: GridSearch, candidates: int, fit: Fit, cache: ScreeningC
 def _p_value(search: GridSearch, fit: Fit, cache: ScreeningCache) -> float:
     """P-value of a search over the grid, of what its score is beyond that which the noise of the motion gives alone.
 
-    The score is a squared length, to which the noise of the motion adds its own, at most in the same direction. The
-    limit that holds for every effect is tried first, as it costs nothing.
+    The limit that holds for every effect is tried first, as it costs nothing.
     """
-    found = search.p_value(search.best.score)
+    found = search.p_value()
     motion = cache.drawn_motion(fit, lambda: DrawnMotion.of(fit)) if found < LEVELS.effect else None
     if motion is None:
         return found
-    limited = search.p_value(_less(search.best.score, motion.largest_power))
+    limited = search.p_value(motion.largest_power)
     if limited < CLEARLY_SIGNIFICANT:
         return limited
     again = run_searches([(drawn, search.effect) for drawn in motion.fits], motion.cache)
     from_motion = max(s.best.score if isinstance(s, GridSearch) else s.statistic for s in again)
-    return search.p_value(_less(search.best.score, from_motion))
-
-
-def _less(score: float, other: float) -> float:
-    """A squared length less another of the same direction."""
-    return float(max(score**0.5 - other**0.5, 0.0) ** 2)
+    return search.p_value(from_motion)

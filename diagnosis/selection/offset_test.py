@@ -68,7 +68,7 @@ def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> floa
     choice = affected_rows(null_model, model, tested=False)
     whitened = WhitenedColumns(whitened_sensitivities(null_model, model, [{}], names, choice), choice)
     projected = ProjectedColumns(null_model, whitened, GridSuperposition.plain([{}]), -np.inf)
-    return projected.noise_level(0)[0].p_value(projected.trial(0))
+    return projected.test(0).p_value()
 
 
 def _freed(fit: Fit, effect: Effect) -> Fit:
