@@ -31,6 +31,7 @@ from modeling.errors import InputError
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.parameter import Parameter
 from modeling.significance import LEVELS
+from modeling.table import Table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,6 +105,19 @@ class Fit(Estimates):
         names = [p.name for p in self.unknowns]
         sentence = impossible_body(self.model, names, self.theta, self.covariance)
         return [*super().remarks(), *([sentence] if sentence else [])]
+
+    def printed(self) -> list[Table | str]:
+        """Table, remarks, and how far the residual is above the noise: stds of a model that does not fit mislead."""
+        return [*super().printed(), self._chi_square_remark()]
+
+    def _chi_square_remark(self) -> str:
+        from estimation.fit_column_space import reduced_chi_square
+
+        known = [i for i, noise in enumerate(self.noise) if noise.source is not NoiseSource.RESIDUAL]
+        if not known:
+            return "noise estimated from the residual itself; summary() tests whether the model fits"
+        found = ", ".join(f"{self.recordings[i].name} {reduced_chi_square(self, i):.3g}" for i in known)
+        return f"reduced chi-square, 1 where the model fits: {found}; summary() tests it"
 
     @cached_property
     def information(self) -> SquareRootInformation:

@@ -131,7 +131,8 @@ def test_units_and_table() -> None:
     estimated = fit(planar(), recorded(Space.PLANE, seed=2))
     assert {name: e.unit for name, e in estimated.parameters.items()} == {p.name: p.unit for p in planar().parameters}
     lines = str(estimated).splitlines()
-    assert [line.split()[0] for line in lines[1:]] == list(estimated.parameters)
+    assert [line.split()[0] for line in lines[1:-1]] == list(estimated.parameters)
+    assert lines[-1].startswith("reduced chi-square, 1 where the model fits: ")
 
 
 REALISATIONS = 60

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import isclose
 
 from diagnosis.screening.score_test import ScoreTest, adjusted_p_values
-from modeling.number_format import P_VALUE, SHARE, format_number, format_with_std
+from modeling.number_format import P_VALUE, SHARE, estimate_text, format_number
 from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Column, Table, Tabular
@@ -72,7 +73,15 @@ class Suspects(Tabular):
         """What to do with it."""
         if not self.ids:
             return ["no effect is significant at 1 % (family-wise)"]
-        return [f"significant at 1 % (family-wise): {', '.join(self.ids)}; one true effect makes several look so"]
+        found = [f"significant at 1 % (family-wise): {', '.join(self.ids)}; one true effect makes several look so"]
+        return found + [f"{' and '.join(tie)} have the same score here: fit each, and compare" for tie in self.ties]
+
+    @property
+    def ties(self) -> list[tuple[str, ...]]:
+        """Ids of significant effects whose scores are equal to rounding, as their derivatives are."""
+        scores = {t.effect.id: t.statistic for t in self.tests if t.effect.id in self.ids}
+        groups = [tuple(n for n, other in scores.items() if isclose(other, score)) for score in scores.values()]
+        return list(dict.fromkeys(group for group in groups if len(group) > 1))
 
     def share(self, test: ScoreTest) -> float | None:
         """Share of the excess chi-square that the effect would remove; None where the noise is the residual's own."""
@@ -81,8 +90,8 @@ class Suspects(Tabular):
     def _amounts(self, test: ScoreTest) -> str:
         units = {p.name: p.unit for p in test.effect.qualified(self.space)}
         ranked = sorted(test.amounts.items(), key=lambda a: -abs(a[1][0]) / max(a[1][1], 1e-300))[:MOST_AMOUNTS]
-        found = [f"{n.split('.', 1)[1]} = {format_with_std(*v)} {units[n]}".rstrip(" 1") for n, v in ranked]
-        return ", ".join(found).replace("−", "-") + ", .." * (len(test.amounts) > MOST_AMOUNTS)
+        found = [f"{n.split('.', 1)[1]} = {estimate_text(*v, units[n])}" for n, v in ranked]
+        return ", ".join(found) + ", .." * (len(test.amounts) > MOST_AMOUNTS)
 
     def _detectable(self, test: ScoreTest) -> str:
         found = list(test.detectable.items())[:MOST_AMOUNTS]
