@@ -8,7 +8,9 @@ from modeling.effects import named
 from modeling.space import Space
 
 
-def score_test(effect: str, statistic: float, amounts: dict[str, tuple[float, float]], p_value: float = 1e-9) -> ScoreTest:
+def score_test(
+    effect: str, statistic: float, amounts: dict[str, tuple[float, float]], p_value: float = 1e-9
+) -> ScoreTest:
     return ScoreTest(named(effect), statistic, p_value, {}, amounts, {})
 
 
