@@ -92,15 +92,15 @@ def student_isf(probability: Numbers, freedom: Numbers) -> Numbers:
     return -scipy.special.stdtrit(freedom, probability)
 
 
-def chi_square_p_value(statistic: float, degrees_of_freedom: float, log_power_variance: float) -> float:
+def chi_square_p_value(statistic: Numbers, degrees_of_freedom: float, log_power_variance: float) -> Numbers:
     """P-value of a chi-square statistic, by F where the noise power is itself estimated.
 
     `log_power_variance` is the variance of the estimated log power spectral density: trigamma(d / 2) for an estimate
     with d degrees of freedom.
     """
     if log_power_variance <= 0:
-        return float(chi2_sf(statistic, degrees_of_freedom))
-    return float(f_sf(statistic / degrees_of_freedom, degrees_of_freedom, 2 * inverse_trigamma(log_power_variance)))
+        return chi2_sf(statistic, degrees_of_freedom)
+    return f_sf(statistic / degrees_of_freedom, degrees_of_freedom, 2 * inverse_trigamma(log_power_variance))
 
 
 def inverse_trigamma(value: float) -> float:

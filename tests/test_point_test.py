@@ -7,11 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from diagnosis.screening.point_test import AmplitudeTest, NoiseLevel, PointScore, PointTest
+from diagnosis.screening.point_test import AmplitudeTest, PointScore, PointTest
+from estimation.noise.noise_level import NoiseLevel
 
 Array = NDArray[np.float64]
 
-WHITE = NoiseLevel(1.0, 0.0)
+WHITE = NoiseLevel()
 LEVEL = 0.05
 TAIL = 1e-4
 """Probability of a calibration test to fail although the level holds."""
@@ -37,7 +38,7 @@ def test_one_real_amplitude_of_many_is_found_where_the_noise_of_all_is_hardly_kn
     """Thirty amplitudes, one of 10 std; the level of the noise known to a factor e where all thirty come from."""
     scores = np.zeros(30)
     scores[7] = 10.0
-    test = point_test(scores, NoiseLevel(1.0, 1.0))
+    test = point_test(scores, NoiseLevel(log_variance=1.0))
     assert test.noise.p_value(test.score.score, test.score.rank) > 0.05
     assert test.p_value() < 1e-20
 

@@ -168,9 +168,8 @@ def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
         if degrees_of_freedom > 0.5:
             power = float((rows[band] ** 2).sum())
             shares = (rows * band)[:, None] ** 2 / max(power, 1e-300)
-            p_values.append(
-                chi_square_p_value(power, degrees_of_freedom, float(noise.log_power_variance_of(shares)[0]) + coloured)
-            )
+            variance = float(noise.log_power_variance_of(shares)[0]) + coloured
+            p_values.append(float(chi_square_p_value(power, degrees_of_freedom, variance)))
     return reduced_chi_square(fit, number), bonferroni_p_value(p_values)
 
 

@@ -206,6 +206,5 @@ def _p_value(power: Array) -> float:
     slow, above = number[:SLOW_MODES], number[REFERENCE_MODES]
     logs = np.log(np.maximum(power[REFERENCE_MODES], 1e-300)) - LOG_CHI_SQUARE_MEAN
     expected = np.exp(logs.mean() + STEEPEST_NOISE * (slow - above.mean()))
-    return chi_square_p_value(
-        float((power[:SLOW_MODES] / expected).sum()), SLOW_MODES, LOG_CHI_SQUARE_VARIANCE / len(above)
-    )
+    score = float((power[:SLOW_MODES] / expected).sum())
+    return float(chi_square_p_value(score, SLOW_MODES, LOG_CHI_SQUARE_VARIANCE / len(above)))

@@ -15,6 +15,7 @@ from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Fit
 from estimation.fit_column_space import FitColumnSpace, RowIndex, fit_column_space
 from estimation.least_squares.column_space import ColumnSpace
+from estimation.noise.noise_level import NoiseLevel
 from estimation.noise.recording_noise import NoiseSource
 from estimation.noise.whitened_spectrum import WhitenedSpectrum, lines
 from estimation.run_spectrum import has_run_spectrum
@@ -162,26 +163,27 @@ class NullModel:
         ends = np.cumsum([0, *(n.whitener.rows for n in self.fit.noise)])
         return [slice(int(first), int(last)) for first, last in pairwise(ends)]
 
-    def noise_level_of(self, fitted: Array, tested: Array) -> tuple[Array, Array]:
-        """Level of the noise's spectrum over that which whitens, and the variance of its log; each (g,).
+    def noise_levels(self, fitted: Array, tested: Array) -> list[NoiseLevel]:
+        """Level of the noise's spectrum over that which whitens, where each column (rows, g) has its power.
 
-        Both as means weighted by the power of each column (rows, g), all projected. Of a single run the spectrum is
-        that of the residual without the `tested` columns (rows, a), which are no part of the noise if they are real.
+        The columns are projected. Of a single run the spectrum is that of the residual without the `tested` columns
+        (rows, a), which are no part of the noise if they are real.
         """
-        shares = fitted**2 / np.maximum((fitted**2).sum(axis=0), 1e-300)
-        level, variance = np.zeros(fitted.shape[1]), np.zeros(fitted.shape[1])
+        length = np.linalg.norm(fitted, axis=0)
+        unit = fitted / np.where(length > 0, length, 1.0)
+        found = [NoiseLevel(known=float(size == 0)) for size in length]
         directions = ColumnSpace.of(tested).basis if any(x is not None for x in self._line_leverage) else tested[:, :0]
         residual = self.residual - directions @ (directions.T @ self.residual)
         for noise, part, leverage in zip(self.fit.noise, self._parts, self._line_leverage, strict=True):
-            variance += noise.log_power_variance_of(shares[part])
-            own = shares[part].sum(axis=0)
+            variance, own = noise.log_power_variance_of(unit[part] ** 2), (unit[part] ** 2).sum(axis=0)
             if leverage is None:
-                level += own
+                found = [x.and_known(*more) for x, *more in zip(found, own, variance, strict=True)]
                 continue
-            p = leverage.shape[1]
-            taken = leverage + (lines(directions[part], p) ** 2).sum(axis=2)
+            taken = leverage + (lines(directions[part], leverage.shape[1]) ** 2).sum(axis=2)
             spectrum = WhitenedSpectrum.of(residual[part], taken, stated=noise.source is NoiseSource.RIG)
-            above, uncertain = spectrum.of_columns(fitted[part])
-            level += own * above
-            variance += own * uncertain
-        return np.where(level > 0, level, 1.0), variance
+            parts = spectrum.power_along(unit[part]).transpose(2, 1, 0)
+            found = [
+                x.and_parts(power, spectrum.probability.T, v)
+                for x, power, v in zip(found, parts, variance + 2 * own**2 / spectrum.rows, strict=True)
+            ]
+        return found

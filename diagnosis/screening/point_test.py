@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.distributions import chi_square_p_value
 from estimation.multiplicity import detectable_noncentrality
+from estimation.noise.noise_level import NoiseLevel
 
 Array = NDArray[np.float64]
 
@@ -25,18 +25,6 @@ class PointScore:
     rank: int
     amounts: Array
     std: Array
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """Power of the whitened noise along a direction, 1 where it is white as estimated, and the variance of its log."""
-
-    power: float
-    log_variance: float
-
-    def p_value(self, score: float, rank: int) -> float:
-        """P-value of a score of so many degrees of freedom in this noise."""
-        return chi_square_p_value(score / self.power, rank, self.log_variance)
 
 
 @dataclass(frozen=True)

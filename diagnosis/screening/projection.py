@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.screening.null_model import NullModel
-from diagnosis.screening.point_test import AmplitudeTest, NoiseLevel, PointScore, PointTest
+from diagnosis.screening.point_test import AmplitudeTest, PointScore, PointTest
 from diagnosis.screening.row_selection import RowChoice
 from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGTH
 from modeling.chain.effect import GridSuperposition
@@ -184,10 +184,10 @@ class ProjectedColumns:
         columns = self.columns(place)
         columns = np.column_stack([columns[:, known] @ score.amounts[known], columns])
         free = self.null_model.project_out(self.null_model.spread(columns, self.whitened.choice))
-        level, variance = self.null_model.noise_level_of(free, free[:, 1:][:, known])
-        noise = NoiseLevel(float(level[0]), float(variance[0]))
-        alone = self._strongest_alone(place, free[:, 1:], level[1:]) if score.rank > 1 else None
-        return PointTest(score, noise, alone, level[1:], variance[1:])
+        noise, *each = self.null_model.noise_levels(free, free[:, 1:][:, known])
+        power, variance = np.array([x.mean for x in each]), np.array([x.variance_of_log for x in each])
+        alone = self._strongest_alone(place, free[:, 1:], power) if score.rank > 1 else None
+        return PointTest(score, noise, alone, power, variance)
 
     def _strongest_alone(self, place: int, free: Array, power: Array) -> AmplitudeTest:
         """Of a point's projected columns (rows, a) the one of the largest score relative to the noise."""
@@ -196,6 +196,5 @@ class ProjectedColumns:
         scores = (free.T @ self.null_model.residual / np.where(identifiable, length, np.inf)) ** 2
         strongest = int(np.argmax(scores / power))
         column = free[:, [strongest]]
-        level, variance = self.null_model.noise_level_of(column, column)
-        noise = NoiseLevel(float(level[0]), float(variance[0]))
+        (noise,) = self.null_model.noise_levels(column, column)
         return AmplitudeTest(float(scores[strongest]), noise, int(identifiable.sum()))
