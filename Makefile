@@ -3,6 +3,9 @@
 
 BIN := .venv/bin
 STAMP := .venv/.installed
+# Tests start many processes, each of which would compile every module anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
 .PHONY: demo test long check docs bench notebooks clean
