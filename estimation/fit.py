@@ -111,13 +111,16 @@ class Fit(Estimates):
         return [*super().printed(), self._chi_square_remark()]
 
     def _chi_square_remark(self) -> str:
-        from estimation.fit_column_space import reduced_chi_square
-
-        known = [i for i, noise in enumerate(self.noise) if noise.source is not NoiseSource.RESIDUAL]
-        if not known:
+        if all(noise.source is NoiseSource.RESIDUAL for noise in self.noise):
             return "noise estimated from the residual itself; summary() tests whether the model fits"
-        found = ", ".join(f"{self.recordings[i].name} {reduced_chi_square(self, i):.3g}" for i in known)
-        return f"reduced chi-square, 1 where the model fits: {found}; summary() tests it"
+        whitened, start, squares, excited = self.linearised().residual, 0, 0.0, 0
+        for noise in self.noise:
+            if noise.source is not NoiseSource.RESIDUAL:
+                rows = whitened[start : start + noise.whitener.periodic_rows]
+                squares, excited = squares + float(rows @ rows), excited + len(rows)
+            start += noise.whitener.rows
+        found = squares / max(excited - int(self.identifiable.sum()), 1)
+        return f"reduced chi-square {found:.3g}, 1 where the model fits; summary() tests it"
 
     @cached_property
     def information(self) -> SquareRootInformation:

@@ -52,18 +52,3 @@ def fit_column_space(fit: Fit) -> FitColumnSpace:
     """
     linearised = fit.linearised()
     return FitColumnSpace(linearised.residual, linearised.reached, ColumnSpace.of(linearised.derivative))
-
-
-def rows_and_leverage(fit: Fit, number: int) -> tuple[Array, Array]:
-    """Whitened residual rows of one recording, and their leverages."""
-    column_space = fit_column_space(fit)
-    start = sum(n.whitener.rows for n in fit.noise[:number])
-    part = slice(start, start + fit.noise[number].whitener.rows)
-    return column_space.residual[part], column_space.leverage[part]
-
-
-def reduced_chi_square(fit: Fit, number: int) -> float:
-    """Mean square of one recording's whitened residual on excited lines, per degree of freedom: 1 of a true model."""
-    rows, leverage = rows_and_leverage(fit, number)
-    excited = fit.noise[number].whitener.periodic_rows
-    return float((rows[:excited] ** 2).sum() / max(1.0, excited - leverage[:excited].sum()))

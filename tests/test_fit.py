@@ -132,7 +132,7 @@ def test_units_and_table() -> None:
     assert {name: e.unit for name, e in estimated.parameters.items()} == {p.name: p.unit for p in planar().parameters}
     lines = str(estimated).splitlines()
     assert [line.split()[0] for line in lines[1:-1]] == list(estimated.parameters)
-    assert lines[-1].startswith("reduced chi-square, 1 where the model fits: ")
+    assert lines[-1].startswith("reduced chi-square ")
 
 
 REALISATIONS = 60

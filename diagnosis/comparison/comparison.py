@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from diagnosis.comparison.generic_terms import cross_validated_gain, event_mean_p_value, smallest_gain_p_value
 from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit
-from estimation.fit_column_space import reduced_chi_square, rows_and_leverage
+from estimation.fit_column_space import fit_column_space
 from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
@@ -161,7 +161,9 @@ def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
     noise = fit.noise[number]
     if noise.source is NoiseSource.RESIDUAL:
         return None, bonferroni_p_value([cross_validated_gain(fit, number).p_value, event_mean_p_value(fit, number)])
-    rows, leverage = rows_and_leverage(fit, number)
+    rows, leverage = _rows_and_leverage(fit, number)
+    excited = noise.whitener.periodic_rows
+    total = (rows[:excited] ** 2).sum() / max(1.0, excited - leverage[:excited].sum())
     p_values, coloured = [], _record_power_variance(fit, number)
     for band in frequency_bands(noise):
         degrees_of_freedom = band.sum() - leverage[band].sum()
@@ -170,7 +172,7 @@ def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
             shares = (rows * band)[:, None] ** 2 / max(power, 1e-300)
             variance = float(noise.log_power_variance_of(shares)[0]) + coloured
             p_values.append(float(chi_square_p_value(power, degrees_of_freedom, variance)))
-    return reduced_chi_square(fit, number), bonferroni_p_value(p_values)
+    return float(total), bonferroni_p_value(p_values)
 
 
 def _record_power_variance(fit: Fit, number: int) -> float:
@@ -193,6 +195,14 @@ def smallest_lack_of_fit(noise: RecordingNoise) -> float:
     if noise.source is not NoiseSource.RESIDUAL or not isinstance(whitener, AutoregressiveWhitener):
         return 0.0
     return bonferroni_p_value([smallest_gain_p_value(whitener), 1.0])
+
+
+def _rows_and_leverage(fit: Fit, number: int) -> tuple[Array, Array]:
+    """Whitened residual rows of one recording, and their leverages."""
+    column_space = fit_column_space(fit)
+    start = sum(n.whitener.rows for n in fit.noise[:number])
+    part = slice(start, start + fit.noise[number].whitener.rows)
+    return column_space.residual[part], column_space.leverage[part]
 
 
 def frequency_bands(noise: RecordingNoise) -> list[NDArray[np.bool_]]:

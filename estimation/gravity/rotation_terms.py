@@ -7,6 +7,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.least_squares.column_space import orthonormal_basis
 from estimation.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -28,5 +29,5 @@ def without_terms(rows: Array, terms: Array) -> Array:
 
     A fit of what is left to what is left is that of a fit with these terms (Frisch and Waugh, Econometrica 1, 1933).
     """
-    rows, terms = rows - rows.mean(axis=0), terms - terms.mean(axis=0)
-    return np.asarray(rows - terms @ np.linalg.lstsq(terms, rows, rcond=1e-10)[0])
+    rows, basis = rows - rows.mean(axis=0), orthonormal_basis(terms - terms.mean(axis=0))
+    return np.asarray(rows - basis @ (basis.T @ rows))
