@@ -24,8 +24,10 @@ SINGLE_LINES = 32
 """Lowest lines that are bins by themselves; from there on as many bins to a factor e."""
 LOWEST_CORNER = 0.1
 """Lowest line at which 1/f noise may exceed white noise."""
-CORNERS = 96
+CORNERS = 48
 """Corners, in equal ratios up to `HIGHEST_CORNER` times the highest line, and none."""
+EXPONENTS = (0.7, 1.0, 1.4)
+"""Of the 1/f part: those of sensors are about 1, and what an autoregression leaves is not exactly a power."""
 HIGHEST_CORNER = 10.0
 NEGLIGIBLE = 1e-12
 """Relative probability of a corner that is left out."""
@@ -37,11 +39,11 @@ SPREAD = 2.0
 class WhitenedSpectrum:
     """Power spectral density of each channel's whitened rows at the lines of a cosine transform, 1 if they are white.
 
-    White and 1/f noise: it is proportional to 1 + corner / line, with line 0 as line 1, in bins of lines.
+    White and 1/f noise: it is proportional to 1 + (corner / line)^exponent, with line 0 as line 1, in bins of lines.
 
     bins         of the lines
-    power        (s, b, p) for each of s corners, in units of white noise of unit variance
-    probability  (s, p), of each corner
+    power        (s, b, p) for each of s shapes, in units of white noise of unit variance
+    probability  (s, p), of each shape
     """
 
     bins: LineBins
@@ -63,7 +65,7 @@ class WhitenedSpectrum:
         white = np.maximum(shapes.inverse @ power, 1e-300) / freedom
         log_likelihood = -0.5 * (freedom * np.log(white) + shapes.log @ free)
         information = shapes.slope**2 @ free - (shapes.slope @ free) ** 2 / freedom
-        prior = np.sqrt(np.maximum(information, 1e-300)) * shapes.width[:, None]
+        prior = shapes.prior(np.sqrt(np.maximum(information, 1e-300)))
         probability = np.exp(log_likelihood - log_likelihood.max(axis=0)) * prior
         likely = (probability > NEGLIGIBLE * probability.max(axis=0)).any(axis=1)
         probability = probability[likely] / probability[likely].sum(axis=0)
@@ -92,7 +94,7 @@ class WhitenedSpectrum:
         return np.asarray(idct(dct(rows, axis=0, norm="ortho") / root, axis=0, norm="ortho"))
 
     def power_along(self, columns: Array) -> Array:
-        """Expected power (s, p, g) along columns (n p, g) at each corner; a column's is the sum over its channels."""
+        """Expected power (s, p, g) along columns (n p, g) for each shape; a column's is the sum over its channels."""
         share = self.bins.sums(lines(columns, self.power.shape[2]) ** 2)
         return np.asarray((self.power.transpose(2, 0, 1) @ share.transpose(1, 0, 2)).swapaxes(0, 1))
 
@@ -146,16 +148,14 @@ class LineBins:
 
 @dataclass(frozen=True, eq=False)
 class _Shapes:
-    """Spectra 1 + corner / line in bins of lines.
+    """Spectra 1 + (corner / line)^exponent in bins of lines, every corner with every exponent.
 
-    width    (s,), of the corners that each corner stands for
     log      (s, b), log of a spectrum
     inverse  (s, b), 1 over it
-    slope    (s, b), derivative of its log by the corner
+    slope    (s, b), derivative of its log by the log of the corner
     """
 
     bins: LineBins
-    width: Array
     log: Array
     inverse: Array
     slope: Array
@@ -165,9 +165,16 @@ class _Shapes:
     def of(cls, n: int) -> _Shapes:
         """For n lines."""
         bins = LineBins.of(n)
-        steep = bins.sums(1 / np.maximum(np.arange(n), 1.0)) / bins.count
-        corners = np.concatenate([[0.0], np.geomspace(LOWEST_CORNER, HIGHEST_CORNER * n, CORNERS)])
-        spectrum = 1 + corners[:, None] * steep
-        width = np.gradient(corners)
-        width[[0, -1]] /= 2
-        return cls(bins, width, np.log(spectrum), 1 / spectrum, steep / spectrum)
+        corners = np.geomspace(LOWEST_CORNER, HIGHEST_CORNER * n, CORNERS)
+        spectra, slopes = [], []
+        for exponent in EXPONENTS:
+            steep = bins.sums(np.maximum(np.arange(n), 1.0) ** -exponent) / bins.count * corners[:, None] ** exponent
+            spectra.append(1 + steep)
+            slopes.append(exponent * steep / (1 + steep))
+        spectrum = np.concatenate(spectra)
+        return cls(bins, np.log(spectrum), 1 / spectrum, np.concatenate(slopes))
+
+    def prior(self, density: Array) -> Array:
+        """Jeffreys' prior from its density (s, p) over the log of the corner, each exponent as likely."""
+        by_exponent = density.reshape(len(EXPONENTS), CORNERS, -1)
+        return np.asarray((by_exponent / by_exponent.sum(axis=1, keepdims=True)).reshape(density.shape))
