@@ -25,6 +25,7 @@ from diagnosis.selection.noise_reestimation import noise_without_transients
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, search_subsets
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
 from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
+from diagnosis.verdict.given_alternative import GivenAlternative, given_alternatives
 from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.result_json import disturbance_data, unexplained_data
@@ -62,6 +63,7 @@ class Diagnosis(Tabular):
     unexplained   the unexplained residual and where it is significant, None when the recordings are explained
     calibration   of one of the training recordings, None unless it was given (`calibrated`)
     gravity       gravity's direction in base axes where the data decided it, None where it is stated or points down
+    given_alternatives  other effects that fit as well, or better, in the place of a given one
     """
 
     model: WrenchModel
@@ -74,6 +76,7 @@ class Diagnosis(Tabular):
     unexplained: UnexplainedResidual | None
     calibration: Calibration | None = None
     gravity: GravityEstimate | None = None
+    given_alternatives: tuple[GivenAlternative, ...] = ()
 
     @property
     def fit(self) -> Fit:
@@ -135,10 +138,11 @@ class Diagnosis(Tabular):
         return Table.of(("effect", "verdict", *numbers, "reason"), rows)
 
     def remarks(self) -> list[str]:
-        """Gravity's direction, recording-specific disturbances, and where the residual is significant."""
+        """Alternatives to given effects, gravity's direction, disturbances, and where the residual is significant."""
+        alternatives = [alternative.sentence for alternative in self.given_alternatives]
         gravity = [] if self.gravity is None else [self.gravity.sentence]
         unexplained = [f"residual: {self.unexplained.where}"] if self.unexplained else []
-        return [*gravity, *map(str, self.disturbances), *unexplained]
+        return [*alternatives, *gravity, *map(str, self.disturbances), *unexplained]
 
     def printed(self) -> list[Table | str]:
         """Verdict, comparison with the first recording, candidate effects."""
@@ -156,6 +160,7 @@ class Diagnosis(Tabular):
             "noise_floor": dict(first.noise_floor),
             "noise_source": first.noise.source.value,
             "given": list(self.given),
+            "given_alternatives": [a.to_data() for a in self.given_alternatives],
             "added": list(self.added),
             "lack_of_fit_p": self.stated_lack_of_fit,
             "converged": self.fit.converged,
@@ -277,6 +282,7 @@ def _diagnosed(
     progress("verdict, upper limit and aliases of every effect")
     evidence = gather_evidence(selection, final, candidates, reasons)
     findings = judge_effects(selection, final, steps, power, evidence, candidates, tolerance, effect_rules)
+    alternatives = given_alternatives(final, candidates)
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], tolerance)
@@ -284,8 +290,9 @@ def _diagnosed(
     disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
     final.cache.forget()
     return Diagnosis(
-        final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained, gravity=case.found
-    )
+        final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
+        gravity=case.found, given_alternatives=alternatives,
+    )  # fmt: skip
 
 
 def _initial_fit(

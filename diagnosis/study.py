@@ -188,7 +188,8 @@ class Study(Tabular):
         """Score tests of all effects that the current model lacks, what would remove most error first."""
         announce = count_progress(self._progress, "score tests")
         tests = screen(self.fit, list(self._candidates.values()), cache=self._cache, announce=announce)
-        excess = None if noise_from_residual(self.fit) else self._candidate.excess
+        explained = noise_from_residual(self.fit) or self._candidate.adequate
+        excess = None if explained else self._candidate.excess
         return Suspects.of(tests, self.model.space, excess)
 
     def stairs(self) -> Table:

@@ -32,7 +32,7 @@ def screened(**changed: Any) -> EffectEvidence:
 EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
     "added to the model": (replace(NOTHING, added=True), EffectVerdict.SUPPORTED, ""),
     "alias of an added effect": (
-        replace(NOTHING, alias=("sensor_lag", Alias(DRAG, 4.0))),
+        replace(NOTHING, alias=("sensor_lag", Alias(DRAG, 4.0, 4.0))),
         EffectVerdict.CONFUSABLE,
         "indistinguishable from sensor_lag (separation 4, probability of confusion 16%)",
     ),

@@ -27,7 +27,7 @@ class Suspects(Tabular):
     A score test estimates an effect's amplitudes linearly, without a refit: its size is a first guess.
 
     excess  whitened chi-square of the fit above its expectation under noise alone; None where the noise is estimated
-            from the residual
+            from the residual, and where the residual is consistent with the noise: there is no error to remove
     """
 
     tests: tuple[ScoreTest, ...]
@@ -84,7 +84,7 @@ class Suspects(Tabular):
         return list(dict.fromkeys(group for group in groups if len(group) > 1))
 
     def share(self, test: ScoreTest) -> float | None:
-        """Share of the excess chi-square that the effect would remove; None where the noise is the residual's own."""
+        """Share of the excess chi-square that the effect would remove; None where there is no excess to share."""
         return min(1.0, test.statistic / self.excess) if self.excess and test.excited else None
 
     def _amounts(self, test: ScoreTest) -> str:

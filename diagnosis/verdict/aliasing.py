@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,21 +25,38 @@ Array = NDArray[np.float64]
 
 GIVE_UP_FACTOR = 100
 """Multiple of `LEVELS.confusable` above which a slowly converging refit is stopped: it cannot become an alias."""
+LIKELIHOOD_RATIO_99 = 2 * log(99)
+"""Difference of two models' chi-squares at which the likelihoods are 99 to 1."""
 MAX_ALIASES = 6
 """Significant effects tried in the place of another."""
 
 
 @dataclass(frozen=True, eq=False)
 class Alias:
-    """An alternative to an added effect, and the noncentrality lambda of its best fit."""
+    """An alternative to an added effect.
+
+    noncentrality  lambda of its best fit to the noise-free prediction: how far apart these motions place the two
+    excess         by how much the chi-square of the readings is higher with it: how far apart these readings place them
+    """
 
     effect: Effect
     noncentrality: float
+    excess: float
 
     @property
     def error_probability(self) -> float:
         """Probability of confusion with the added effect."""
         return error_probability(self.noncentrality)
+
+    @property
+    def separated(self) -> bool:
+        """Whether motions and readings separate it from the added effect, each with an error of 1 % or less."""
+        return self.noncentrality >= LEVELS.separated and self.excess >= LIKELIHOOD_RATIO_99
+
+    def to_data(self) -> dict[str, Any]:
+        """The alias in result.json."""
+        numbers = {"noncentrality": float(self.noncentrality), "error_probability": self.error_probability}
+        return {"id": self.effect.id, **numbers, "excess": float(self.excess)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,40 +113,53 @@ def alias_candidates(
     return [
         AliasCandidate(i, without.fit, s, free[i])
         for i, without in places.items()
-        for s in _most_significant(without.screened(others[i]))
+        for s in most_significant(without.screened(others[i]))
     ]
 
 
-def aliases(alternatives: Sequence[AliasCandidate], noncentralities: Sequence[float]) -> dict[str, list[Alias]]:
-    """Alternatives to each of a candidate's effects by id, the closest first."""
+def aliases(alternatives: Sequence[AliasCandidate], fitted: Sequence[Alias | None]) -> dict[str, list[Alias]]:
+    """Alternatives to each of a candidate's effects by id, the closest first; without those that were not `fitted`."""
     found: dict[str, list[Alias]] = {}
-    for alternative, far in zip(alternatives, noncentralities, strict=True):
-        if np.isfinite(far):
-            found.setdefault(alternative.place, []).append(Alias(alternative.screening.effect, far))
+    for alternative, alias in zip(alternatives, fitted, strict=True):
+        if alias is not None:
+            found.setdefault(alternative.place, []).append(alias)
     return {i: sorted(of, key=lambda r: r.noncentrality) for i, of in found.items()}
 
 
-def _most_significant(screenings: Sequence[ScoreTest]) -> list[ScoreTest]:
+def most_significant(screenings: Sequence[ScoreTest]) -> list[ScoreTest]:
     """The significant effects with the largest scores."""
     return sorted(significant_effects(screenings), key=lambda s: -s.statistic)[:MAX_ALIASES]
 
 
-def whitened_prediction(candidate: CandidateModel) -> tuple[Array, ...]:
-    """The whitened noise-free prediction (rows,) of each of a candidate's recordings."""
-    measured = candidate.fit.problem.measured
-    residuals = np.split(candidate.null_model.whitened_residual, np.cumsum([len(m) for m in measured])[:-1])
-    return tuple(m - r for m, r in zip(measured, residuals, strict=True))
+@dataclass(frozen=True, eq=False)
+class WhitenedModel:
+    """Whitened noise-free prediction of a candidate, (rows,) of each recording, and its whitened residual (rows,)."""
+
+    prediction: tuple[Array, ...]
+    residual: Array
+
+    @classmethod
+    def of(cls, candidate: CandidateModel) -> WhitenedModel:
+        """Of a candidate, from the null model of its score tests."""
+        measured, residual = candidate.fit.problem.measured, candidate.null_model.whitened_residual
+        parts = np.split(residual, np.cumsum([len(m) for m in measured])[:-1])
+        return cls(tuple(m - r for m, r in zip(measured, parts, strict=True)), residual)
 
 
-def noncentrality_of_alias(target: tuple[Array, ...], alternative: AliasCandidate) -> float:
-    """Noncentrality lambda of a whitened prediction, (rows,) of each recording, with respect to an alternative model.
+def alias_of(target: WhitenedModel, alternative: AliasCandidate) -> Alias | None:
+    """The alternative fitted to a whitened prediction; None where it has no solution at the score test's values.
 
-    Infinite when the alternative has no solution at the score test's initial values.
+    Its excess is of the same values: the residual of the readings is orthogonal to what the two models share.
     """
     without, screening = alternative.without, alternative.screening
     unknowns = parameter_layout(alternative.model, without.recordings)
-    problem = AliasProblem(unknowns, without.recordings, without.noise, target)
+    problem = AliasProblem(unknowns, without.recordings, without.noise, target.prediction)
     try:
-        return fit_rival(problem, [initial_values(unknowns, {**without.values, **screening.start})]).noncentrality
+        best = fit_rival(problem, [initial_values(unknowns, {**without.values, **screening.start})])
     except InputError:
-        return np.inf
+        return None
+    if not np.isfinite(best.noncentrality):
+        return None
+    difference, _ = problem.evaluate(best.theta)
+    excess = float(difference @ difference + 2 * (target.residual @ difference))
+    return Alias(screening.effect, best.noncentrality, excess)

@@ -16,10 +16,10 @@ from diagnosis.screening.score_test import ScoreTest, adjusted_p_values, screen
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from diagnosis.verdict.aliasing import (
     Alias,
+    WhitenedModel,
     alias_candidates,
+    alias_of,
     aliases,
-    noncentrality_of_alias,
-    whitened_prediction,
 )
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectEvidence, EffectRule, beyond_range
 from diagnosis.verdict.selection_step import SelectionStep
@@ -45,6 +45,7 @@ class Finding(Tabular):
     error_removed   share of the systematic power that it removes; not added: of the excess chi-square, by its score
     detectable      changes of its amplitudes that are detected with 80 % power
     confusable_with ids of its aliases (of an alias: the added effect)
+    closest         of an added effect: the other one that imitates it best, None where no other is significant there
     reason          why it is not supported, empty when that is its p-value
     """
 
@@ -56,6 +57,7 @@ class Finding(Tabular):
     confusable_with: tuple[str, ...]
     reason: str
     parameters: Mapping[str, Estimate]
+    closest: Alias | None = None
 
     @property
     def table(self) -> Table:
@@ -77,6 +79,7 @@ class Finding(Tabular):
             "error_removed": self.error_removed,
             "detectable": dict(self.detectable),
             "confusable_with": list(self.confusable_with),
+            "closest": None if self.closest is None else self.closest.to_data(),
             "reason": self.reason,
             "parameters": estimates_data(self.parameters),
         }
@@ -108,8 +111,8 @@ def gather_evidence(
         for s in final.screened(effects)
         if s.excited and s.effect.id not in rejections and beyond_range(s, final.fit.model.space) is None
     ]
-    target = whitened_prediction(final)
-    tasks = [WorkItem(c.screening.effect.id, partial(noncentrality_of_alias, target, c)) for c in alternatives]
+    target = WhitenedModel.of(final)
+    tasks = [WorkItem(c.screening.effect.id, partial(alias_of, target, c)) for c in alternatives]
     tasks += [WorkItem(s.effect.id, partial(contribution_upper_limit, final.fit, s, final.cache)) for s in limited]
     found = final.cache.workers.run(tasks)
     limits = {s.effect.id: limit for s, limit in zip(limited, found[len(alternatives) :], strict=True)}
@@ -141,6 +144,7 @@ def judge_effects(
             error_removed=float(share),
             confusable_with=tuple(a.effect.id for a in close.get(screening.effect.id, ())),
             parameters={p.name.split(".", 1)[1]: fit.parameters[p.name] for p in screening.effect.qualified(space)},
+            closest=next(iter(evidence.aliases.get(screening.effect.id, ())), None),
         )
         for screening, share in zip(_score_tests_of_added(final, steps), removed, strict=True)
     ]
@@ -190,10 +194,11 @@ def _finding(
     error_removed: float | None,
     confusable_with: tuple[str, ...],
     parameters: Mapping[str, Estimate],
+    closest: Alias | None = None,
 ) -> Finding:
     effect, (verdict, reason) = evidence.screening.effect, judge(rules, evidence)
     detectable = {n.removeprefix(f"{effect.id}."): v for n, v in evidence.screening.detectable.items()}
-    return Finding(effect, verdict, p_value, error_removed, detectable, confusable_with, reason, parameters)
+    return Finding(effect, verdict, p_value, error_removed, detectable, confusable_with, reason, parameters, closest)
 
 
 def _amounts(screening: ScoreTest, space: Space) -> dict[str, Estimate]:

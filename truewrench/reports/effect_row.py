@@ -15,7 +15,7 @@ from modeling.number_format import (
 )
 from modeling.space import Space
 from truewrench.reports.effect_card import sketch_markup
-from truewrench.text.verdict_words import EFFECT_VERDICT_LABELS, finding_sentence
+from truewrench.text.verdict_words import EFFECT_VERDICT_LABELS, closest_sentence, finding_sentence
 
 MAX_SHOWN_PARAMETERS = 6
 """Parameters of an effect shown; the rest is collapsed."""
@@ -36,6 +36,7 @@ class EffectRow:
 
     verdict     in words, and `reason` why, as a sentence
     confusable  effects of which an added one is indistinguishable in these recordings
+    closest     how far the closest other effect is, as a sentence, where none is
     """
 
     finding: Finding
@@ -43,6 +44,7 @@ class EffectRow:
     reason: str
     sketch: Markup
     confusable: tuple[ConfusableEffect, ...]
+    closest: str
     p_value: str
     removed: str
     share: float
@@ -63,6 +65,7 @@ def effect_row(finding: Finding, space: Space, findings: Sequence[Finding] = ())
         reason=finding_sentence(finding),
         sketch=sketch_markup(finding.effect),
         confusable=tuple(_confusable(f) for f in findings if f.effect.id in finding.confusable_with),
+        closest=closest_sentence(finding),
         p_value=format_p_value(finding.p_value),
         removed=format_percentage(finding.error_removed),
         share=round(100 * min(1.0, max(0.0, finding.error_removed or 0.0)), 1),

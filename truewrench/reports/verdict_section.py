@@ -22,6 +22,7 @@ from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,
     fixed_point_sentence,
+    given_sentences,
     noise_notes,
     verdict_headline,
     weaker_verdict_warning,
@@ -83,7 +84,7 @@ def _sentences(diagnosis: Diagnosis) -> list[str]:
         )
     gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
     points = filter(None, map(fixed_point_sentence, diagnosis.findings))
-    return [*gravity, *found, *points, *disturbance_sentences(diagnosis)]
+    return [*given_sentences(diagnosis), *gravity, *found, *points, *disturbance_sentences(diagnosis)]
 
 
 def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:

@@ -21,8 +21,10 @@ from truewrench.text.tool_text import tool_text
 from truewrench.text.verdict_words import (
     CANDIDATES_NOTE,
     RECORD_VERDICT_LABELS,
+    closest_sentence,
     disturbance_sentences,
     fixed_point_sentence,
+    given_sentences,
     noise_notes,
     verdict_headline,
     weaker_verdict_warning,
@@ -77,7 +79,8 @@ def effect_text(finding: Finding, fit: Fit) -> str:
         lines.append(f"  {sentence}")
     if finding.confusable_with:
         lines.append(f"  Indistinguishable in these recordings from: {', '.join(finding.confusable_with)}.")
-    return "\n".join([*lines, f"  On the rig: {effect.advice}."])
+    closest = [f"  {sentence}"] if (sentence := closest_sentence(finding)) else []
+    return "\n".join([*lines, *closest, f"  On the rig: {effect.advice}."])
 
 
 def error_reduction_text(diagnosis: Diagnosis) -> str:
@@ -91,7 +94,11 @@ def error_reduction_text(diagnosis: Diagnosis) -> str:
 def _evidence(diagnosis: Diagnosis) -> list[str]:
     """Evidence of the verdict: source of the noise, what the motion leaves unknown, validation, disturbances."""
     last, warning = diagnosis.steps[-1], weaker_verdict_warning(diagnosis)
-    lines = [*noise_notes(diagnosis), *motion_notes(last.training, diagnosis.fit.parameters)]
+    lines = [
+        *given_sentences(diagnosis),
+        *noise_notes(diagnosis),
+        *motion_notes(last.training, diagnosis.fit.parameters),
+    ]
     lines += [warning] if warning else []
     lines += [f"{slow.sentence[0].upper()}{slow.sentence[1:]}." for slow in diagnosis.slow_residuals]
     if diagnosis.removed_share < 0.995:

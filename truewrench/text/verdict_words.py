@@ -7,6 +7,7 @@ from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.recording import Recording
+from modeling.number_format import format_percentage
 from modeling.significance import LEVELS
 from truewrench.text.step_names import base_name
 
@@ -75,6 +76,26 @@ def finding_sentence(finding: Finding) -> str:
     if finding.verdict is EffectVerdict.NOT_SUPPORTED:
         return "Rejected, because it is not significant: what it would explain is within the noise."
     return ""
+
+
+def closest_sentence(finding: Finding) -> str:
+    """How far the closest other effect is from imitating an added one; empty where some are indistinguishable."""
+    if finding.confusable_with:
+        return ""
+    if finding.closest is None:
+        return "No other candidate effect is confusable with it in these recordings: none is significant in its place."
+    other, alias = finding.closest.effect.id, finding.closest
+    if alias.separated:
+        return f"No other candidate effect is confusable with it in these recordings; the closest is {other}."
+    risk = format_percentage(alias.error_probability)
+    size = f"chi-square {alias.excess:.2g} higher with it; probability of confusion by such motions {risk}"
+    return f"The closest other effect is {other}, which these recordings barely separate from it ({size})."
+
+
+def given_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Which other effects fit as well, or better, in the place of a given one."""
+    found = (alternative.sentence for alternative in diagnosis.given_alternatives)
+    return [f"{sentence}. Fit each, and compare." for sentence in found]
 
 
 def fixed_point_sentence(finding: Finding) -> str:
