@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -65,8 +65,8 @@ class StudyStep(ComparedFit):
 
     @property
     def label(self) -> str:
-        """What led to it."""
-        return self.change
+        """The model: the rigid tool and the ids of its effects."""
+        return " + ".join([START, *(effect.id for effect in self.fit.model.effects)])
 
     def __repr__(self) -> str:
         verdict = f"does not fit {', '.join(self.misfitting)}" if self.misfitting else "no lack of fit"
@@ -142,8 +142,9 @@ class Study(Tabular):
         self._held_out, self._progress = tuple(held_out), progress
         self._candidates = {effect.id: effect for effect in candidates}
         self._cache = ScreeningCache()
-        label = " + ".join([START, *(effect.id for effect in fitted.model.effects)])
-        self.steps: tuple[StudyStep, ...] = (self._step(label, fitted),)
+        first = self._step(START, fitted)
+        self.steps: tuple[StudyStep, ...] = (replace(first, change=first.label),)
+        self._undone: tuple[StudyStep, ...] = ()
 
     # ------------------------------------------------------------------------------------- where one is
 
@@ -151,6 +152,11 @@ class Study(Tabular):
     def fit(self) -> Fit:
         """The current fit."""
         return self.steps[-1].fit
+
+    @property
+    def undone(self) -> int:
+        """How many steps can be done again."""
+        return len(self._undone)
 
     @property
     def misfitting(self) -> tuple[str, ...]:
@@ -194,16 +200,17 @@ class Study(Tabular):
 
     def stairs(self) -> Table:
         """Error of each channel of each recording after every step."""
-        return error_table(self.steps, [step.change for step in self.steps], self.tolerance)
+        return error_table(self.steps, [step.label for step in self.steps], self.tolerance)
 
     def compare(self, *steps: int | str) -> ModelComparison:
-        """Compare steps, by number or by what they changed: on the held-out recordings, else the fitted.
+        """Compare steps, by number, model or what they changed: on the held-out recordings, else the fitted.
 
         By default the first and the last.
         """
-        changes = [step.change for step in self.steps]
-        chosen = [_number(step, changes, "step") for step in steps] or [0, len(self.steps) - 1]
-        several = {f"{i}: {self.steps[i].change}": self.steps[i].fit for i in dict.fromkeys(chosen)}
+        changes, labels = [step.change for step in self.steps], [step.label for step in self.steps]
+        known = [labels if step in labels else changes for step in steps]
+        chosen = [_number(s, names, "step") for s, names in zip(steps, known, strict=True)] or [0, len(labels) - 1]
+        several = {f"{i}: {labels[i]}": self.steps[i].fit for i in dict.fromkeys(chosen)}
         return compare_models(several, [h.recording for h in self._held_out] or list(self.fit.recordings))
 
     # --------------------------------------------------------------------------------------- what to do
@@ -246,7 +253,14 @@ class Study(Tabular):
         """Go back one step; InputError at the first."""
         if len(self.steps) == 1:
             raise InputError(what="nothing to undo", where="study", remedy="this is the first step")
-        self.steps = self.steps[:-1]
+        self.steps, self._undone = self.steps[:-1], (*self._undone, self.steps[-1])
+        return self.steps[-1]
+
+    def redo(self) -> StudyStep:
+        """Go forward again by the step last undone; InputError where there is none, as after another change."""
+        if not self.undone:
+            raise InputError(what="nothing to redo", where="study", remedy="undo a step first")
+        self.steps, self._undone = (*self.steps, self._undone[-1]), self._undone[:-1]
         return self.steps[-1]
 
     def diagnose(self, *, workers: int = 1) -> Diagnosis:
@@ -264,18 +278,19 @@ class Study(Tabular):
         )
         for step in found.steps[1:]:
             self.steps = (*self.steps, StudyStep(f"+ {step.effect}", step.fit, step.training, step.validation))
+            self._undone = ()
         return found
 
     # ------------------------------------------------------------------------------------- how it prints
 
     @property
     def table(self) -> Table:
-        """The steps: change, worst error over noise floor in training and validation, reduced chi-square."""
+        """The steps: model, worst error over noise floor in training and validation, reduced chi-square."""
         names = ("error / noise floor", "held out") if self._held_out else ("error / noise floor",)
         rows = []
         for number, step in enumerate(self.steps):
             ratios = [_worst_ratio(step.training)] + ([_worst_ratio(step.validation)] if self._held_out else [])
-            rows.append((str(number), step.change, *ratios, step.training[0].misfit, step.training[0].lack_of_fit_cell))
+            rows.append((str(number), step.label, *ratios, step.training[0].misfit, step.training[0].lack_of_fit_cell))
         measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
         return Table.of(("step", "model", *(Column(n, format=".3g") for n in names), *measures), rows)
 
@@ -300,7 +315,7 @@ class Study(Tabular):
         return self._candidates[effect] if effect in self._candidates else named(effect)
 
     def _append(self, change: str, fitted: Fit) -> StudyStep:
-        self.steps = (*self.steps, self._step(change, fitted))
+        self.steps, self._undone = (*self.steps, self._step(change, fitted)), ()
         return self.steps[-1]
 
     def _step(self, change: str, fitted: Fit) -> StudyStep:
@@ -356,7 +371,7 @@ def study(
     Returns
     -------
     Study
-        With `where()`, `suspects()`, `add(id)`, `drop(id)`, `undo()`, `diagnose()`, `stairs()` and `compare()`.
+        With `where()`, `suspects()`, `add(id)`, `drop(id)`, `undo()`, `redo()`, `diagnose()`, `stairs()`, `compare()`.
 
     Raises
     ------

@@ -196,7 +196,7 @@ def test_the_text_starts_with_the_verdict_and_says_what_to_check(diagnosed: Diag
     assert "c = 0.1" in text
     assert " ± " in text
     assert "On the rig: " in text
-    assert "validate.csv (validation)" in error_reduction_text(diagnosed.found)
+    assert "validate.csv (held out)" in error_reduction_text(diagnosed.found)
 
 
 def test_the_command_prints_the_summary(

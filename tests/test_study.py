@@ -61,6 +61,17 @@ def test_the_error_falls_with_what_is_missing_and_rises_without_it(begun: Study)
     assert begun.effects == ("viscous_drag", "sensor_crosstalk")
 
 
+def test_what_was_undone_is_done_again(begun: Study) -> None:
+    first = begun.add("viscous_drag")
+    begun.undo()
+    assert begun.undone == 1
+    assert begun.redo() is first
+    begun.undo()
+    begun.add("com_offset")
+    with pytest.raises(InputError, match="nothing to redo"):
+        begun.redo()
+
+
 def test_by_hand_is_as_by_itself(begun: Study) -> None:
     """The same estimates as of a fit of the model, and as of a diagnosis that found both."""
     begun.add("viscous_drag")
@@ -117,7 +128,7 @@ def test_steps_are_compared(begun: Study) -> None:
     begun.add("viscous_drag")
     begun.add("com_offset")
     names = [(d.better, d.worse) for d in begun.compare().differences]
-    assert names == [("2: + com_offset", "0: rigid tool")]
+    assert names == [("2: rigid tool + viscous_drag + com_offset", "0: rigid tool")]
     assert len(begun.compare(0, 1, 2).differences) == 3
     assert str(begun.compare("rigid tool", "+ com_offset")) == str(begun.compare())
 

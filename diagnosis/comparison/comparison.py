@@ -61,7 +61,9 @@ class Comparison(Tabular):
     def lack_of_fit_text(self) -> str:
         """The p-value of the lack of fit in words."""
         cell, number = self.lack_of_fit_cell, plain_number(self.lack_of_fit, P_VALUE)
-        return f"p ≤ {number}, the smallest that this test can give" if cell.mark else f"p = {number}"
+        if cell.mark:
+            return f"p ≤ {number}, the smallest that this test can give"
+        return f"p = {number}".replace("= <", "<")
 
     @property
     def space(self) -> Space:

@@ -38,7 +38,7 @@ class RecordingErrors:
     @property
     def label(self) -> str:
         """Name, and whether it was fitted."""
-        return f"{self.name} ({'fitted' if self.fitted else 'validation'})"
+        return f"{self.name} ({'fitted' if self.fitted else 'held out'})"
 
 
 def recording_errors(steps: Sequence[ComparedStep]) -> tuple[RecordingErrors, ...]:

@@ -8,7 +8,7 @@ from functools import cached_property
 from math import isclose
 
 from diagnosis.screening.score_test import ScoreTest, adjusted_p_values
-from modeling.number_format import P_VALUE, SHARE, estimate_text, format_number
+from modeling.number_format import P_VALUE, SHARE, estimate_text, format_number, format_unit
 from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Column, Table, Tabular
@@ -94,5 +94,7 @@ class Suspects(Tabular):
         return ", ".join(found) + ", .." * (len(test.amounts) > MOST_AMOUNTS)
 
     def _detectable(self, test: ScoreTest) -> str:
+        units = {p.name: p.unit for p in test.effect.qualified(self.space)}
         found = list(test.detectable.items())[:MOST_AMOUNTS]
-        return ", ".join(f"{n.split('.', 1)[1]} {format_number(v, 2)}" for n, v in found).replace("−", "-")
+        texts = (f"{n.split('.', 1)[1]} {format_number(v, 2)} {format_unit(units[n])}".rstrip() for n, v in found)
+        return ", ".join(texts).replace("−", "-")

@@ -66,7 +66,7 @@ class Finding(Tabular):
 
     def printed(self) -> list[Table | str]:
         """Verdict with p-value and reason, then the parameters."""
-        p_value = "" if self.p_value is None else f", p = {plain_number(self.p_value, P_VALUE)}"
+        p_value = "" if self.p_value is None else f", p = {plain_number(self.p_value, P_VALUE)}".replace("= <", "<")
         head = f"{self.effect.id}: {self.verdict.value}{p_value}" + (f"; {self.reason}" if self.reason else "")
         return [head, *([self.table] if self.parameters else [])]
 

@@ -76,18 +76,25 @@ def _an_effect_is_added_and_dropped(page: Page) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector('button[aria-label="drop viscous_drag"]')
     assert "The current model fits" in text(page, "steps")
+    assert "Tool: m" in text(page, "steps")
+    assert page.evaluate("document.activeElement.ariaLabel") == "drop viscous_drag"
     assert suspects(page) == []
     page.click("nav [data-view=stairs]")
     page.wait_for_selector("#view [data-shown=stairs]", state="attached")
     press(page, "drop viscous_drag")
     assert "does not fit" in text(page, "steps")
     press(page, "Undo")
+    press(page, "Redo")
+    assert page.locator(".steps tbody tr td:nth-child(2)").all_inner_texts()[:3] == [
+        "rigid tool", "rigid tool + viscous_drag", "rigid tool",
+    ]  # fmt: skip
+    press(page, "Undo")
     page.click("nav [data-view=time]")
     page.wait_for_selector("#view select[name=second]")
     press(page, "Side by side")
     assert "predicts better" in text(page, "table")
     press(page, "Undo")
-    assert page.locator("#steps tbody tr").count() == 1
+    assert page.locator(".steps tbody tr").count() == 1
 
 
 def _a_cell_is_seen_in_time(page: Page) -> None:
@@ -98,6 +105,8 @@ def _a_cell_is_seen_in_time(page: Page) -> None:
     page.click("#view .cells button >> nth=0")
     page.wait_for_selector("text=Marked: samples where")
     page.wait_for_selector("#legend >> text=samples of the cell")
+    press(page, "Unmark")
+    assert "Marked" not in text(page, "view")
 
 
 def _a_custom_effect_is_written(page: Page) -> None:
@@ -117,13 +126,16 @@ def _a_custom_effect_is_written(page: Page) -> None:
 
 def _two_suspects_are_separated(page: Page) -> None:
     suspects(page)
-    page.click("text=Separate two suspects")
+    page.click("text=Separate two effects")
     page.select_option("#suspects select[name=first]", "viscous_drag")
     page.select_option("#suspects select[name=second]", "quadratic_drag")
     press(page, "Design")
     assert "separated" in text(page, "table")
     with page.expect_download() as saved:
         page.click("text=Download the trajectory")
+    press(page, "Time")
+    press(page, "Trajectory")
+    assert "separated" in text(page, "table")
     assert Path(saved.value.path()).read_text(encoding="utf-8").startswith("time,q1,q2,q3")
 
 
@@ -134,7 +146,9 @@ def _what_takes_long_is_cancelled(page: Page) -> None:
     page.click("#cancel")
     page.wait_for_selector("#notice >> text=Cancelled")
     idle(page)
-    assert page.locator("#steps tbody tr").count() == 1
+    page.click("#dismiss")
+    assert page.is_hidden("#notice")
+    assert page.locator(".steps tbody tr").count() == 1
 
 
 def _the_diagnosis_goes_on(page: Page) -> None:
@@ -152,12 +166,12 @@ def _the_diagnosis_goes_on(page: Page) -> None:
 def _two_tabs_do_not_disturb_each_other(opened: Browser, address: str, first: Page) -> None:
     before = text(first, "steps")
     second = ready(opened, address)
-    second.wait_for_selector("#steps tbody tr")
-    assert second.locator("#steps tbody tr").count() == 1
+    second.wait_for_selector(".steps tbody tr")
+    assert second.locator(".steps tbody tr").count() == 1
     second.wait_for_selector('button[aria-label="add sensor_lag"]')
     second.click('button[aria-label="add sensor_lag"]')
     second.wait_for_selector('button[aria-label="drop sensor_lag"]')
-    assert second.locator("#steps tbody tr").count() == 2
+    assert second.locator(".steps tbody tr").count() == 2
     assert text(first, "steps") == before
     second.close()
 
@@ -172,9 +186,11 @@ def test_files_and_hostile_requests(opened: Browser, recordings: Path, tmp_path:
         _a_hundred_tabs_are_bounded(address)
         page.set_input_files("#chooser input[name=recordings]", recordings / "train.csv")
         page.set_input_files("#chooser input[name=rig]", recordings / "rig.toml")
-        page.wait_for_selector("#files >> text=rig.toml (rig)")
+        page.wait_for_selector('#files select[aria-label="use of rig.toml"]')
+        _a_file_is_for_what_is_chosen(page, recordings)
         press(page, "Open")
         assert "1600 samples" in text(page, "reading")
+        assert "validate.csv held out" in text(page, "reading")
         assert suspects(page)[0] == "viscous_drag"
         _the_contact_is_found(page, recordings)
 
@@ -182,11 +198,11 @@ def test_files_and_hostile_requests(opened: Browser, recordings: Path, tmp_path:
 def _open(page: Page, file: Path, rig: Path | None = None) -> str:
     """Choose a file, open it, and return what the page says."""
     page.set_input_files("#chooser input[name=recordings]", file)
-    page.wait_for_selector(f"#files >> text={file.name} (fit)")
+    page.wait_for_selector(f'#files select[aria-label="use of {file.name}"]')
     page.wait_for_function("!document.querySelector('#files').textContent.includes('sending ...')")
     if rig is not None:
         page.set_input_files("#chooser input[name=rig]", rig)
-        page.wait_for_selector("#files >> text=(rig)")
+        page.wait_for_selector(f'#files select[aria-label="use of {rig.name}"]')
     press(page, "Open")
     return text(page, "notice")
 
@@ -230,6 +246,17 @@ def _no_path_of_the_machine_is_read(page: Page) -> None:
 def _a_hundred_tabs_are_bounded(address: str) -> None:
     statuses = {answer(address)[0] for _ in range(100)}
     assert statuses == {200, 503}
+
+
+def _a_file_is_for_what_is_chosen(page: Page, recordings: Path) -> None:
+    """A file that is dropped is to be fitted, until its use is chosen."""
+    page.set_input_files("#chooser input[name=validate]", recordings / "validate.csv")
+    use = 'select[aria-label="use of validate.csv"]'
+    page.wait_for_selector(f"#files {use}")
+    assert page.input_value(use) == "validate"
+    page.select_option(use, "recordings")
+    page.select_option(use, "validate")
+    assert page.is_visible("text=then press Open")
 
 
 def _the_contact_is_found(page: Page, recordings: Path) -> None:

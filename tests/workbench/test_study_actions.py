@@ -129,6 +129,41 @@ def test_files_are_taken_away(actions: StudyActions, file: str) -> None:
     assert len(found.content) > 500
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"parameters": ""}, "there is no parameter to estimate"),
+        ({"parameters": "c: N·s/m"}, "Grammar and units are right"),
+        ({"id": ""}, "the effect has no name"),
+        ({"formulas": "forcex = -c*tip_vx"}, "did you mean force_x"),
+        ({"stage": "gain", "formulas": "fx_fz = c"}, "is not what a gain of a channel adds to"),
+        ({"formulas": "force_x = -c*tip_vx + 1"}, "under Constants, x0: 0.1 m"),
+        ({"constants": "k 2"}, "x0: 0.1 m"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_what_is_wrong_is_said_in_words_of_the_form(
+    actions: StudyActions, changed: Mapping[str, str], said: str
+) -> None:
+    text = asked(actions, "check", **(FORM | dict(changed))).words["custom-result"]
+    assert said in text
+    assert "tip_body" not in text
+
+
+def test_a_payload_is_written_for_the_flange(actions: StudyActions) -> None:
+    """The rig is planar: its tool has no place in space, and a pose is checked before."""
+    with pytest.raises(InputError, match="is no pose"):
+        asked(actions, "download", file="ur", sensor_pose="0 0 1")
+
+
+def test_a_closest_effect_is_offered_for_separation(actions: StudyActions) -> None:
+    diagnosed = asked(actions, "diagnose")
+    asked(actions, "suspects")
+    words = asked(actions, "suspects").words["suspects"]
+    assert "<option selected>viscous_drag</option>" in words
+    assert "these recordings" in diagnosed.words["verdict"]
+
+
 def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     """A column with HTML in its name is a variable of the maps, and its name is text."""
     actions = StudyActions(lambda _text: None)

@@ -143,7 +143,7 @@ def _sides(result: Fit | Comparison | Location | ModelComparison | Diagnosis | S
     if isinstance(result, ModelComparison):
         named = [(model.name, model.predictions[0].comparison) for model in result.models]
     elif isinstance(result, Study):
-        named = [(step.change, step.training[0]) for step in _ends(result.steps)]
+        named = [(step.label, step.training[0]) for step in _ends(result.steps)]
     else:
         steps = list(zip(step_names(result), result.steps, strict=True))
         named = [(name, step.training[0]) for name, step in _ends(steps)]
@@ -198,7 +198,7 @@ def _map(result: Any, channel: str | None) -> Chart:
 
 
 def _stairs(result: Study | Diagnosis, channel: str | None) -> Chart:
-    names = [step.change for step in result.steps] if isinstance(result, Study) else step_names(result)
+    names = [step.label for step in result.steps] if isinstance(result, Study) else step_names(result)
     first = result.steps[0].training[0].recording
     if channel is not None and channel not in first.channels:
         remedy = suggestion(channel, first.channels)
@@ -216,7 +216,7 @@ def _parameters(result: Any, _channel: str | None) -> Chart:
 
 def _labelled_parameters(result: Any) -> list[LabelledParameters]:
     if isinstance(result, Study):
-        return [LabelledParameters.known(step.change, step.fit) for step in _ends(result.steps)]
+        return [LabelledParameters.known(step.label, step.fit) for step in _ends(result.steps)]
     if isinstance(result, Diagnosis):
         steps = list(zip(step_names(result), result.steps, strict=True))
         return [LabelledParameters.known(name, step.fit) for name, step in _ends(steps)]

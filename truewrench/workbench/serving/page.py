@@ -17,6 +17,7 @@ from bokeh.models import ColumnDataSource
 from markupsafe import escape
 
 from modeling.errors import InputError
+from truewrench.workbench.field_names import with_field_names
 from truewrench.workbench.serving.uploads import UploadFolder
 from truewrench.workbench.study_process import Cancelled, Done, Ended, Message, Progress, Refused, StudyProcess
 
@@ -235,7 +236,9 @@ class Page:
         return lambda event: self._enqueue({**request, "panel": number, "x": float(event.x)})
 
     def _refuse(self, message: Refused) -> None:
-        where, what, remedy = (escape(self.uploads.named(t)) for t in (message.where, message.what, message.remedy))
+        where, what, remedy = (
+            escape(with_field_names(self.uploads.named(t))) for t in (message.where, message.what, message.remedy)
+        )
         self._say(notice=f"<b>{where}</b>: {what}; {remedy}", wrong=True)
 
     def _say(self, **answer: Any) -> None:

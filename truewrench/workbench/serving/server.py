@@ -22,7 +22,7 @@ from bokeh.resources import Resources
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.views.static_handler import StaticHandler
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
@@ -30,6 +30,8 @@ from tornado.ioloop import IOLoop
 from tornado.web import HTTPError, RequestHandler, stream_request_body
 
 from modeling.errors import InputError
+from truewrench.command_options.presets import PRESETS
+from truewrench.workbench.field_names import PLACES
 from truewrench.workbench.serving.page import Page, Start
 from truewrench.workbench.serving.request_guard import RequestGuard
 from truewrench.workbench.serving.uploads import MOST_BYTES, UploadFolder
@@ -254,10 +256,14 @@ class WorkbenchServer:
 def page_template() -> Any:
     """The page, with its style and script in it."""
     folder = files("truewrench.workbench") / "templates"
-    environment = Environment(loader=PackageLoader("truewrench.workbench"))  # only our own text, and scripts
+    environment = Environment(  # only our own text, and scripts
+        loader=PackageLoader("truewrench.workbench"), undefined=StrictUndefined
+    )
     parts = {name: Markup((folder / f"page.{name}").read_text(encoding="utf-8")) for name in ("css", "js")}
     environment.globals |= {
         "puzzles": EFFECTS,
+        "presets": PRESETS,
+        "places": PLACES.items(),
         "style": parts["css"],
         "script": parts["js"],
         "most_megabytes": MOST_BYTES // 1_000_000,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.study import StudyStep
-from modeling.errors import InputError
+from modeling.errors import InputError, quoted
 from truewrench.emitted import emit
 from truewrench.files.data_set import DataSet, frame_sentences
 from truewrench.files.model_file import ModelFile
@@ -19,7 +20,7 @@ from truewrench.workbench.study.separation import Separation
 
 CODE = {"numpy": "model.py", "casadi": "model_casadi.py", "c": "model.c", "latex": "model.tex"}
 PAYLOADS = {"urdf": "tool.urdf", "sdf": "tool.sdf", "mjcf": "tool.xml", "ur": "payload_ur.script",
-            "franka": "payload_franka.json", "ros2": "payload_ros2.yaml"}  # fmt: skip
+            "franka": "payload_franka.cpp", "ros2": "payload_ros2.yaml"}  # fmt: skip
 
 
 def download_of(
@@ -29,8 +30,11 @@ def download_of(
     diagnosis: Diagnosis | None,
     files: Sequence[str],
     separation: Separation | None,
+    sensor_pose: str = "",
 ) -> Download:
     """The file asked for: report, model, trajectory, or what `emit` writes.
+
+    `sensor_pose` is that of the sensor in the flange, for a payload: x, y, z in m, roll, pitch, yaw in rad; or empty.
 
     Raises InputError for another name, and what the model cannot be written as.
     """
@@ -48,7 +52,24 @@ def download_of(
         remedy = f"use one of {', '.join((*makers, *CODE, *PAYLOADS))}"
         raise InputError(what="there is no such file", where="download", remedy=remedy)
     rate = 1 / (step.fit.recordings[0].dt or 0.0) if asked in CODE and step.fit.recordings[0].dt else None
-    return Download((CODE | PAYLOADS)[asked], "text/plain", emit(step.fit, asked, rate=rate).encode())
+    pose = _pose(sensor_pose) if asked in PAYLOADS else None
+    text = emit(step.fit, asked, rate=rate, sensor_pose=pose)
+    return Download((CODE | PAYLOADS)[asked], "text/plain", text.encode())
+
+
+def _pose(text: str) -> list[float] | None:
+    """The six numbers of a pose, None of an empty text; InputError for anything else."""
+    numbers = text.replace(",", " ").split()
+    if not numbers:
+        return None
+    try:
+        pose = [float(n) for n in numbers]
+    except ValueError:
+        pose = []
+    if len(pose) != 6 or not all(map(isfinite, pose)):
+        remedy = "write x y z in m and roll pitch yaw in rad, such as 0 0 0.04 0 0 1.5708"
+        raise InputError(what=f"{quoted(text)} is no pose", where="sensor in the flange", remedy=remedy)
+    return pose
 
 
 def _report(step: StudyStep, case: DataSet | None, diagnosis: Diagnosis | None, files: Sequence[str]) -> ReportTexts:

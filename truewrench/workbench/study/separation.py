@@ -50,6 +50,18 @@ class Separation:
         return str(pd.DataFrame(motion.to_columns(SAMPLES)).to_csv(index=False, float_format="%.12g"))
 
 
+def undesignable(study: Study) -> str:
+    """Why no trajectory can be designed for these recordings; empty where one can."""
+    rig = study.fit.recordings[0].rig
+    if rig is None:
+        return "needs a rig file, with the arm and the limits of its joints: open the recording together with it"
+    try:
+        arm_and_limits(rig)
+    except InputError as error:
+        return f"{error.what}; {error.remedy}"
+    return ""
+
+
 def separation_of(study: Study, first: str, second: str, progress: Callable[[str], None]) -> Separation:
     """The trajectory within the rig's limits along which two effects differ most, given the current model.
 
@@ -64,12 +76,14 @@ def separation_of(study: Study, first: str, second: str, progress: Callable[[str
     arm, _ = arm_and_limits(rig)
     if first == second:
         raise InputError(what="both effects are the same", where="separate", remedy="choose two different ones")
-    progress(f"fit {first}")
+    if first not in study.effects:
+        progress(f"fit with {first}")
     trial = study.fit if first in study.effects else study.tried(first)
     known = {effect.id: effect for effect in trial.model.effects}
     one, other = known[first], known.get(second) or named(second)
     truth, rival = rival_models(trial.model.designable, one, other)
     floor = trial.noise[0].floor
+    progress(f"design the trajectory that separates {first} and {second}, half a minute or more")
     design = discriminate(
         rig, truth, trial.values, [rival],
         series=FreeSeries(joints=arm.joints, harmonics=tuple(range(1, HARMONICS + 1)), period=PERIOD),

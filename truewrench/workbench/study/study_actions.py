@@ -29,6 +29,7 @@ from truewrench.workbench.study.study_words import (
     style_words,
     suspects_words,
     title_words,
+    trajectory_words,
     verdict_words,
     vocabulary_words,
 )
@@ -100,7 +101,7 @@ class StudyActions:
         self._progress("fit the rigid tool")
         begun = study(case.model, case.training, validate=case.validation, progress=self._progress)
         self._case, self._study = case, begun
-        self._suspects, self._diagnosis, self._view = {}, None, View.first(begun)
+        self._suspects, self._diagnosis, self._view, self._separation = {}, None, View.first(begun), None
         self._files = tuple(filter(None, (*training, *validation, rig)))
         return self._changed(
             {
@@ -114,7 +115,9 @@ class StudyActions:
     # ------------------------------------------------------------------------------------ what to see
 
     def view(self, request: Mapping[str, Any]) -> PageUpdate:
-        """Show another figure, recording or channel."""
+        """Show another figure, recording or channel, or the trajectory that was designed."""
+        if request.get("view") == "trajectory" and self._separation is not None:
+            return separation_update(self._separation)
         self._view = self._view.asked(request, self.study)
         return self._shown()
 
@@ -125,7 +128,8 @@ class StudyActions:
 
     def suspects(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Rank the suspects."""
-        return PageUpdate({"suspects": suspects_words(self.study, self._ranked())})
+        self._progress("test the suspects")
+        return PageUpdate({"suspects": suspects_words(self.study, self._ranked(), self._diagnosis)})
 
     def _ranked(self) -> Suspects:
         step = id(self.study.steps[-1])
@@ -140,6 +144,7 @@ class StudyActions:
 
     def add(self, request: Mapping[str, Any]) -> PageUpdate:
         """Add an effect."""
+        self._progress(f"fit with {request['effect']}")
         self.study.add(str(request["effect"]))
         return self._changed()
 
@@ -155,12 +160,18 @@ class StudyActions:
 
     def drop(self, request: Mapping[str, Any]) -> PageUpdate:
         """Drop an effect."""
+        self._progress(f"fit without {request['effect']}")
         self.study.drop(str(request["effect"]))
         return self._changed()
 
     def undo(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Go back one step."""
         self.study.undo()
+        return self._changed()
+
+    def redo(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Go forward again by the step last undone."""
+        self.study.redo()
         return self._changed()
 
     def diagnose(self, _request: Mapping[str, Any]) -> PageUpdate:
@@ -178,7 +189,7 @@ class StudyActions:
         self._view = self._view.of_step(self.study)
         shown = self._shown()
         known = self._suspects.get(id(self.study.steps[-1]))
-        ranked = {"suspects": suspects_words(self.study, known)}
+        ranked = {"suspects": suspects_words(self.study, known, self._diagnosis)}
         steps = {"steps": steps_words(self.study, puzzle=self._puzzle is not None)}
         return replace(
             shown,
@@ -213,23 +224,29 @@ class StudyActions:
         """The trajectory that separates two suspects."""
         found = separation_of(self.study, str(request["first"]), str(request["second"]), self._progress)
         self._separation = found
-        title = title_words(f"Trajectory that separates {found.first} and {found.second}")
-        words = {"view": title, "table": separation_words(found)}
-        return PageUpdate(words, {} if found.chart is None else {"plots": found.chart})
+        return separation_update(found)
 
     def download(self, request: Mapping[str, Any]) -> PageUpdate:
         """A file to save."""
         step: StudyStep = self.study.steps[-1]
-        asked = str(request.get("file"))
-        found = download_of(asked, step, self._case, self._diagnosis, self._files, self._separation)
+        asked, pose = str(request.get("file")), str(request.get("sensor_pose") or "")
+        if asked.startswith("report"):
+            self._progress("write the report")
+        found = download_of(asked, step, self._case, self._diagnosis, self._files, self._separation, pose)
         return PageUpdate(download=found)
+
+
+def separation_update(found: Separation) -> PageUpdate:
+    """A designed trajectory, drawn, and how well it separates."""
+    charts = {} if found.chart is None else {"plots": found.chart}
+    return PageUpdate({"view": trajectory_words(found), "table": separation_words(found)}, charts)
 
 
 ACTIONS: Mapping[str, Callable[[StudyActions, Mapping[str, Any]], PageUpdate]] = {
     name: getattr(StudyActions, name)
     for name in (
-        "open", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo", "diagnose",
-        "compare", "contact", "separate", "download",
+        "open", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo", "redo",
+        "diagnose", "compare", "contact", "separate", "download",
     )
 }  # fmt: skip
 """What the page can ask for."""

@@ -36,7 +36,7 @@ def view_at_cell(view: View, study: Study, number: int, x: float) -> View:
     found = shown[number]
     centre = float(found.centre[int(np.abs(found.centre - x).argmin())])
     channel = study.model.channels.index(found.channel)
-    return replace(view, name="time", channels=(channel,), steps=(), cell=(found.variable, centre))
+    return replace(view, name="time", channels=(channel,), steps=(), cell=(found.variable, centre, found.variable_unit))
 
 
 def view_of(view: View, study: Study) -> PageUpdate:
@@ -62,7 +62,7 @@ def _side(step: StudyStep, recording: int, number: str = "") -> LabelledComparis
     found = comparisons_of(step)[recording]
     level = LEVELS.effect if recording < len(step.training) else LEVELS.held_out
     colour = ADEQUATE_COLOUR if found.lack_of_fit >= level else MISFIT_COLOUR
-    return LabelledComparison(f"{number}{step.change}", colour, found)
+    return LabelledComparison(f"{number}{step.label}", colour, found)
 
 
 def time_chart(view: View, study: Study) -> Chart:
@@ -84,7 +84,7 @@ def time_chart(view: View, study: Study) -> Chart:
 def _cell_spans(view: View, side: LabelledComparison) -> tuple[Span, ...]:
     if view.cell is None:
         return ()
-    inside = samples_of_cell(side.comparison, *view.cell)
+    inside = samples_of_cell(side.comparison, *view.cell[:2])
     recording = side.recording
     often = inside.reshape(recording.repeats, -1).mean(axis=0) >= 0.5 if recording.repeats > 1 else inside
     at = side.instants
@@ -123,7 +123,7 @@ def map_chart(maps: Sequence[ResidualMap]) -> Chart:
 
 def stairs_chart(_view: View, study: Study) -> Chart:
     """Error over noise floor after each step, on training and validation."""
-    return error_reduction_chart(study.steps, [step.change for step in study.steps], study.tolerance)
+    return error_reduction_chart(study.steps, [step.label for step in study.steps], study.tolerance)
 
 
 def spectrum_chart(view: View, study: Study) -> Chart:

@@ -22,17 +22,22 @@ from modeling.chain.effect import Effect
 from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, signal_units, target_units, tip_units
 from modeling.formulas.functions import FORMULA_FUNCTIONS
 from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
+from modeling.space import Space
 from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
 from truewrench.files.data_set import DataSet, frame_sentences
 from truewrench.reports.effect_row import effect_row
+from truewrench.text.tool_text import tool_text
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,
+    given_sentences,
     noise_notes,
     verdict_headline,
     weaker_verdict_warning,
 )
+from truewrench.workbench.field_names import PLACES, with_field_names
+from truewrench.workbench.study.separation import undesignable
 
 if TYPE_CHECKING:
     from diagnosis.comparison.model_comparison import ModelComparison
@@ -42,6 +47,8 @@ if TYPE_CHECKING:
     from truewrench.workbench.study.separation import Separation
     from truewrench.workbench.study.view import View
 
+TWO_SIDED_99 = 2.58
+"""Std of an estimate beyond which it differs from 0 at 1 %."""
 MOST_CELLS = 12
 """Significant cells listed below the maps, the largest."""
 
@@ -110,6 +117,9 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         rows=[[c.text(v) for c, v in zip(table.columns, row, strict=True)] for row in table.rows],
         effects=[_effect_values(effect, study) for effect in study.model.effects],
         failing=study.steps[-1].misfitting,
+        undone=study.undone,
+        tool=tool_text(study.fit, misfitting=bool(study.misfitting)),
+        parameters=Markup(study.fit.table.to_html()),
         puzzle=puzzle,
         weak=noise_from_residual(study.fit),
     )
@@ -120,7 +130,8 @@ def _effect_values(effect: Effect, study: Study) -> dict[str, Any]:
     sizes = [
         f"{n.partition('.')[2]} = {format_with_std(e.value, e.std)} {format_unit(e.unit)}" for n, e in estimates.items()
     ]
-    return _described(effect, study) | {"sizes": sizes}
+    sure = any(abs(e.value) > TWO_SIDED_99 * e.std for e in estimates.values())
+    return _described(effect, study) | {"sizes": sizes, "significant": sure or not estimates}
 
 
 def _described(effect: Effect, study: Study) -> dict[str, Any]:
@@ -154,10 +165,10 @@ class _SuspectRow:
     reason: str
 
 
-def suspects_words(study: Study, suspects: Suspects | None) -> str:
-    """The suspects ranked; none yet while they are tested."""
+def suspects_words(study: Study, suspects: Suspects | None, diagnosis: Diagnosis | None) -> str:
+    """The suspects ranked; none yet while they are tested. A diagnosis says which two are to be separated first."""
     if suspects is None:
-        return part("suspects.html", significant=None, others=[], untested=[], names=[])
+        return part("suspects.html", significant=None, others=[], untested=[], ties=[], names=[])
     rows = {test.effect.id: _suspect_row(test, cells, suspects, study)
             for test, cells in zip(suspects.tests, suspects.table.rows, strict=True)}  # fmt: skip
     tested = [t.effect.id for t in suspects.tests if t.excited]
@@ -166,8 +177,19 @@ def suspects_words(study: Study, suspects: Suspects | None) -> str:
         significant=[rows[i] for i in tested if i in suspects.ids],
         others=[rows[i] for i in tested if i not in suspects.ids],
         untested=[row for i, row in rows.items() if i not in tested],
-        names=tested,
+        ties=[" and ".join(tie) for tie in suspects.ties],
+        names=[*study.effects, *tested],
+        pair=_pair_to_separate(study, tested, diagnosis),
+        undesignable=undesignable(study),
     )
+
+
+def _pair_to_separate(study: Study, tested: Sequence[str], diagnosis: Diagnosis | None) -> tuple[str, ...]:
+    """The last effect of the model with what comes closest to it, else the two suspects that rank first."""
+    findings = () if diagnosis is None else diagnosis.findings
+    close = [(f.effect.id, f.closest.effect.id) for f in findings if f.closest is not None]
+    close += [] if diagnosis is None else [(a.given, a.effect.id) for a in diagnosis.given_alternatives]
+    return close[-1] if close else (*study.effects[-1:], *tested)[:2]
 
 
 def _suspect_row(test: ScoreTest, cells: Sequence[Any], suspects: Suspects, study: Study) -> _SuspectRow:
@@ -176,9 +198,14 @@ def _suspect_row(test: ScoreTest, cells: Sequence[Any], suspects: Suspects, stud
     largest = max((t.statistic for t in suspects.tests), default=0.0)
     width = share if share is not None else test.statistic / max(largest, 1e-300)
     return _SuspectRow(
-        described=_described(test.effect, study), p_value=texts[1], removed="" if share is None else texts[2],
-        share=round(100 * width, 1), size=texts[3], detectable=texts[4], reason=test.reason,
-    )  # fmt: skip
+        described=_described(test.effect, study),
+        p_value=texts[1],
+        removed="" if share is None else texts[2],
+        share=round(100 * width, 1) if suspects.ids else 0.0,
+        size=texts[3],
+        detectable=texts[4],
+        reason=test.reason,
+    )
 
 
 def verdict_words(diagnosis: Diagnosis) -> str:
@@ -191,7 +218,8 @@ def verdict_words(diagnosis: Diagnosis) -> str:
         label=RECORD_VERDICT_LABELS[diagnosis.verdict],
         headline=verdict_headline(diagnosis),
         rows=[row for row in rows if row.finding.verdict in leading],
-        notes=[*disturbance_sentences(diagnosis), *noise_notes(diagnosis)],
+        notes=[with_field_names(n) for n in (*disturbance_sentences(diagnosis), *noise_notes(diagnosis))],
+        alternatives=given_sentences(diagnosis),
         warning=weaker_verdict_warning(diagnosis),
     )
 
@@ -209,7 +237,10 @@ def view_words(view: View, study: Study, maps: Sequence[ResidualMap]) -> str:
         view=view,
         recordings=[f"{c.recording.name} ({use})" for c, use in several],
         channels=study.model.channels,
-        steps=[f"{i}: {s.change}" for i, s in enumerate(study.steps)],
+        steps=[f"{i}: {s.label}" for i, s in enumerate(study.steps)],
+        unit="" if view.cell is None else format_unit(view.cell[2]),
+        repeats=any(r.repeats > 1 for r in study.fit.recordings),
+        fitting=not step.misfitting,
         cells=_significant_cells(maps),
         fits=several[view.recording][0].remarks(),
     )
@@ -229,13 +260,13 @@ def vocabulary_words(study: Study) -> str:
     """What formulas of a custom effect may use and add to, for this sensor."""
     space, recording = study.model.space, study.fit.recordings[0]
     known = {name: unit for name, unit in signal_units(space).items() if name in model_signals(recording)}
-    places = {"tip_body": "force on the tool", "gain": "gain", "zero": "zero"}
     return part(
         "vocabulary.html",
         signals=_with_units(known),
         tip=_with_units(tip_units(space)),
         inputs=sorted(recording.auxiliary),
-        targets=[(places[key], _with_units(target_units(stage, space))) for key, stage in FORMULA_STAGES.items()],
+        targets=[(PLACES[key], _with_units(target_units(stage, space))) for key, stage in FORMULA_STAGES.items()],
+        own_axes="fcx, fcy, tauc" if space is Space.PLANE else "fcx .. tcz",
         functions=sorted(FORMULA_FUNCTIONS),
     )
 
@@ -254,9 +285,17 @@ def table_words(parts: Sequence[Table | str]) -> str:
     return part("tables.html", parts=[Markup(p.to_html()) if isinstance(p, Table) else p for p in parts])
 
 
+def trajectory_words(found: Separation) -> str:
+    """Heading of a designed trajectory, in the place of what is looked at."""
+    return Markup('<h2 data-shown="trajectory">Trajectory that separates {} and {}</h2>').format(
+        found.first, found.second
+    )
+
+
 def comparison_words(found: ModelComparison) -> str:
     """Two models side by side, in numbers."""
-    return table_words(found.printed())
+    names = ", ".join(r.name for r in found.recordings)
+    return table_words([f"The two models in numbers, on {names}:", *found.printed()])
 
 
 def contact_words(found: ContactWrench) -> str:

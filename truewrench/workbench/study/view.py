@@ -25,14 +25,14 @@ class View:
     recording  its number, the fitted ones first
     channels   by number, those of the maps the first of them
     steps      two steps side by side; none for the current one
-    cell       variable and centre of a cell of a residual map whose samples are marked
+    cell       variable, centre and unit of a cell of a residual map whose samples are marked
     """
 
     name: str = "time"
     recording: int = 0
     channels: tuple[int, ...] = ()
     steps: tuple[int, ...] = ()
-    cell: tuple[str, float] | None = None
+    cell: tuple[str, float, str] | None = None
 
     @classmethod
     def first(cls, study: Study) -> View:

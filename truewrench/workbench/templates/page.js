@@ -3,7 +3,7 @@
   const page = document.body.dataset.page;
   const place = (id) => document.getElementById(id);
   const chosen = { recordings: [], validate: [], rig: [], map: [], contact: [] };
-  let sent = 0, requests = null, seen = 0;
+  let sent = 0, requests = null, seen = 0, pressed = {};
   const scheme = window.matchMedia("(prefers-color-scheme: dark)");
 
   const ask = (request) => {
@@ -16,8 +16,7 @@
   };
   const notice = (html, wrong) => {
     const box = place("notice");
-    box.innerHTML = html; box.hidden = html === ""; box.classList.toggle("wrong", wrong === true);
-    if (wrong === true) box.scrollIntoView({ block: "nearest" });
+    place("notice-text").innerHTML = html; box.hidden = html === ""; box.classList.toggle("wrong", wrong === true);
   };
   const busy = (is, text) => {
     place("progress").classList.toggle("busy", is);
@@ -37,6 +36,14 @@
     place("chooser").open = false;
   };
   const press = (view) => { for (const b of document.querySelectorAll("nav button")) b.setAttribute("aria-pressed", String(b.dataset.view === view)); };
+  // What was pressed may be gone with the answer: the keyboard goes on at what took its place.
+  const refocus = () => {
+    if (document.activeElement !== document.body || !pressed.do) return;
+    const same = `[data-do="${pressed.do === "add" ? "drop" : "undo"}"]`;
+    const named = pressed.do === "add" ? `${same}[data-effect="${CSS.escape(pressed.effect)}"]` : same;
+    (document.querySelector(named) || document.querySelector('[data-do="diagnose"]'))?.focus({ preventScroll: true });
+    pressed = {};
+  };
   const heard = (text) => {
     const answer = JSON.parse(text);
     if (answer.number <= seen) return;
@@ -49,7 +56,13 @@
       if (focused) [...where.querySelectorAll("button")].find((b) => (b.getAttribute("aria-label") || b.textContent) === focused)?.focus();
       if (id === "view") press(where.querySelector("[data-shown]")?.dataset.shown || "");
       if (id === "reading") opened();
+      if (id === "view" && where.querySelector('[data-shown="trajectory"]')) place("trajectory").hidden = false;
+      if (id === "reading") place("trajectory").hidden = true;
       if (id === "verdict" && html) where.scrollIntoView({ block: "nearest" });
+    }
+    if (answer.words && "steps" in answer.words) {
+      if (pressed.do === "custom") place("steps").scrollIntoView({ block: "nearest" });
+      refocus();
     }
     if (answer.notice !== undefined) notice(answer.notice, answer.wrong);
     if (answer.download) save(answer.download);
@@ -69,6 +82,9 @@
   const act = (button) => {
     const { do: name, ...rest } = button.dataset;
     const request = { ...fields(button), ...rest, do: name };
+    const steps = document.querySelectorAll(".steps tbody tr").length;
+    if (["open", "puzzle"].includes(name) && steps > 1 && !confirm(`The study that is open has ${steps} steps, which are lost. Go on?`)) return;
+    pressed = { do: name, effect: rest.effect };
     if (name === "open") {
       Object.assign(request, { recordings: chosen.recordings, validate: chosen.validate, rig: chosen.rig.at(-1) || null, map: chosen.map.at(-1) || null });
       if (!chosen.recordings.length) return notice("<b>recording</b>: no file is chosen; choose one to fit", true);
@@ -76,6 +92,7 @@
     if (name === "contact") request.recordings = chosen.contact.slice(-1);
     ask(request);
   };
+  place("dismiss").addEventListener("click", () => notice(""));
   document.addEventListener("click", (event) => {
     const button = event.target instanceof Element ? event.target.closest("[data-do]") : null;
     if (button !== null && !button.disabled) act(button);
@@ -88,13 +105,25 @@
     waiting = setTimeout(() => ask({ ...fields(event.target), do: form.dataset.check }), 200);
   });
 
-  const uses = { recordings: "fit", validate: "held out", rig: "rig", map: "map", contact: "contact" };
+  const uses = { recordings: "fit", validate: "held out", rig: "rig", map: "columns and units", contact: "contact" };
   const list = (use) => (use === "contact" ? place("contact-files") : place("files"));
-  const forget = (line) => { const of = chosen[line.dataset.use]; if (line.dataset.file) of.splice(of.indexOf(line.dataset.file), 1); line.remove(); };
+  const forget = (line) => { const of = chosen[line.dataset.use]; if (line.dataset.file) of.splice(of.indexOf(line.dataset.file), 1); line.remove(); hint(); };
+  const hint = () => { place("then").hidden = !place("files").children.length; };
+  const choice = (line, name) => {
+    const select = document.createElement("select");
+    select.ariaLabel = `use of ${name}`;
+    for (const use of Object.keys(uses).filter((u) => u !== "contact")) select.add(new Option(uses[use], use, false, use === line.dataset.use));
+    select.addEventListener("change", () => {
+      const of = chosen[line.dataset.use];
+      of.splice(of.indexOf(line.dataset.file), 1);
+      line.dataset.use = select.value; chosen[select.value].push(line.dataset.file);
+    });
+    return select;
+  };
   const upload = async (file, use) => {
     const line = document.createElement("li"), words = document.createElement("span");
     words.textContent = `${file.name} (${uses[use]}): sending ...`;
-    line.dataset.use = use; line.append(words); list(use).append(line);
+    line.dataset.use = use; line.append(words); list(use).append(line); hint();
     const wrong = (text) => { words.textContent = `${file.name}: ${text}`; line.className = "wrong"; };
     const most = document.body.dataset.mostMegabytes;
     if (file.size > 1e6 * Number(most)) return wrong(`larger than ${most} MB`);
@@ -103,7 +132,8 @@
       const found = await answer.json();
       if (found.wrong) return wrong(found.wrong);
       chosen[use].push(found.file); line.dataset.file = found.file;
-      words.textContent = `${found.name} (${uses[use]})`;
+      words.textContent = use === "contact" ? `${found.name} (contact)` : `${found.name} `;
+      if (use !== "contact") line.append(choice(line, found.name));
       const button = document.createElement("button");
       Object.assign(button, { type: "button", textContent: "Remove", ariaLabel: `remove ${found.name}` });
       button.addEventListener("click", () => forget(line)); line.append(" ", button);
