@@ -137,6 +137,20 @@ def test_headerless_by_a_preset(tmp_path: Path) -> None:
         imported(*paths)
 
 
+@pytest.mark.parametrize(
+    ("present", "lacks"),
+    [
+        (("fx", "fy"), "beside fx, fy it lacks tau, or fz, tx, ty, tz in six axes"),
+        (("fx", "fy", "fz", "tx", "ty"), "beside fx, fy, fz, tx, ty it lacks tz"),
+    ],
+)
+def test_what_of_a_wrench_is_missing_is_said(tmp_path: Path, present: tuple[str, ...], lacks: str) -> None:
+    path = tmp_path / "log.csv"
+    original().iloc[:100][["time", *present]].to_csv(path, index=False)
+    with pytest.raises(InputError, match=f"{lacks}; name its columns in a map"):
+        imported(path)
+
+
 def test_joints_in_degrees_with_comma_and_space(tmp_path: Path) -> None:
     frame = original().iloc[:100]
     path = tmp_path / "log.txt"

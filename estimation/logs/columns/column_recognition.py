@@ -76,7 +76,7 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
     )
     wrench = wrench or found.chosen(Quantity.WRENCH)
     if wrench is None:
-        raise found.error("no wrench is recognised", found.nearest())
+        raise found.error("no wrench is recognised", found.nearest() + found.incomplete_wrench())
     joints = found.joints(joint_names)
     if joints and (joint_names is not None or not stated.orientation):
         orientation = None if joint_names is not None else found.orientation()
@@ -104,6 +104,17 @@ class _Groups:
         """The columns that there are, for a message."""
         names = [name for table in self.tables for name in table.columns]
         return f" among {', '.join(names[:8])}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+
+    def incomplete_wrench(self) -> str:
+        """What of a wrench there is and what lacks, for a message; empty where there is nothing of one."""
+        names = {name for table in self.tables for name in table.columns}
+        present = [c for c in dict.fromkeys((*SPATIAL_CHANNELS, *PLANAR_CHANNELS)) if c in names]
+        lacking = [[c for c in channels if c not in names] for channels in (PLANAR_CHANNELS, SPATIAL_CHANNELS)]
+        if not present or not all(lacking):
+            return ""
+        planar, spatial = (", ".join(channels) for channels in lacking)
+        outside = "tau" not in present and not {"fx", "fy"}.issuperset(present)
+        return f": beside {', '.join(present)} it lacks {spatial if outside else f'{planar}, or {spatial} in six axes'}"
 
     # ------------------------------------------------------------------------------ as the map says
 
