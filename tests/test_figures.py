@@ -20,8 +20,8 @@ import truewrench as tw
 from modeling.table import Table
 from tests.test_given_effects import simulated
 from tests.test_results import RESULTS, fitted
-from truewrench.plots.charts.bokeh_chart import DARK, bokeh_chart, figures_of, legend_html
-from truewrench.plots.charts.chart import Array, Chart, Line, legend_labels
+from truewrench.plots.charts.bokeh_chart import DARK, SYMBOLS, bokeh_chart, figures_of, legend_html, log_ticks
+from truewrench.plots.charts.chart import Array, Chart, Line, Points, legend_labels
 from truewrench.plots.charts.line_decimation import decimated
 from truewrench.plots.charts.matplotlib_chart import draw_on, matplotlib_figure
 from truewrench.plots.charts.plotly_chart import plotly_figure
@@ -110,6 +110,35 @@ def test_axes_are_labelled_with_units(name: str) -> None:
             assert named.strip(), kind
             if kind in ("residual", "measured", "spectrum", "map", "contact", "recording"):
                 assert "(" in panel.y_label, kind
+
+
+def test_symbols_and_lines_are_in_the_legend_as_they_are_drawn() -> None:
+    """A square is a square there; what is not explained is not drawn."""
+    for kind in ("residual", "stairs"):
+        chart = chart_of("study", kind)
+        legend = legend_html(chart)
+        for mark in (mark for panel in chart.panels for mark in panel.marks if isinstance(mark, Points | Line)):
+            if isinstance(mark, Points):
+                assert f">{SYMBOLS[mark.symbol][mark.hollow]}</i>" in legend, kind
+        lines = [m for panel in chart.panels for m in panel.marks if isinstance(m, Line) and kind == "residual"]
+        assert all(line.label for line in lines)
+
+
+def test_spectra_of_all_channels_span_the_same_frequencies() -> None:
+    assert len({panel.x_limits for panel in chart_of("study", "spectrum").panels} - {None}) == 1
+
+
+@pytest.mark.parametrize("decades", [0.2, 1.0, 2.0, 4.0, 9.0])
+def test_a_logarithmic_axis_has_a_few_ticks(decades: float) -> None:
+    """Two to eight on the axis, wherever it begins, and others for who moves it by its length."""
+    for start in np.linspace(-5.0, 3.0, 33):
+        low, high = 10.0**start, 10.0 ** (start + decades)
+        ticks = np.array(log_ticks(low, high))
+        assert (np.diff(ticks) > 0).all()
+        inside = ((ticks >= low) & (ticks <= high)).sum()
+        assert (1 if decades < 1 else 2) * (decades > 0.4) <= inside <= 8
+        assert ticks[0] < low
+        assert ticks[-1] > high
 
 
 def test_each_panel_has_the_scale_of_what_it_shows() -> None:

@@ -76,7 +76,7 @@ def with_drag(recording: Recording) -> tuple[CandidateModel, CandidateModel]:
 
 def test_the_smallest_p_value_of_sign_flips_is_said_to_be_a_bound() -> None:
     """Ten blocks have 512 patterns of signs; the p-value of one of them is doubled for the two tests made."""
-    recording = run(3000, ViscousDrag(c=0.6, d=0.12))
+    recording = run(3009, ViscousDrag(c=0.6, d=0.12))
     found = compare(fit(planar(recording.rig), recording))
     assert 2 / 512 == found.smallest_lack_of_fit <= found.lack_of_fit < 0.01
     limit = replace(found, lack_of_fit=2 / 512)

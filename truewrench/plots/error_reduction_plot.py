@@ -21,6 +21,11 @@ from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, INK, NOISE
 from truewrench.plots.svg_image import SvgImage, svg_image
 
 COLUMNS = 3
+NOTE_SHARE = 0.25
+"""Of the steps: room for the notes left of the first points."""
+MOST_NOTES = 3
+"""Steps that all have notes; of more the first and the last have."""
+BELOW = "smaller than the axis shows; bars end at the upper limit"
 MARKERS = "osD^vPX"
 
 
@@ -32,12 +37,16 @@ def error_reduction_figure(
 
 
 def error_reduction_chart(
-    steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float], channel: str | None = None
+    steps: Sequence[ComparedStep],
+    names: Sequence[str],
+    tolerance: Mapping[str, float],
+    channel: str | None = None,
+    x_label: str = "",
 ) -> Chart:
     """A panel for each channel: error over noise floor, logarithmic, for every recording; tolerance shaded.
 
-    `names` label the steps; the tolerance is by channel, in its unit. A single axes shows `channel`, by default the
-    one with the largest error of the first model.
+    `names` label the steps, and `x_label` says what they are; the tolerance is by channel, in its unit. A single axes
+    shows `channel`, by default the one with the largest error of the first model.
     """
     first = steps[0].training[0]
     shown = recording_errors(steps)
@@ -49,7 +58,8 @@ def error_reduction_chart(
             marks=tuple(_marks(shown, name, tolerance[name], limits[0])),
             title=axis_label(name, unit),
             x_ticks=ticks,
-            x_limits=(-0.5, len(names) - 0.5),
+            x_label=x_label,
+            x_limits=(-0.4 - NOTE_SHARE * len(names), len(names) - 0.5),
             y_label="error / noise floor",
             y_log=True,
             y_limits=limits,
@@ -94,16 +104,22 @@ def _recording_marks(errors: RecordingErrors, channel: str, number: int, count: 
     colour = ADEQUATE_COLOUR if errors.fitted else HELD_OUT
     drawn = np.maximum(ratio, bottom * 1.35)
     yield Line(x=place, y=drawn, colour=colour, width=1.2, opacity=0.6)
-    texts = [systematic_error_text(c, channel, 2) for c in errors.comparisons] if not number else []
-    label = errors.label
-    for inside, symbol in ((ratio >= bottom, MARKERS[number % len(MARKERS)]), (ratio < bottom, "v")):
+    texts = _notes(errors, channel) if not number else []
+    shown = ratio >= bottom
+    below = BELOW if shown.any() else f"{errors.label}, {BELOW}"
+    for inside, symbol, label in ((shown, MARKERS[number % len(MARKERS)], errors.label), (~shown, "v", below)):
         if inside.any():
             yield Points(
                 x=place[inside], y=drawn[inside], low=drawn[inside], high=np.maximum(limit, drawn)[inside],
                 colour=colour, size=6, hollow=not errors.fitted, symbol=symbol, label=label,
                 notes=tuple(text for text, keep in zip(texts, inside, strict=False) if keep),
             )  # fmt: skip
-            label = ""
+
+
+def _notes(errors: RecordingErrors, channel: str) -> list[str]:
+    """The error after each step, in words; of many steps the first and the last."""
+    texts = [systematic_error_text(c, channel, 2) for c in errors.comparisons]
+    return texts if len(texts) <= MOST_NOTES else [texts[0], *[""] * (len(texts) - 2), texts[-1]]
 
 
 def error_reduction_image(

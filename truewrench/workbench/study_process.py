@@ -21,6 +21,9 @@ GRACE = 5.0
 """Seconds after which a process that does not stop is ended."""
 LEAST_MEMORY = 4 << 30
 """Bytes of addresses that a process may have on any machine: libraries reserve more than they use."""
+AGAIN = 2.0
+"""Seconds after which what was cancelled and goes on is cancelled again: Python drops exceptions within finalisers, and
+in what runs about a fork."""
 CANCEL = getattr(signal, "SIGUSR1", None)
 """Signal that cancels; where the system has none, the process is ended."""
 
@@ -197,12 +200,13 @@ def _cancellable() -> list[bool]:
 
     def cancel(_number: int, _frame: object) -> None:
         if busy[0]:
-            busy[0] = False
+            signal.setitimer(signal.ITIMER_REAL, AGAIN)
             raise CancelRequest
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if CANCEL is not None:
         signal.signal(CANCEL, cancel)
+        signal.signal(signal.SIGALRM, cancel)
     return busy
 
 
@@ -227,3 +231,5 @@ def _answer(actions: Any, request: Request, busy: list[bool]) -> Message:
         return Refused(what, where, "report it with the recording")
     finally:
         busy[0] = False
+        if CANCEL is not None:
+            signal.setitimer(signal.ITIMER_REAL, 0)

@@ -6,15 +6,19 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import singledispatch
 from html import escape
+from math import ceil, floor, log10
 from typing import Any
 
 import numpy as np
 from bokeh.events import RangesUpdate
 from bokeh.layouts import column, row
 from bokeh.models import (
+    BasicTicker,
     ColumnDataSource,
+    CustomJSTickFormatter,
     DataRange1d,
     FactorRange,
+    FixedTicker,
     HoverTool,
     LinearColorMapper,
     PlainText,
@@ -44,6 +48,13 @@ LINE_COLUMNS = 1200
 """Columns of pixels for which a line keeps its extremes."""
 MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle", "v": "inverted_triangle", "P": "plus",
            "X": "x", "_": "dash"}  # fmt: skip
+SYMBOLS = {"o": ("●", "○"), "s": ("■", "□"), "D": ("◆", "◇"), "^": ("▲", "△"), "v": ("▼", "▽"), "P": ("✚", "✚"),
+           "X": ("✖", "✖"), "_": ("–", "–")}  # fmt: skip
+"""The same in a legend: full and hollow."""
+TICKS = 5
+"""Wanted on an axis: panels are small."""
+PLAIN_NUMBER = "return String(Number(tick.toPrecision(3)))"
+"""JavaScript that writes a tick of a logarithmic axis."""
 FONT = "10.5px"
 LEAST = 230
 """CSS pixels of a figure; where they do not fit beside each other they are below."""
@@ -107,8 +118,11 @@ def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT) -> Any:
 def legend_html(chart: Chart, scheme: Scheme = LIGHT) -> str:
     """The legend of a chart: each label once, with its colour and kind; empty without labels."""
     marks = [mark for panel in chart.panels for mark in panel.marks] if chart.legend else []
-    entries = {label: _key(mark, scheme) for mark in reversed(marks) if (label := _entry(mark))}
-    items = [f"<li>{key}{escape(label)}</li>" for label, key in reversed(entries.items())]
+    entries: dict[str, str] = {}
+    for mark in marks:
+        if label := _entry(mark):
+            entries.setdefault(label, _key(mark, scheme))
+    items = [f"<li>{key}{escape(label)}</li>" for label, key in entries.items()]
     return f'<ul class="legend">{"".join(items)}</ul>' if items else ""
 
 
@@ -120,11 +134,12 @@ def _key(mark: Any, scheme: Scheme) -> str:
     """A line, point or area of the mark's colour."""
     colour = scheme.colour(mark.colour)
     if isinstance(mark, Line | Level):
-        style = f"border-top: {max(getattr(mark, 'width', 1.0), 1.5)}px {'dashed' if mark.dashed else 'solid'} {colour}"
-        return f'<i class="line-key" style="{style}"></i>'
+        width, opacity = (mark.width, mark.opacity) if isinstance(mark, Line) else (1.5, 1.0)
+        style = f"border-top: {max(width, 1.0):g}px {'dashed' if mark.dashed else 'solid'} {colour}"
+        return f'<i class="line-key" style="{style}; opacity: {opacity:g}"></i>'
     if isinstance(mark, Points):
-        fill = "transparent" if mark.hollow else colour
-        return f'<i class="point-key" style="border-color: {colour}; background: {fill}"></i>'
+        full, hollow = SYMBOLS.get(mark.symbol, SYMBOLS["o"])
+        return f'<i class="point-key" style="color: {colour}">{hollow if mark.hollow else full}</i>'
     opacity = max(mark.opacity, 0.4)
     return f'<i class="area-key" style="background: {colour}; opacity: {opacity:g}"></i>'
 
@@ -211,12 +226,33 @@ def _label(drawing: _Drawing) -> None:
         axis.axis_line_color = axis.major_tick_line_color = scheme.muted
         axis.minor_tick_line_color = None
     drawn.grid.grid_line_color = scheme.grid
+    _place_ticks(drawn.xaxis, panel.x_limits, log=panel.x_log)
+    _place_ticks(drawn.yaxis, panel.y_limits, log=panel.y_log)
     if panel.x_ticks:
         drawn.xaxis.ticker = list(range(len(panel.x_ticks)))
         drawn.xaxis.major_label_overrides = dict(enumerate(panel.x_ticks))
     if panel.note:
         place: dict[str, Any] = {"x_units": "screen", "y_units": "screen", "x": 6, "y": 4}
         drawn.add_layout(Label(text=panel.note, text_color=scheme.muted, text_font_size=FONT, **place))
+
+
+def _place_ticks(axis: Any, limits: tuple[float, float] | None, *, log: bool) -> None:
+    """Few ticks, as panels are small, plainly written."""
+    if log and limits is not None:
+        axis.ticker = FixedTicker(ticks=log_ticks(*limits))
+        axis.formatter = CustomJSTickFormatter(code=PLAIN_NUMBER)
+    elif not log and isinstance(axis[0].ticker, BasicTicker):
+        axis.ticker.desired_num_ticks = TICKS
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Ticks of a logarithmic axis, and as many beyond both ends for who moves it: 1, 2, 5 where it spans little."""
+    decades = log10(high / low)
+    mantissas = (1, 2, 5) if decades < 1.5 else (1, 3) if decades < 2.5 else (1,)
+    step = ceil(decades / TICKS)
+    first, last = floor(log10(low)), ceil(log10(high))
+    exponents = range(first - first % step - 2 * step, last + 2 * step + 1, step)
+    return [m * 10.0**e for e in exponents for m in mantissas]
 
 
 def _thin_again(thinned: Iterable[tuple[Line, ColumnDataSource]], start: float, end: float) -> None:

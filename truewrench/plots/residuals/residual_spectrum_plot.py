@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimation.noise.recording_noise import NoiseSource, sample_step
 from modeling.number_format import axis_label
 from modeling.significance import LEVELS
-from truewrench.plots.charts.chart import Chart, Line, Mark, Panel, Points
+from truewrench.plots.charts.chart import Chart, Line, Mark, Panel, Points, value_limits
 from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
 from truewrench.plots.style import FAINT, INK, MEASURED
@@ -76,6 +76,8 @@ def residual_spectrum_chart(sides: Sequence[LabelledComparison], channel: int | 
     """
     spectra = [residual_spectrum(side) for side in sides]
     labels = channel_labels(sides)
+    ends = [(lines.frequency[0], lines.frequency[-1]) for lines in spectra]
+    reach = value_limits([np.array(ends)], log=True)
     chosen = range(len(labels)) if channel is None else (channel,)
     rows: list[tuple[Panel, ...]] = []
     for row in chosen:
@@ -88,6 +90,7 @@ def residual_spectrum_chart(sides: Sequence[LabelledComparison], channel: int | 
                 title_colour=side.colour,
                 x_label="frequency (Hz)",
                 y_label=axis_label(f"{name} amplitude", unit),
+                x_limits=reach,
                 x_log=True,
                 y_log=True,
                 y_limits=limits,

@@ -108,8 +108,10 @@ def _residual_marks(side: LabelledComparison, residual: Array) -> tuple[Mark, ..
         low, high = np.minimum(residual, 0), np.maximum(residual, 0)
         return (Points(x=side.instants, y=residual, colour=side.colour, size=3.2, low=low, high=high),)
     trend = running_mean(residual, max(1, len(residual) // TREND_PARTS))
-    samples = Line(x=side.instants, y=residual, colour=side.colour, width=0.5, opacity=0.45)
-    return (samples, Line(x=side.instants, y=trend, colour=side.colour, width=1.3), *_events(side))
+    whose = "residual" if side.recording.repeats == 1 else "residual, mean over the repeats"
+    samples = Line(x=side.instants, y=residual, colour=side.colour, width=0.5, opacity=0.45, label=whose)
+    smooth = Line(x=side.instants, y=trend, colour=side.colour, width=1.3, label="its moving mean")
+    return (samples, smooth, *_events(side))
 
 
 def _events(side: LabelledComparison) -> tuple[Mark, ...]:
@@ -127,8 +129,8 @@ def time_limits(side: LabelledComparison) -> tuple[float, float]:
 def _lines(side: LabelledComparison, measured: Array, predicted: Array) -> tuple[Mark, ...]:
     at = side.instants
     return (
-        Line(x=at, y=measured, colour=MEASURED, width=2.4, opacity=0.75, label="measured"),
-        Line(x=at, y=predicted, colour=side.colour, width=1.0, label="predicted"),
+        Line(x=at, y=measured, colour=MEASURED, width=4.5, opacity=0.45, label="measured"),
+        Line(x=at, y=predicted, colour=side.colour, width=1.2, label="predicted"),
     )
 
 

@@ -123,7 +123,8 @@ def map_chart(maps: Sequence[ResidualMap]) -> Chart:
 
 def stairs_chart(_view: View, study: Study) -> Chart:
     """Error over noise floor after each step, on training and validation."""
-    return error_reduction_chart(study.steps, [step.label for step in study.steps], study.tolerance)
+    numbers = [str(number) for number in range(len(study.steps))]
+    return error_reduction_chart(study.steps, numbers, study.tolerance, x_label="step")
 
 
 def spectrum_chart(view: View, study: Study) -> Chart:
@@ -131,7 +132,7 @@ def spectrum_chart(view: View, study: Study) -> Chart:
     sides = _sides(view, study)
     if sides[0].recording.at_rest:
         raise InputError(what="static poses have no spectrum", where="spectrum", remedy="look at the residual")
-    return residual_spectrum_chart(sides, None)
+    return replace(residual_spectrum_chart(sides, None), row_height=130)
 
 
 CHARTS = {"time": time_chart, "stairs": stairs_chart, "spectrum": spectrum_chart}
