@@ -45,6 +45,12 @@ class DecisionLevels:
     choosing between them is then 5 %, for each pair."""
     separated: float = 21.6
     """Noncentrality lambda from which on two models count as separated: an error probability of 1 %, each pair."""
+    separated_by_readings: float = 9.2
+    """Chi-square of the readings that is higher with one of two models, from which on they count as separated:
+    likelihoods of 99 to 1, 2 ln 99, each pair."""
+    nonzero: float = 2.58
+    """Standard deviations of an estimate beyond which it differs from 0 at 1 %, each (two-sided normal): of an effect
+    added by hand whose amplitudes are all below, the page says so."""
     transient: float = 0.01
     """A transient event in a single run, family-wise over its windows: samples inside it get a noise of their own, so
     that a false alarm costs little data."""

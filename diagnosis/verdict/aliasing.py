@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import log
 from typing import Any
 
 import numpy as np
@@ -25,8 +24,6 @@ Array = NDArray[np.float64]
 
 GIVE_UP_FACTOR = 100
 """Multiple of `LEVELS.confusable` above which a slowly converging refit is stopped: it cannot become an alias."""
-LIKELIHOOD_RATIO_99 = 2 * log(99)
-"""Difference of two models' chi-squares at which the likelihoods are 99 to 1."""
 MAX_ALIASES = 6
 """Significant effects tried in the place of another."""
 
@@ -51,7 +48,7 @@ class Alias:
     @property
     def separated(self) -> bool:
         """Whether motions and readings separate it from the added effect, each with an error of 1 % or less."""
-        return self.noncentrality >= LEVELS.separated and self.excess >= LIKELIHOOD_RATIO_99
+        return self.noncentrality >= LEVELS.separated and self.excess >= LEVELS.separated_by_readings
 
     def to_data(self) -> dict[str, Any]:
         """The alias in result.json."""

@@ -22,6 +22,7 @@ from modeling.chain.effect import Effect
 from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, signal_units, target_units, tip_units
 from modeling.formulas.functions import FORMULA_FUNCTIONS
 from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
+from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
     from truewrench.workbench.study.separation import Separation
     from truewrench.workbench.study.view import View
 
-TWO_SIDED_99 = 2.58
-"""Std of an estimate beyond which it differs from 0 at 1 %."""
 MOST_CELLS = 12
 """Significant cells listed below the maps, the largest."""
 
@@ -130,7 +129,7 @@ def _effect_values(effect: Effect, study: Study) -> dict[str, Any]:
     sizes = [
         f"{n.partition('.')[2]} = {format_with_std(e.value, e.std)} {format_unit(e.unit)}" for n, e in estimates.items()
     ]
-    sure = any(abs(e.value) > TWO_SIDED_99 * e.std for e in estimates.values())
+    sure = any(abs(e.value) > LEVELS.nonzero * e.std for e in estimates.values())
     return _described(effect, study) | {"sizes": sizes, "significant": sure or not estimates}
 
 
