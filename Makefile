@@ -1,4 +1,4 @@
-# make demo | test | long | check | docs | bench | notebooks | clean
+# make demo | test | long | check | docs | pictures | bench | notebooks | clean
 # The first run creates .venv with the versions pinned in constraints.txt.
 
 BIN := .venv/bin
@@ -8,7 +8,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
-.PHONY: demo test long check docs bench notebooks clean
+.PHONY: demo test long check docs pictures bench notebooks clean
 .DEFAULT_GOAL := test
 
 demo: $(STAMP)
@@ -34,6 +34,10 @@ mypy basedpyright: $(STAMP)
 # The manual: build/docs/index.html. A warning, such as a link that leads nowhere, is an error.
 docs: $(STAMP)
 	$(BIN)/python -m sphinx -E -a -W --keep-going -q -j 2 docs build/docs
+
+# Pictures of the workbench in the manual.
+pictures: $(STAMP)
+	PYTHONPATH=$(CURDIR) $(BIN)/python docs/generator/workbench_pictures.py
 
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks

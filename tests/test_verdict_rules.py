@@ -113,6 +113,7 @@ class KnownEvidence:
     at_bound: tuple[str, str] | None = None
     lasting: bool = True
     collinear_parameter: str | None = None
+    foreign: tuple[str, str] | None = None
     not_improved: str | None = None
     adequate: bool = False
     holds_across_halves: bool = True
@@ -132,6 +133,13 @@ ACCEPTANCE_CASES: dict[str, list[tuple[KnownEvidence, str | None, str]]] = {
     ],
     "collinear with a tool parameter": [
         (KnownEvidence(collinear_parameter="m"), "sensor_lag", "it is collinear with the tool's m in these data")
+    ],
+    "a residual that is not the tool's": [
+        (
+            KnownEvidence(foreign=("viscous_drag", "what it explains is mostly on tz"), not_improved="run 7"),
+            "viscous_drag",
+            "what it explains is mostly on tz",
+        )
     ],
     "no smaller error on held-out data": [
         (

@@ -10,6 +10,7 @@ from math import isfinite
 import numpy as np
 
 from diagnosis.acceptance.coefficient_consistency import inconsistent_effect
+from diagnosis.acceptance.foreign_residual import effect_of_foreign_residual
 from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.comparison import comparison_of, noise_from_residual
 from diagnosis.comparison.data_split import half_splits
@@ -110,6 +111,11 @@ class AcceptanceEvidence:
         return inconsistent_effect(self.candidate, self.held_out)
 
     @cached_property
+    def foreign(self) -> tuple[str, str] | None:
+        """The effect that explains only a part of a residual that is not the tool's, and the reason to reject it."""
+        return effect_of_foreign_residual(self.candidate) if noise_from_residual(self.candidate.fit) else None
+
+    @cached_property
     def least_significant(self) -> str:
         """The effect whose removal raises the training chi-square least; among lasting effects if there are any."""
         added = self.candidate.added
@@ -151,6 +157,10 @@ def _inconsistent(evidence: AcceptanceEvidence) -> str | None:
     return evidence.inconsistent and evidence.inconsistent[0]
 
 
+def _foreign(evidence: AcceptanceEvidence) -> str | None:
+    return evidence.foreign and evidence.foreign[0]
+
+
 AcceptanceRule = VerdictRule[AcceptanceEvidence, RejectedEffect]
 ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
     VerdictRule("no effect", lambda e: not e.candidate.ids, _accepted),
@@ -161,6 +171,7 @@ ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
         _least_significant,
         "it is collinear with the tool's {e.collinear_parameter} in these data",
     ),
+    VerdictRule("a residual that is not the tool's", lambda e: e.foreign is not None, _foreign, "{e.foreign[1]}"),
     VerdictRule(
         "no smaller error on held-out data",
         lambda e: e.not_improved is not None,
