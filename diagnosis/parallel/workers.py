@@ -137,8 +137,11 @@ class Workers:
         return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared)
 
     def _order(self, labels: Sequence[str]) -> list[int]:
-        """Order in which a process takes items: labels it had before (longest first), new labels, labels of others."""
-        begin = self.rank * len(labels) // self.count
+        """Order in which a process takes items: labels it had before (longest first), new labels, labels of others.
+
+        Of new labels the copies begin with the first and the original with the last, as it may come later to a batch.
+        """
+        begin = (self.rank - 1) % self.count * len(labels) // self.count
         rotated = [*range(begin, len(labels)), *range(begin)]
         return sorted(rotated, key=lambda p: (-self._own_times.get(labels[p], 0.0), labels[p] in self._others))
 

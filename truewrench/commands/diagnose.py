@@ -62,6 +62,7 @@ def add_to(commands: Subcommands[Any]) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
     from diagnosis.parallel.freed_memory import keep_freed_memory
+    from diagnosis.parallel.workers import available_cores
     from truewrench.files.data_set import DataSet, frame_sentences, frames_data
     from truewrench.files.output import make_folder, require_writable_folder
     from truewrench.text.diagnosis_text import diagnosis_text
@@ -76,6 +77,8 @@ def run(arguments: argparse.Namespace) -> None:
         rig=arguments.rig,
         period=arguments.period,
         one_run=arguments.no_period,
+        workers=available_cores() if arguments.workers is None else arguments.workers,
+        meanwhile=_import_diagnosis,
     )
     calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
     custom = custom_effects(arguments.effects, case)
@@ -93,6 +96,11 @@ def run(arguments: argparse.Namespace) -> None:
         written = write(found, data, texts, out, arguments.report)
     frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(case))
     print_result(arguments, lambda: diagnosis_text(found) + frames, lambda: data, written)
+
+
+def _import_diagnosis() -> None:
+    """Import what diagnoses, which takes as long as reading a recording does."""
+    import diagnosis.diagnosis  # noqa: F401
 
 
 def _calibration_of(case: DataSet, path: Path) -> Calibration:

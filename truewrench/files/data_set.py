@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import atan2, degrees
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.parallel.workers import Workers, run_spmd
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.logs.log_reading import read_with_rig
@@ -46,17 +47,23 @@ class DataSet:
         rig: Rig | str | None = None,
         period: float | None = None,
         one_run: bool = False,
+        workers: int = 1,
+        meanwhile: Callable[[], object] = object,
     ) -> DataSet:
         """Data set of these files; `rig` is a rig, or the path of its file; with `one_run` no repeats are looked for.
 
-        `period`, s, is that of the training recordings' motion: others have their own.
+        `period`, s, is that of the training recordings' motion: others have their own. `workers` processes read, and
+        this one calls `meanwhile` before it does.
 
         Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
         sensors, a convention that the data cannot decide.
         """
         description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
         periods = (*(period for _ in training), *(None for _ in validation))
-        recordings = read_recordings((*training, *validation), rig=description, periods=periods, one_run=one_run)
+        files = (*training, *validation)
+        recordings = read_recordings(
+            files, rig=description, periods=periods, one_run=one_run, workers=workers, meanwhile=meanwhile
+        )
         return cls.of(recordings[: len(training)], recordings[len(training) :], description)
 
     @classmethod
@@ -74,21 +81,35 @@ class DataSet:
 
 
 def read_recordings(
-    files: Sequence[str], *, rig: Rig | None, periods: Sequence[float | None] | None = None, one_run: bool = False
+    files: Sequence[str],
+    *,
+    rig: Rig | None,
+    periods: Sequence[float | None] | None = None,
+    one_run: bool = False,
+    workers: int = 1,
+    meanwhile: Callable[[], object] = object,
 ) -> list[Recording]:
     """Recordings of one sensor, each under its file's label; with `one_run` no repeats are looked for.
 
-    `periods` (s) of the files' motion cut them into repeats; by default, and where None, as `read` does.
+    `periods` (s) of the files' motion cut them into repeats; by default, and where None, as `read` does. Each of
+    `workers` processes reads the next file, this one after it has called `meanwhile`.
 
     Raises InputError for a file that cannot be used, one given twice, and recordings of different sensors.
     """
     paths = [Path(file) for file in files]
     require_different(paths, "the recording is given twice")
-    recordings = [
-        replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
-        for path, name, period in zip(paths, file_labels(paths), periods or [None] * len(paths), strict=True)
-    ]
-    return recordings
+    sources = list(zip(paths, file_labels(paths), periods or [None] * len(paths), strict=True))
+
+    def recording(source: tuple[Path, str, float | None]) -> Recording:
+        path, name, period = source
+        return replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
+
+    def program(team: Workers) -> list[Recording]:
+        if team.rank == 0:
+            meanwhile()
+        return team.map(recording, sources, shared=[] if rig is None else [rig, rig.arm])
+
+    return run_spmd(min(workers, len(sources)), program)
 
 
 def file_labels(paths: Sequence[Path]) -> list[str]:

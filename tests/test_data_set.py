@@ -1,0 +1,55 @@
+"""Data sets: recordings read by several processes are those read by one, and so are errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modeling.errors import InputError
+from truewrench.files.data_set import DataSet
+from truewrench.simulated_rig import SpatialRig, simulate, write_recording
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    folder, rig = tmp_path_factory.mktemp("recordings"), SpatialRig()
+    paths = [folder / f"{name}.csv" for name in ("one", "two", "three")]
+    for seed, path in enumerate(paths):
+        motion = rig.random_motion(seed=seed)
+        write_recording(simulate(rig, motion, repeats=3, samples_per_period=200, seed=seed), path)
+    return [str(path) for path in paths]
+
+
+def test_processes_read_what_one_reads(files: list[str]) -> None:
+    calls: list[int] = []
+    one = DataSet.read(files[:2], validation=files[2:])
+    three = DataSet.read(files[:2], validation=files[2:], workers=3, meanwhile=lambda: calls.append(1))
+    assert calls == [1]  # in this process; a copy's list would be its own
+    assert three.sign is not None
+    assert one.sign is not None
+    assert three.sign.convention is one.sign.convention
+    for here, there in zip(one.training + one.validation, three.training + three.validation, strict=True):
+        assert here.name == there.name
+        np.testing.assert_array_equal(here.wrench, there.wrench)
+        for name, signal in here.signals.items():
+            np.testing.assert_array_equal(signal, there.signals[name])
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_error_is_that_of_the_first_broken_file(files: list[str], tmp_path: Path, workers: int) -> None:
+    broken = [tmp_path / name for name in ("first.csv", "second.csv")]
+    for path in broken:
+        path.write_text("time,fx\n0,1\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"first\.csv"):
+        DataSet.read([files[0], *map(str, broken)], workers=workers)
+
+
+def test_recordings_of_processes_are_fitted_alike(files: list[str]) -> None:
+    from estimation.fit import fit
+
+    one, two = (DataSet.read(files[:2], workers=workers) for workers in (1, 2))
+    values = [fit(case.model, case.training).values for case in (one, replace(two, model=one.model))]
+    assert values[0] == values[1]
