@@ -15,6 +15,7 @@ from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.acceptance.recording_disturbance import RecordingDisturbance, disturbances_of, with_disturbances
 from diagnosis.calibration.calibration import Calibration
 from diagnosis.comparison.comparison import noise_from_residual
+from diagnosis.comparison.error_table import noise_floors
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.comparison.validation import zero_shift
 from diagnosis.parallel.progress import Progress, silent
@@ -157,7 +158,7 @@ class Diagnosis(Tabular):
             "channels": list(first.recording.channels),
             "convention": self.model.convention.value,
             "verdict": self.verdict.value,
-            "noise_floor": dict(first.noise_floor),
+            "noise_floor": noise_floors([s.training[0] for s in self.steps]),
             "noise_source": first.noise.source.value,
             "given": list(self.given),
             "given_alternatives": [a.to_data() for a in self.given_alternatives],
@@ -263,10 +264,11 @@ def _diagnosed(
     held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
     selection = _selected(base, candidates, progress, workers)
     progress("check the selected effects on held-out data")
-    tolerance, stated = channel_tolerance(base)
-    acceptance = accept(_without_negligible(selection.chosen, tolerance, stated), selection.base, held_out, candidates)
+    chosen = _without_negligible(selection.chosen, *channel_tolerance(base))
+    acceptance = accept(chosen, selection.base, held_out, candidates)
     final, reasons = acceptance.candidate, dict(acceptance.reasons)
     known = acceptance.held_out
+    tolerance, _ = channel_tolerance(final.fit)
     steps = selection_steps(selection, final, known)
     power = explainable_power_by_step(steps)
     verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance))

@@ -10,7 +10,7 @@ from pathlib import Path
 from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
-from diagnosis.comparison.error_table import error_table, systematic_error
+from diagnosis.comparison.error_table import RecordingErrors, error_table, recording_errors, systematic_error
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis, diagnose
@@ -288,8 +288,10 @@ class Study(Tabular):
         """The steps: model, worst error over noise floor in training and validation, reduced chi-square."""
         names = ("error / noise floor", "held out") if self._held_out else ("error / noise floor",)
         rows = []
+        errors = recording_errors(self.steps)
+        fitted, held_out = ([e for e in errors if e.fitted is kind] for kind in (True, False))
         for number, step in enumerate(self.steps):
-            ratios = [_worst_ratio(step.training)] + ([_worst_ratio(step.validation)] if self._held_out else [])
+            ratios = [_worst_ratio(of, number) for of in (fitted, held_out) if of]
             rows.append((str(number), step.label, *ratios, step.training[0].misfit, step.training[0].lack_of_fit_cell))
         measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
         return Table.of(("step", "model", *(Column(n, format=".3g") for n in names), *measures), rows)
@@ -335,9 +337,9 @@ def _number(asked: int | str, names: Sequence[str], kind: str) -> int:
     raise InputError(what=f"there is no {kind} {named_as}", where=kind, remedy=remedy)
 
 
-def _worst_ratio(comparisons: Sequence[Comparison]) -> float:
+def _worst_ratio(errors: Sequence[RecordingErrors], step: int) -> float:
     """The largest error over noise floor of any channel: the systematic error, the RMS without repeats."""
-    return max(v / max(c.noise_floor[k], 1e-300) for c in comparisons for k, v in systematic_error(c).items())
+    return max(v / e.floor(k) for e in errors for k, v in systematic_error(e.comparisons[step]).items())
 
 
 Recorded = Recording | str | Path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.error_table import systematic_error
+from diagnosis.comparison.slow_residual import slow_residuals
 from estimation.fit import Fit
 from modeling.number_format import P_VALUE
 from modeling.significance import LEVELS
@@ -24,8 +25,10 @@ class ComparedFit(Tabular):
 
     @property
     def misfitting(self) -> tuple[str, ...]:
-        """The recordings with a significant lack of fit, the held-out ones named as such."""
-        fitted = [c.recording.name for c in self.training if c.lack_of_fit < LEVELS.effect]
+        """The recordings with a significant lack of fit or slow residual, the held-out ones named as such."""
+        slow = {s.recording for s in slow_residuals(self.training) if s.above_noise}
+        names = [(c.recording.name, c.lack_of_fit) for c in self.training]
+        fitted = [name for name, p_value in names if p_value < LEVELS.effect or name in slow]
         held_out = [c.recording.name for c in self.validation if c.lack_of_fit < LEVELS.held_out]
         return (*fitted, *(f"{name} (held out)" for name in held_out))
 

@@ -32,8 +32,8 @@ class RecordingErrors:
     fitted: bool
 
     def floor(self, channel: str) -> float:
-        """Noise floor at the first step: one estimated from the residual decreases with it."""
-        return max(self.comparisons[0].noise_floor[channel], 1e-300)
+        """Noise floor of a channel, never zero."""
+        return max(noise_floors(self.comparisons)[channel], 1e-300)
 
     @property
     def label(self) -> str:
@@ -47,6 +47,14 @@ def recording_errors(steps: Sequence[ComparedStep]) -> tuple[RecordingErrors, ..
     held_out = zip(*(s.validation for s in steps), strict=True)
     found = [(c, True) for c in trained] + [(c, False) for c in held_out]
     return tuple(RecordingErrors(c[0].recording.name, c, fitted) for c, fitted in found)
+
+
+def noise_floors(comparisons: Sequence[Comparison]) -> dict[str, float]:
+    """Noise floor of each channel of a recording, which several models were compared with.
+
+    The smallest: a floor that is estimated from the residual contains whatever the model lacks.
+    """
+    return {c: min(each.noise_floor[c] for each in comparisons) for c in comparisons[0].noise_floor}
 
 
 def systematic_error(comparison: Comparison) -> Mapping[str, float]:
@@ -74,7 +82,7 @@ def error_table(steps: Sequence[ComparedStep], names: Sequence[str], tolerance: 
 
 
 def _rows(errors: RecordingErrors, names: Sequence[str], tolerance: Mapping[str, float]) -> Iterator[tuple[Value, ...]]:
-    floors = errors.comparisons[0].noise_floor
+    floors = noise_floors(errors.comparisons)
     yield (errors.label, "noise floor", *(Cell(floor, kind="floor") for floor in floors.values()), "", "")
     for name, c in zip(names, errors.comparisons, strict=True):
         cells = (_error_cell(c, channel, tolerance[channel]) for channel in floors)

@@ -129,8 +129,13 @@ class SlowResidual:
         return cls(recording, sizes, floors, units, adjusted, dict.fromkeys(units, part))
 
     def or_else(self, other: SlowResidual, tests: int = 2) -> SlowResidual:
-        """In each channel the part that is the more certain of two, of which so many were tested."""
-        parts = {c: self if p <= other.p_value[c] else other for c, p in self.p_value.items()}
+        """In each channel one of two parts, of which so many were tested.
+
+        One that is significant and above the noise, where only one is; else the more certain one.
+        """
+        parts = {
+            c: min(self, other, key=lambda part: (not part._is_misfit(c, tests), part.p_value[c])) for c in self.p_value
+        }
         return SlowResidual(
             self.recording,
             {c: part.rms[c] for c, part in parts.items()},
@@ -163,7 +168,11 @@ class SlowResidual:
     @property
     def above_noise(self) -> tuple[str, ...]:
         """Of these the channels in which it exceeds the noise floor: a misfit, whatever its cause."""
-        return tuple(c for c in self.significant if self.rms[c] > self.floor[c])
+        return tuple(c for c in self.units if self._is_misfit(c))
+
+    def _is_misfit(self, channel: str, tests: int = 1) -> bool:
+        """Whether a channel's part is significant, one of so many tested, and exceeds the noise floor."""
+        return tests * self.p_value[channel] < LEVELS.effect and self.rms[channel] > self.floor[channel]
 
     def to_data(self) -> dict[str, Any]:
         """Plain data."""

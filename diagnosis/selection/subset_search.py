@@ -149,11 +149,11 @@ def search_subsets(
         if not extended:
             break
         level = _best_by_criterion(extended, 1 if noise_from_residual(base) else BEAM_WIDTH)
-        best = min(tried.values(), key=lambda c: c.criterion)
-        if best.adequate:
-            if best not in level:
+        if not noise_from_residual(base):
+            best = min(tried.values(), key=lambda c: c.criterion)
+            if best.adequate and best not in level:
                 break
-            level = [best]
+            level = [best] if best.adequate else level
         if not level[0].fit.converged:
             break
     best = level[0] if noise_from_residual(base) else min(tried.values(), key=lambda c: c.criterion)

@@ -66,7 +66,7 @@ def error_reduction_chart(
         )
         for name, unit in zip(channels, first.space.units, strict=True)
     ]
-    ratio = {c: v / max(first.noise_floor[c], 1e-300) for c, v in systematic_error(first).items()}
+    ratio = {c: v / shown[0].floor(c) for c, v in systematic_error(first).items()}
     main = channels.index(channel or max(ratio, key=lambda c: ratio[c]))
     return Chart(
         rows=in_rows(panels, COLUMNS), row_height=165, main=divmod(main, min(COLUMNS, len(panels))), shared_y=True,
@@ -75,8 +75,7 @@ def error_reduction_chart(
 
 
 def _limits(tolerance: Mapping[str, float], shown: Sequence[RecordingErrors]) -> tuple[float, float]:
-    floor = shown[0].comparisons[0].noise_floor
-    tolerances = [tolerance[c] / max(floor[c], 1e-300) for c in floor]
+    tolerances = [size / shown[0].floor(c) for c, size in tolerance.items()]
     sizes = [v / f.floor(k) for f in shown for c in f.comparisons for k, v in systematic_error(c).items()]
     lowest = min([*tolerances, *(s for s in sizes if s > 0), 1.0])
     return max(lowest, min(tolerances) / 10) / 2.5, 3 * max([*sizes, 1.0])
@@ -88,7 +87,7 @@ def point_spacing(count: int) -> float:
 
 
 def _marks(shown: Sequence[RecordingErrors], channel: str, tolerance: float, bottom: float) -> Iterator[Mark]:
-    share = tolerance / max(shown[0].comparisons[0].noise_floor[channel], 1e-300)
+    share = tolerance / shown[0].floor(channel)
     yield Band(low=bottom / 10, high=share, colour=NOISE, label="tolerance")
     yield Level(y=1.0, colour=INK, dashed=True, note="noise floor")
     for number, errors in enumerate(shown):

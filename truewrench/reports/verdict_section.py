@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.error_table import systematic_error, systematic_error_text
+from diagnosis.comparison.error_table import noise_floors, systematic_error, systematic_error_text
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.motion_notes import motion_notes
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
@@ -93,12 +93,10 @@ def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, w
     name, unit = first.recording.channels[channel], format_unit(first.space.units[channel])
     before, after = (systematic_error_text(c, name, 2).replace("< ", "below ") for c in (first, last))
     kind = "systematic error" if first.explainable_rms is not None else "total error (RMS)"
-    floor = f"the noise of one sample is {format_number(first.noise_floor[name], 2)} {unit}"
+    noise = noise_floors(comparisons)[name]
+    floor = f"the noise of one sample is {format_number(noise, 2)} {unit}"
     lead = f"{where}{'in' if where else 'In'} {name}, the {kind}"
-    if (
-        systematic_error(first)[name] < MIN_SIGNAL_TO_NOISE * first.noise_floor[name]
-        and first.noise.source is NoiseSource.RESIDUAL
-    ):
+    if systematic_error(first)[name] < MIN_SIGNAL_TO_NOISE * noise and first.noise.source is NoiseSource.RESIDUAL:
         floor = "its noise content is unknown without repeats"
     if len(comparisons) == 1:
         return f"{lead} is {before} {unit}; {floor}."
