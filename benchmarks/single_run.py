@@ -130,7 +130,7 @@ def _amounts(effect: HiddenEffect) -> Iterator[tuple[str, float]]:
 class Outcome:
     """What a diagnosis said of a run, and what is true.
 
-    verdict     of the record, or what the input was refused for
+    verdict     of the record, or refused: the remarks say why
     added       ids of the effects found; `hidden` of those hidden
     deviations  of the parameters whose truth is known, in std, by name
     rms         of the final residual over the std of one sample, by channel
@@ -156,11 +156,12 @@ class Outcome:
         begin = process_time()
         ids = tuple(effect.id for effect in hidden)
         try:
-            found = diagnose(spatial(), recording)
+            found = diagnose(spatial(recording.rig), recording)
         except InputError as error:
             return cls(
-                name=name, verdict=f"refused: {error}", hidden=ids, deviations={}, seconds=process_time() - begin
-            )
+                name=name, verdict="refused", hidden=ids, deviations={}, remarks=(str(error),),
+                seconds=process_time() - begin,
+            )  # fmt: skip
         mass, comparison = found.fit.parameters["m"], found.steps[-1].training[0]
         return cls(
             name=name, verdict=found.verdict.value, added=found.added, hidden=ids,

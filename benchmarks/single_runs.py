@@ -11,12 +11,13 @@ unlisted  physics outside the catalogue, which may not be called explained
 bias      the rigid tool's parameters with something hidden, against least squares weighted by the true noise
 
 Each record that failed is listed under its table, with the seed that makes it again:
-`SingleRun(noise="1/f", motion="raster", seed=1203).outcome()`. Intervals are of 95 %.
+`SingleRun(noise="1/f", motion="raster", seed=1203).outcome()`. Intervals are of 95 %. Progress goes to stderr.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -41,7 +42,7 @@ from benchmarks.unlisted_physics import UNLISTED
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.fit import Fit, fit, refit
 from modeling.chain.model import spatial
-from modeling.table import Column, Table
+from modeling.table import Table
 from truewrench.simulated_rig import (
     CableSpring,
     GravityTilt,
@@ -78,7 +79,7 @@ def nulls(draws: int = 17) -> Part:
             runs = [
                 SingleRun(noise=noise, motion=motion, seed=1000 + 100 * kind + i, stated=stated) for i in range(draws)
             ]
-            found[stated, kind] = [run.outcome() for run in runs]
+            found[stated, kind] = _diagnosed(runs)
     header = (
         "noise",
         "motion",
@@ -96,6 +97,15 @@ def nulls(draws: int = 17) -> Part:
     return Table.of(header, table), failures
 
 
+def _diagnosed(runs: Iterable[SingleRun]) -> list[Outcome]:
+    """Their outcomes, each told on stderr as it is known."""
+    outcomes = []
+    for run in runs:
+        outcomes.append(run.outcome())
+        print(" ".join(effect.id for effect in run.hidden), outcomes[-1].sentence(), file=sys.stderr, flush=True)
+    return outcomes
+
+
 def _alarms(outcomes: Sequence[Outcome]) -> tuple[int, int]:
     """Records with a wrong effect, and other records that are not nothing_missing."""
     named = sum(bool(o.added) for o in outcomes)
@@ -107,7 +117,7 @@ def power(draws: int = 12) -> Part:
     table, failures = [], []
     for number, (title, effects) in enumerate(POWERED.items()):
         for size, hidden in zip(SIZES, effects, strict=True):
-            outcomes = [_run(i, 3000 + 100 * number + i, hidden).outcome() for i in range(draws)]
+            outcomes = _diagnosed(_run(i, 3000 + 100 * number + i, hidden) for i in range(draws))
             table.append((title, size, *_detected(outcomes), _seconds(outcomes)))
             failures += [
                 f"{title}, {size}: {o.sentence()}"
@@ -167,8 +177,15 @@ def faults(draws: int = 2) -> Part:
                 (row.title, str(seed), row.should, verdict, ratios, f"{mass:.4g} ± {std:.2g}", f"{o.seconds:.1f}")
             )
             failures += [f"{row.title}, {seed}: {text}" for text in (*o.remarks, *o.far)]
-    texts = ("recording", "seed", Column("should be", width=24), Column("verdict", width=50))
-    header = (*texts, "rms / noise, fx .. tz", f"mass, true {RIG.mass} kg", "CPU s")
+    header = (
+        "recording",
+        "seed",
+        "should be",
+        "verdict",
+        "rms / noise, fx .. tz",
+        f"mass, true {RIG.mass} kg",
+        "CPU s",
+    )
     return Table.of(header, table), failures
 
 
@@ -179,7 +196,7 @@ def unlisted(draws: int = 6) -> Part:
         runs = [_run(5 * i, 5000 + 100 * number + i, hidden) for i in range(draws)]
         size = np.median([_hidden_sizes(run).max() for run in runs])
         for stated in (False, True):
-            outcomes = [replace(run, stated=stated).outcome() for run in runs]
+            outcomes = _diagnosed(replace(run, stated=stated) for run in runs)
             explained = sum(o.verdict == EXPLAINED for o in outcomes)
             way = "yes" if stated else "no"
             table.append(
