@@ -31,6 +31,7 @@ from estimation.fit import (
     reestimated_noise,
     refit,
     require_recording,
+    with_ordinary_estimate,
 )
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.logs.log_reading import read
@@ -320,7 +321,8 @@ class Study(Tabular):
         self.steps, self._undone = (*self.steps, self._step(change, fitted)), ()
         return self.steps[-1]
 
-    def _step(self, change: str, fitted: Fit) -> StudyStep:
+    def _step(self, change: str, found: Fit) -> StudyStep:
+        fitted = with_ordinary_estimate(found)
         training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
         validation = tuple(comparison_of(h.validation_fit(fitted), 0) for h in self._held_out)
         return StudyStep(change, fitted, training, validation)

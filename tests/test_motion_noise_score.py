@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from benchmarks.robot_motions import raster
 from diagnosis.screening.grid_search import GridSearch
 from diagnosis.screening.motion_noise_score import DRAWS, DrawnMotion
 from diagnosis.screening.null_model import NullModel
@@ -21,39 +21,6 @@ from modeling.rig.rig import Rig
 from modeling.significance import LEVELS
 from truewrench.simulated_rig import AutoregressiveNoise, HiddenEffect, SpatialRig, ViscousDrag, simulate
 
-Array = NDArray[np.float64]
-
-ROWS, PERIOD, LONG_MOVE, SHORT_MOVE, DWELL = 12, 15.0, 1.0, 0.5, 0.05
-
-
-class Raster:
-    """Rows over a curved surface to and fro, in quintic moves with short dwells; six joint positions (m, rad)."""
-
-    period = PERIOD
-
-    def __init__(self, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        across = np.repeat(np.linspace(-0.2, 0.2, ROWS), 2)
-        along = np.tile([-0.25, 0.25, 0.25, -0.25], ROWS // 2)
-        about_tip = 0.5 * np.sin(np.repeat(np.arange(ROWS), 2))
-        turned = np.stack([2 * across, -2.4 * along, about_tip], axis=1) + 0.1 * rng.normal(size=(2 * ROWS, 3))
-        poses = np.column_stack([along, across, 0.1 * (along**2 + across**2), turned])
-        self.poses = np.concatenate([poses, poses[:1]])
-        move = np.append(np.resize([LONG_MOVE, SHORT_MOVE], 2 * ROWS - 1), 1.5 * LONG_MOVE)
-        scale = PERIOD / (move + DWELL).sum()
-        self.start, self.move = np.concatenate([[0.0], np.cumsum(move + DWELL)]) * scale, move * scale
-
-    def evaluate(self, time: Array) -> tuple[Array, Array, Array]:
-        time = np.asarray(time) % PERIOD
-        i = np.clip(np.searchsorted(self.start, time, side="right") - 1, 0, len(self.poses) - 2)
-        lasts, step = self.move[i][:, None], self.poses[i + 1] - self.poses[i]
-        s = np.clip((time - self.start[i])[:, None] / lasts, 0, 1)
-        return (
-            self.poses[i] + step * (10 * s**3 - 15 * s**4 + 6 * s**5),
-            step * (30 * s**2 - 60 * s**3 + 30 * s**4) / lasts,
-            step * (60 * s - 180 * s**2 + 120 * s**3) / lasts**2,
-        )
-
 
 @cache
 def fitted(seed: int, *hidden: HiddenEffect) -> Fit:
@@ -61,7 +28,7 @@ def fitted(seed: int, *hidden: HiddenEffect) -> Fit:
     rig = SpatialRig()
     noise = AutoregressiveNoise(rho=0.95)
     frame = simulate(
-        rig, Raster(seed), hidden=hidden, repeats=1, samples_per_period=1500, noise=noise, seed=seed
+        rig, raster(seed), hidden=hidden, repeats=1, samples_per_period=1500, noise=noise, seed=seed
     )  # fmt: skip
     columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
     return fit(spatial(), from_columns(columns, name="run", rig=Rig.from_data({})))

@@ -6,16 +6,15 @@ The simulator knows nothing of repeats here: the whole record is one period of a
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 import truewrench as tw
+from benchmarks.robot_motions import NearlyRepeated
 from estimation.model_response import decided_own_motion, model_response
 from estimation.recordings.recording import Recording
 from estimation.recordings.reports.reading_report import StepKind
@@ -26,45 +25,17 @@ from truewrench.simulated_rig import HiddenEffect, PlanarRig, SpatialRig, Viscou
 
 pytest.importorskip("mujoco")
 
-Array = NDArray[np.float64]
 REPEATS, SAMPLES, PERIOD = 8, 300, 4.0
 PLANAR_RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
 FLOOR_TOLERANCE = 0.06
 """Of a std from 2100 differences: nearly four standard errors of 1.5 %."""
 
 
-@dataclass(frozen=True, eq=False)
-class NearlyRepeated:
-    """A motion that repeats but for `size` (rad, m) in every coordinate; its period is the whole record."""
-
-    rig: PlanarRig | SpatialRig
-    size: float
-    seed: int
-
-    @property
-    def period(self) -> float:
-        """Seconds, of all repeats."""
-        return PERIOD * REPEATS
-
-    def evaluate(self, time: Array) -> tuple[Array, Array, Array]:
-        """States at the times (n,)."""
-        states = self.rig.random_motion(seed=self.seed, period=PERIOD).evaluate(time)
-        rng = np.random.default_rng(self.seed)
-        lines = rng.choice(np.arange(1, 10 * REPEATS), 12, replace=False)
-        omega = 2 * np.pi * lines[lines % REPEATS > 0] / self.period
-        phase = np.multiply.outer(time, omega)[:, :, None] + rng.uniform(0, 6.3, (len(omega), self.rig.coordinates))
-        size = self.size * np.sqrt(2 / len(omega))
-        added = (np.sin(phase), np.cos(phase) * omega[:, None], -np.sin(phase) * omega[:, None] ** 2)
-        q, dq, ddq = (state + size * part.sum(axis=1) for state, part in zip(states, added, strict=True))
-        return q, dq, ddq
-
-
 def nearly_repeated(
     rig: PlanarRig | SpatialRig, size: float, *, seed: int = 1, hidden: tuple[HiddenEffect, ...] = ()
 ) -> pd.DataFrame:
-    frame = simulate(
-        rig, NearlyRepeated(rig, size, seed), hidden=hidden, repeats=1, samples_per_period=REPEATS * SAMPLES, seed=seed
-    )
+    motion = NearlyRepeated(rig, size, seed, PERIOD, REPEATS)
+    frame = simulate(rig, motion, hidden=hidden, repeats=1, samples_per_period=REPEATS * SAMPLES, seed=seed)
     return frame.assign(repeat=np.arange(len(frame)) // SAMPLES)
 
 

@@ -20,7 +20,7 @@ from estimation.run_spectrum import run_spectrum
 Array = NDArray[np.float64]
 
 FOLDS = 13
-"""Blocks: 2^(1 - 13) is the smallest p-value of sign flips, below the level of a held-out recording; 10 are not enough."""
+"""Blocks: 2^(1 - 13) is the smallest p-value of sign flips, below the level of held-out recordings; 10 do not do."""
 
 
 def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:

@@ -148,12 +148,15 @@ def search_subsets(
         extended = _extended_sets(level, effects, tried, progress)
         if not extended:
             break
-        level = _best_by_criterion(extended, 1 if noise_from_residual(base) else BEAM_WIDTH)
-        if not noise_from_residual(base):
+        if noise_from_residual(base):
+            level = [_best_of_own_noises(extended)]
+        else:
+            level = _best_by_criterion(extended, BEAM_WIDTH)
             best = min(tried.values(), key=lambda c: c.criterion)
-            if best.adequate and best not in level:
-                break
-            level = [best] if best.adequate else level
+            if best.adequate:
+                if best not in level:
+                    break
+                level = [best]
         if not level[0].fit.converged:
             break
     best = level[0] if noise_from_residual(base) else min(tried.values(), key=lambda c: c.criterion)
@@ -211,7 +214,19 @@ def _best_with_common_noise(best: CandidateModel, tried: Sequence[CandidateModel
 
     Where each set's noise is estimated from its own residual, every reduced chi-square is near one: no comparison.
     """
-    others = [c for c in tried if c.ids != best.ids and c.adequate]
+    return _best_in_noise_of(best, [c for c in tried if c.ids != best.ids and c.adequate])
+
+
+def _best_of_own_noises(candidates: Sequence[CandidateModel]) -> CandidateModel:
+    """Of sets that each have a noise of their own the best when all are refitted in that of one of them."""
+    minima = [c for c in candidates if c.fit.converged] or candidates
+    first = min(minima, key=lambda c: c.criterion)
+    chosen = _best_in_noise_of(first, [c for c in minima if c is not first])
+    return next(c for c in minima if c.ids == chosen.ids)
+
+
+def _best_in_noise_of(best: CandidateModel, others: Sequence[CandidateModel]) -> CandidateModel:
+    """The best by the criterion of a set and others, refitted in its noise."""
     shared = [*shared_objects(best.fit), best.cache]
     refits = best.cache.workers.map(
         lambda c: refit_effects(best, c.added, c.fit.values),

@@ -181,7 +181,7 @@ def _score_tests_of_added(final: CandidateModel, steps: Sequence[SelectionStep])
     found = []
     for before, step in pairwise(steps):
         effect = next(e for e in final.added if e.id == step.effect)
-        (tested,) = screen(before.fit, [effect], candidates=final.candidates, cache=final.cache)
+        (tested,) = screen(before.tested, [effect], candidates=final.candidates, cache=final.cache)
         found.append(replace(tested, effect=effect))
     return found
 

@@ -16,7 +16,7 @@ from diagnosis.comparison.generic_terms import cross_validated_gain
 from diagnosis.comparison.residual_spectrum import ResidualSpectrum
 from diagnosis.comparison.slow_residual import SlowResidual
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
-from estimation.fit import Fit
+from estimation.fit import Fit, with_ordinary_estimate
 from estimation.noise.recording_noise import NoiseSource
 
 Array = NDArray[np.float64]
@@ -24,10 +24,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SelectionStep(ComparedFit):
-    """The model after one more effect, compared with the training and the held-out recordings."""
+    """The model after one more effect, compared with the training and the held-out recordings.
+
+    fit     as `fit` estimates it: by ordinary least squares where a run's noise comes from its residual
+    tested  the same model whitened by its noise, whose score tests and lack of fit the search has judged
+    """
 
     effect: str | None
     fit: Fit
+    tested: Fit
     training: tuple[Comparison, ...]
     validation: tuple[Comparison, ...]
 
@@ -67,9 +72,10 @@ def selection_steps(
 
 
 def _selection_step(effect: str | None, fitted: Fit, held_out: Sequence[HeldOut]) -> SelectionStep:
-    training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
-    validation = tuple(comparison_of(o.validation_fit(fitted), 0) for o in held_out)
-    return SelectionStep(effect, fitted, training, validation)
+    reported = with_ordinary_estimate(fitted)
+    training = tuple(comparison_of(reported, i) for i in range(len(reported.recordings)))
+    validation = tuple(comparison_of(o.validation_fit(reported), 0) for o in held_out)
+    return SelectionStep(effect, reported, fitted, training, validation)
 
 
 def explainable_power_by_step(steps: Sequence[SelectionStep]) -> Array:
@@ -111,7 +117,7 @@ def _repeating_power(steps: Sequence[SelectionStep], number: int) -> Array:
 
 def _single_run_power(steps: Sequence[SelectionStep], number: int) -> Array:
     """Systematic power relative to the noise after each step, of a recording without repeats."""
-    last, fit = steps[-1].training[number], steps[-1].fit
+    last, fit = steps[-1].training[number], steps[-1].tested
     power = [{c: v**2 for c, v in s.training[number].rms.items()} for s in steps]
     if last.noise.source is NoiseSource.RIG:
         return _relative_to_noise(last, [{c: v - last.noise_floor[c] ** 2 for c, v in p.items()} for p in power])
