@@ -182,7 +182,6 @@ def test_second_effect_is_found_where_the_rigid_tool_passes_the_test_of_fit() ->
     base = fit(spatial(), recording)
     assert base.converged
     found = search_subsets(base, FEW)
-    assert found.base.adequate
     assert found.chosen.ids == {"viscous_drag", "sensor_lag"}
     lag = found.chosen.fit.parameters["sensor_lag.time_constant"]
     assert abs(lag.value - 0.02) < 4 * lag.std

@@ -71,8 +71,32 @@ def test_draws_have_the_stated_uncertainty() -> None:
     rng = np.random.default_rng(6)
     spline = SmoothingSpline.of(t, value + 1e-3 * rng.standard_normal(value.shape))
     draws = np.stack([spline.drawn(rng).derivative(t, 2) - spline.derivative(t, 2) for _ in range(200)])
-    # 200 draws give a std within 5 %; the largest deviation of some tens of independent ones is below 20 %.
-    np.testing.assert_allclose(draws.std(axis=0)[:, 0], spline.std(t, 2), rtol=0.2)
+    ratio = draws.std(axis=0)[:, 0] / spline.std(t, 2)
+    # 200 draws give a std within 5 %; the largest deviation of some tens of independent ones is below 20 %. Where the
+    # tones are rougher than on average it is more.
+    assert ratio.min() > 0.8
+    assert np.median(ratio) == pytest.approx(1, abs=0.2)
+
+
+def test_draws_at_the_ends_of_moves_hold_what_smoothing_takes() -> None:
+    """Jumps of the jerk are flattened, always in one direction: an error of over 3 std of a motion as rough as everywhere.
+
+    The draws know where it is rougher. Each of the twelve ends, of four seeds, counts for itself.
+    """
+    t = np.arange(0.0, SECONDS, 0.01)
+    value, _, second = points(t)
+    since = np.abs(t[:, None] - 0.3 - 1.6 * np.arange(12) - [[[0.0]], [[0.9]]]).min(axis=(0, 2))
+    ends, stated, drawn = since < 0.03, [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        spline = SmoothingSpline.of(t, value + 1e-4 * rng.standard_normal(value.shape))
+        found = spline.derivative(t, 2)
+        std = np.std([spline.drawn(rng).derivative(t, 2) - found for _ in range(40)], axis=0)
+        error = (found - second)[ends]
+        stated.append(float(np.mean((error / spline.std(t, 2)[ends, None]) ** 2)) ** 0.5)
+        drawn.append(float(np.mean((error / std[ends]) ** 2)) ** 0.5)
+    assert min(stated) > 3
+    assert max(drawn) < 2.5  # of a jump in one place, of which a smoothed estimate knows the size but not the place
 
 
 def test_solution_is_that_of_dense_equations() -> None:

@@ -134,14 +134,35 @@ class SmoothingSpline:
         return spline((times - self.start) * self.scale) * self.scale**order
 
     def drawn(self, rng: np.random.Generator) -> Self:
-        """A spline at random from what the samples leave open: its coefficients' covariance is s² (G + lambda P)^-1."""
-        bands, count = len(self.factor), len(self.spline.coefficients)
+        """A spline at random from what the samples leave open.
+
+        The covariance of its coefficients is s² (G + lambda P)^-1, where the motion is as rough as everywhere. A move
+        from rest to rest has jerks at its ends, which the smoothing flattens: to the prior's part of the error,
+        lambda (G + lambda P)^-1 D' w with w of variance s²/lambda, is added what w is rougher there than on average.
+        """
+        bands, shape = len(self.factor), self.spline.coefficients.shape
         upper = np.zeros_like(self.factor)  # the factor's transpose, as `solve_banded` takes it
         for offset, diagonal in enumerate(self.factor):
-            upper[bands - 1 - offset, offset:] = diagonal[: count - offset]
-        error = solve_banded((0, bands - 1), upper, rng.standard_normal(self.spline.coefficients.shape))
+            upper[bands - 1 - offset, offset:] = diagonal[: shape[0] - offset]
+        error = solve_banded((0, bands - 1), upper, rng.standard_normal(shape))
+        jerks = self._excess_roughness[:, None] * rng.standard_normal((len(self._excess_roughness), shape[1]))
+        penalty = math.exp(self.smoothness.log_penalty)
+        transposed = math.sqrt(penalty) * _transposed_differences(jerks, self.smoothness.order)
+        error += cho_solve_banded((self.factor, True), transposed)
         coefficients = self.spline.coefficients + math.sqrt(self.variance) * error
         return replace(self, spline=replace(self.spline, coefficients=coefficients))
+
+    @cached_property
+    def _excess_roughness(self) -> Array:
+        """Std (m - d,) of what the differences are rougher than everywhere, over that of the prior.
+
+        The squares of the differences of the posterior mean, over one effective parameter, against their average.
+        """
+        coefficients, order = self.spline.coefficients, self.smoothness.order
+        power = (np.diff(coefficients, order, axis=0) ** 2).mean(axis=1)
+        width = math.ceil(len(coefficients) / self.freedom)
+        local = np.convolve(power, np.full(width, 1 / width), mode="same")
+        return np.asarray(np.sqrt(np.maximum(local / max(power.mean(), np.finfo(float).tiny) - 1, 0.0)))
 
     def std(self, times: Array, order: int) -> Array:
         """Std (n,) of the error of a component's derivative at times (n,), s, per s^order."""
@@ -415,6 +436,12 @@ def _decorrelated(series: Array, rho: float) -> Array:
     found[1:] -= rho * series[:-1]
     found[:-1] -= rho * series[1:]
     return found
+
+
+def _transposed_differences(vectors: Array, order: int) -> Array:
+    """D' times vectors (m - d, k)."""
+    padded = np.pad(vectors, ((order, order), (0, 0)))
+    return (-1.0) ** order * np.diff(padded, order, axis=0)
 
 
 def _banded_product(matrix: Array, vectors: Array) -> Array:
