@@ -79,7 +79,7 @@ def test_draws_have_the_stated_uncertainty() -> None:
 
 
 def test_draws_at_the_ends_of_moves_hold_what_smoothing_takes() -> None:
-    """Jumps of the jerk are flattened, always in one direction: an error of over 3 std of a motion as rough as everywhere.
+    """Jumps of the jerk are flattened, always in one direction: over 3 std of a motion as rough as everywhere.
 
     The draws know where it is rougher. Each of the twelve ends, of four seeds, counts for itself.
     """

@@ -41,6 +41,12 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         EffectVerdict.NOT_SUPPORTED,
         "rejected, because it is too large",
     ),
+    "not identifiable beside an effect in whose place it fits worse": (
+        replace(screened(reason="collinear"), replacement=("time_delay", Alias(named("sensor_lag"), 300.0, 289.2))),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because in the place of time_delay it fits worse: the chi-square is higher by 289; beside it, it is"
+        " collinear",
+    ),
     "not identifiable": (
         screened(reason="the recording has no position"),
         EffectVerdict.NOT_EXCITED,

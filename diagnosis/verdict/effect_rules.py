@@ -18,6 +18,10 @@ ALIAS_SENTENCE = (
     "indistinguishable from {e.alias[0]} (separation {e.alias[1].noncentrality:.2g}, "
     "probability of confusion {e.alias[1].error_probability:.0%})"
 )
+REPLACEMENT_SENTENCE = (
+    "rejected, because in the place of {e.replacement[0]} it fits worse: the chi-square is higher by"
+    " {e.replacement[1].excess:.3g}; beside it, it is collinear"
+)
 RANGE_SENTENCE = "{e.beyond_range} is not excited: detectable only beyond its physical range"
 LIMIT_SENTENCE = "the upper 95 % limit of its contribution is below tolerance"
 
@@ -29,6 +33,7 @@ class EffectEvidence:
     screening   its score test given the model without it
     added       whether the final model has it
     alias       the added effect's id and itself as an alias of that, None unless indistinguishable from one
+    replacement the added effect's id and itself fitted in its place, where it is separated from that one
     rejection   why it was not accepted, None unless it was tried for acceptance
     negligible  whether the upper 95 % limit of its contribution is within tolerance
     """
@@ -37,6 +42,7 @@ class EffectEvidence:
     space: Space
     added: bool = False
     alias: tuple[str, Alias] | None = None
+    replacement: tuple[str, Alias] | None = None
     rejection: str | None = None
     negligible: bool = False
 
@@ -64,6 +70,12 @@ EFFECT_RULES: tuple[EffectRule, ...] = (
     VerdictRule("added to the model", lambda e: e.added, V.SUPPORTED),
     VerdictRule("alias of an added effect", lambda e: e.alias is not None, V.CONFUSABLE, ALIAS_SENTENCE),
     VerdictRule("not accepted", lambda e: e.rejection is not None, V.NOT_SUPPORTED, "rejected, because {e.rejection}"),
+    VerdictRule(
+        "not identifiable beside an effect in whose place it fits worse",
+        lambda e: e.replacement is not None and not e.screening.excited,
+        V.NOT_SUPPORTED,
+        REPLACEMENT_SENTENCE,
+    ),
     VerdictRule("not identifiable", lambda e: not e.screening.excited, V.NOT_EXCITED, "{e.screening.reason}"),
     VerdictRule("only beyond its physical range", lambda e: e.beyond_range is not None, V.NOT_EXCITED, RANGE_SENTENCE),
     VerdictRule("upper limit within tolerance", lambda e: e.negligible, V.NEGLIGIBLE, LIMIT_SENTENCE),

@@ -149,6 +149,7 @@ def judge_effects(
         for screening, share in zip(_score_tests_of_added(final, steps), removed, strict=True)
     ]
     confusable = {a.effect.id: (added_id, a) for added_id, of in close.items() for a in of}
+    separated = {a.effect.id: (added_id, a) for added_id, of in evidence.aliases.items() for a in of if a.separated}
     screenings = final.screened(candidates)
     adjusted = adjusted_p_values(screenings)
     excess = None if selection.base.adequate else selection.base.excess
@@ -160,6 +161,7 @@ def judge_effects(
             screening=screening,
             space=space,
             alias=alias,
+            replacement=separated.get(effect_id),
             rejection=evidence.rejections.get(effect_id),
             negligible=limit is not None and within_tolerance(limit, tolerance),
         )
