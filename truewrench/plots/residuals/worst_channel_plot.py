@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from diagnosis.comparison.residual_map import residual_maps
 from estimation.noise.recording_noise import NoiseSource
 from modeling.number_format import axis_label
+from truewrench.plots.fitted_grid import fit_grid
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
 from truewrench.plots.residuals.nonperiodic_residual_plot import (
     draw_nonperiodic_residual,
@@ -26,7 +27,8 @@ MIN_SIGNAL_TO_NOISE = 2.0
 
 def worst_channel_figure(sides: Sequence[LabelledComparison]) -> Figure:
     """Residual of the worst channel, a column per model, in one scale."""
-    figure, panels = PanelGrid(rows=1, columns=len(sides), panel_height=HEIGHT).panels(sharex=True, sharey=True)
+    grid = PanelGrid(rows=1, columns=len(sides), panel_height=HEIGHT)
+    figure, panels = grid.panels(sharex=True, sharey=True)
     nonperiodic, channel = worst_channel(sides[0])
     for axes, side in zip(panels[0], sides, strict=True):
         panel_title(axes, side.label, side.colour)
@@ -40,6 +42,7 @@ def worst_channel_figure(sides: Sequence[LabelledComparison]) -> Figure:
             axes.set_ylim(*residual_limits(sides, channel))
         axes.set_xlabel("pose" if side.recording.at_rest else "time (s)")
     name, unit = channel_labels(sides)[channel]
+    fit_grid(figure, panels, grid)
     label_y_axis(panels[0, 0], axis_label(f"residual of {name}", unit))
     return figure
 
