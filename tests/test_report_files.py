@@ -70,7 +70,7 @@ def test_markdown_tables_have_every_cell(rows: list[list[str]]) -> None:
 
 def test_a_table_of_numbers_is_aligned_to_the_right() -> None:
     text = markdown_table(Table.of((Column("a"), Column("b", "N", ".2f")), [("x", 1.0)]))
-    assert text.splitlines() == ["| a | b \\[N\\] |", "| --- | ---: |", "| x | 1.00 |"]
+    assert text.splitlines() == ["| a | b (N) |", "| --- | ---: |", "| x | 1.00 |"]
 
 
 # ----------------------------------------------------------------------------------------------- provenance
@@ -146,7 +146,7 @@ def test_fit_and_compare_write_their_reports(folder: Path, capsys: pytest.Captur
     assert "force for each unit of speed" in page.text
     assert sha256(Path(train).read_bytes()).hexdigest() in page.text
     assert "--add viscous_drag" in page.text  # of the command
-    assert "other <b>.csv, validation" in page.text
+    assert "other <b>.csv, held out" in page.text
     assert {"svg", "math"} <= set(page.tags)
     assert "<i>arm" not in (folder / "fit" / "report.html").read_text(encoding="utf-8")
     assert "<i>arm</i>" in page.text
