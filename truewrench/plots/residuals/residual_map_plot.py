@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from diagnosis.comparison.residual_map import ResidualMap
-from modeling.number_format import axis_label, format_number
+from modeling.number_format import axis_label, format_number, format_unit
 from truewrench.plots.charts.chart import Band, Chart, Level, Line, Mark, Panel, Points
 from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
 from truewrench.plots.style import MEASURED, MISFIT_COLOUR
@@ -46,7 +46,7 @@ def _panel(label: str, shown: ResidualMap, limits: tuple[float, float]) -> Panel
 
 def _tolerance(shown: ResidualMap) -> Band:
     """Its size is in the legend: beside a large residual the band is as thin as a line."""
-    size = axis_label(f"tolerance, ± {format_number(shown.tolerance, 2)}", shown.channel_unit)
+    size = f"tolerance ± {format_number(shown.tolerance, 2)} {format_unit(shown.channel_unit)}"
     return Band(low=-shown.tolerance, high=shown.tolerance, label=size)
 
 
