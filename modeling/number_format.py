@@ -14,7 +14,8 @@ SMALLEST_P_VALUE = 1e-300
 """p-values below are not told apart: their tail is beyond double precision."""
 
 _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]\d+)(?!\w)")
-_UNIT_PRODUCT = re.compile(r"(?<=\bN) (?=[ms]\b)|(?<=\bkg) (?=m\b)")
+_UNIT_PRODUCT = re.compile(r"(?<=\bN) (?=[ms](?![a-z]))|(?<=\bN²) (?=m)|(?<=\bkg) (?=m(?![a-z]))")
+_MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d)")
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_VALUE = "–"
 
@@ -48,7 +49,12 @@ def typeset_number(value: float, spec: str) -> str:
 
 def typeset_text(text: str) -> str:
     """A sentence with its numbers and units as in a typeset table: `7e-05 N m` is 7·10⁻⁵ N·m."""
-    return _UNIT_PRODUCT.sub("·", _POWER.sub(_typeset_power, text))
+    return typeset_units(_POWER.sub(_typeset_power, text))
+
+
+def typeset_units(text: str) -> str:
+    """The text with factors of units joined by a dot, and with minus signs: `-2 N m` is −2 N·m."""
+    return _MINUS.sub("−", _UNIT_PRODUCT.sub("·", text))
 
 
 def _typeset_power(found: re.Match[str]) -> str:

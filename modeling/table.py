@@ -11,7 +11,7 @@ from math import isfinite
 from textwrap import wrap
 from typing import TYPE_CHECKING, TypeAlias
 
-from modeling.number_format import NO_VALUE, axis_label, plain_number, typeset_number, typeset_text
+from modeling.number_format import NO_VALUE, axis_label, plain_number, typeset_number, typeset_text, typeset_units
 from modeling.presented import Presented
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class Column:
 
     def typeset(self, value: Value) -> str:
         """An entry with powers of ten and signs typeset."""
-        return self._written(value, typeset_number, NO_VALUE if self.unknown == "-" else self.unknown)
+        return typeset_units(self._written(value, typeset_number, NO_VALUE if self.unknown == "-" else self.unknown))
 
     def html(self, value: Value, *, styled: bool = False) -> str:
         """An entry as a `<td>`."""
@@ -100,7 +100,8 @@ class Column:
 
     def _style(self, styled: bool) -> str:
         """Numbers and their heading end at one edge, text begins at one."""
-        return f' style="text-align: {"right" if self.format else "left"}; {CELL_STYLE}"' if styled else ""
+        place = "right; white-space: nowrap" if self.format else "left"
+        return f' style="text-align: {place}; {CELL_STYLE}"' if styled else ""
 
     def _class(self, kind: str) -> str:
         names = " ".join(name for name in ("number" if self.format else "", kind) if name)

@@ -27,7 +27,9 @@ from truewrench.plots.charts.chart import Array, Chart, Level, Line, Panel, Poin
 from truewrench.plots.charts.line_decimation import decimated
 from truewrench.plots.charts.matplotlib_chart import draw_on, matplotlib_figure, typeset
 from truewrench.plots.charts.plotly_chart import plotly_figure
-from truewrench.plots.result_figure import FIGURES, PAGES, result_chart
+from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual_figure
+from truewrench.plots.residuals.worst_channel_plot import worst_channel_figure
+from truewrench.plots.result_figure import FIGURES, PAGES, _sides, result_chart
 
 pytest.importorskip("mujoco")
 
@@ -95,6 +97,13 @@ def chart_of(name: str, kind: str) -> Chart:
 def test_nothing_is_cut_off_nor_written_over(name: str) -> None:
     for kind in kinds(name):
         is_whole(matplotlib_figure(chart_of(name, kind)))
+
+
+def test_figures_of_reports_alone() -> None:
+    """Those that are no chart, with models whose names are long."""
+    sides = [replace(side, label=LONG_NAME) for side in _sides(RESULTS["study"]())]
+    is_whole(worst_channel_figure(sides))
+    is_whole(nonperiodic_residual_figure(sides))
 
 
 LONG_NAME = "4: rigid tool + com_offset + sensor_hysteresis + a name without any end + quadratic_drag"

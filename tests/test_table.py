@@ -99,6 +99,7 @@ def test_an_empty_column_is_left_out() -> None:
 
 def test_sentences_are_typeset_as_tables_are() -> None:
     assert typeset_text("7e-05 N m, p 1e-131.") == "7·10⁻⁵ N·m, p 10⁻¹³¹."
+    assert typeset_text("c = -0.2 N s²/m², 2026-11-24") == "c = −0.2 N·s²/m², 2026-11-24"
     assert typeset_text("run1e-5.csv, de-12, N may be") == "run1e-5.csv, de-12, N may be"
     assert "a &lt; b" in Result()._repr_html_()
     assert str(Result()).splitlines()[-1] == "a < b"

@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
-from truewrench.plots.style import EDGE, PIXELS_PER_INCH, PanelGrid
+from truewrench.plots.style import EDGE, PIXELS_PER_INCH, PanelGrid, label_y_axis
 
 LEAST_GAP = 14.0
 """Between rows of panels, CSS pixels."""
@@ -50,13 +50,16 @@ def fit_grid(figure: Figure, panels: NDArray[Any], grid: PanelGrid, *, head: flo
     """The grid with margins for all texts, after figure and panels were placed by it.
 
     `head` is the room for title and legend of the whole figure above the panels. Panels keep their height; they become
-    narrower where labels are long, so that it is done twice.
+    narrower where labels are long, so that it is done twice. Labels of the first column are then aligned at the edge.
     """
     for _ in range(2):
         for axes in panels.flat:
             _turn_long_ticks(axes)
         grid = _with_room(panels, grid, head)
         grid.place(figure)
+    for axes in panels[:, 0]:
+        if axes.get_ylabel():
+            label_y_axis(axes, axes.get_ylabel())
     return grid
 
 

@@ -31,7 +31,6 @@ from truewrench.plots.style import (
     SMALL,
     TITLE_CHARACTER,
     PanelGrid,
-    label_y_axis,
     panel_title,
     style_axes,
 )
@@ -65,19 +64,17 @@ def matplotlib_figure(chart: Chart) -> Figure:
     }
     figure, places = grid.panels(heights=chart.heights or None, **shared)
     drawn = [
-        (axes, panel, _draw_in_grid(axes, panel, chart, (row, column)))
+        (axes, _draw_in_grid(axes, panel, chart, (row, column)))
         for row, (panels, line) in enumerate(zip(chart.labelled_rows, places, strict=True))
         for column, (panel, axes) in enumerate(zip(panels, line, strict=True))
         if panel is not None
     ]
-    for axes in set(places.flat) - {axes for axes, *_ in drawn}:
+    for axes in set(places.flat) - {axes for axes, _ in drawn}:
         axes.set_visible(False)
     head = max(LEGEND_LINE * len(lines), TITLE_LINE * bool(chart.title)) + 4 * bool(lines or chart.title)
     grid = fit_grid(figure, places, grid, head=head)
-    for axes, panel, notes in drawn:
+    for axes, notes in drawn:
         place_notes(axes, notes)
-        if axes in places[:, 0] and panel.y_label:
-            label_y_axis(axes, panel.y_label)
     _head(figure, places.flat, chart, grid, lines)
     return figure
 

@@ -13,7 +13,7 @@ from estimation.noise.recording_noise import sample_step
 from modeling.number_format import axis_label
 from truewrench.plots.fitted_grid import fit_grid
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
-from truewrench.plots.style import HELD_OUT, MUTED, NOISE, PanelGrid, label_y_axis, panel_title
+from truewrench.plots.style import HELD_OUT, MUTED, NOISE, PanelGrid, panel_title
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def nonperiodic_residual_figure(sides: Sequence[LabelledComparison]) -> Figure:
                 axes.axvspan(start, end, color=HELD_OUT, alpha=0.25, lw=0, zorder=0.1)
             draw_nonperiodic_residual(axes, time, means[:, row], float(std[row]), side.colour)
             if not column:
-                label_y_axis(axes, axis_label(name, unit))
+                axes.set_ylabel(axis_label(name, unit))
         panels[-1, column].set_xlabel("time in the record (s)")
     fit_grid(figure, panels, grid)
     return figure

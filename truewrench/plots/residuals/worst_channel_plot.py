@@ -18,7 +18,7 @@ from truewrench.plots.residuals.nonperiodic_residual_plot import (
     std_of_interval_means,
 )
 from truewrench.plots.residuals.time_series_plot import draw_residual, residual_limits
-from truewrench.plots.style import PanelGrid, label_y_axis, panel_title
+from truewrench.plots.style import PanelGrid, panel_title
 
 HEIGHT = 135
 MIN_SIGNAL_TO_NOISE = 2.0
@@ -42,8 +42,8 @@ def worst_channel_figure(sides: Sequence[LabelledComparison]) -> Figure:
             axes.set_ylim(*residual_limits(sides, channel))
         axes.set_xlabel("pose" if side.recording.at_rest else "time (s)")
     name, unit = channel_labels(sides)[channel]
+    panels[0, 0].set_ylabel(axis_label(f"residual of {name}", unit))
     fit_grid(figure, panels, grid)
-    label_y_axis(panels[0, 0], axis_label(f"residual of {name}", unit))
     return figure
 
 
