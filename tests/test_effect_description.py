@@ -171,7 +171,7 @@ def test_stated_formulas_are_typeset_with_nothing_lost(effect: Effect) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("k u_1²", "<mi>k</mi>|<msup><msub><mi>u</mi><mi>1</mi></msub><mn>2</mn></msup>"),
+        ("k u_1²=0", "<mi>k</mi>|<msup><msub><mi>u</mi><mi>1</mi></msub><mn>2</mn></msup><mo>=</mo><mn>0</mn>"),
         ("a**2", "<msup><mi>a</mi><mn>2</mn></msup>"),
         ("-x<y", "<mo>−</mo><mi>x</mi><mo>&lt;</mo><mi>y</mi>"),
         ("<script>&", "<mo>&lt;</mo><mi>script</mi><mo>&gt;</mo><mtext>&amp;</mtext>"),

@@ -220,6 +220,7 @@ def names_effect_size_and_advice(diagnosis: Diagnosis, html: str, parsed: Page) 
 
 def describes_the_effect(html: str, parsed: Page) -> None:
     """Sketch, equations and the meaning of the parameters, and both models' estimates."""
+    assert '<a href="#added">The effects added</a>' in html
     card = html.split('<article class="card">')[1].split("</article>")[0]
     assert '<svg class="sketch"' in card
     equations = [ElementTree.fromstring(e) for e in re.findall(r"<math.*?</math>", card, re.DOTALL)]

@@ -175,14 +175,17 @@ def test_a_report_that_cannot_be_written_is_said_before_the_work(
         assert "is not a folder" in capsys.readouterr().err
 
 
-@settings(max_examples=30)
+MATHML = {"math", "mrow", "mi", "mn", "mo", "mtext", "mspace", "msub", "msup"}
+
+
+@settings(max_examples=30, deadline=None)  # the first one loads the templates
 @given(st.one_of(TEXT, MARKUP), st.one_of(TEXT, MARKUP))
 def test_text_of_an_effects_file_is_never_markup(title: str, stated: str) -> None:
-    """A custom effect's words in its card: shown as they are, no element more than with plain words."""
+    """A custom effect's words in its card: shown as they are, no element but MathML more than with plain words."""
     table = Table.of(("parameter", "what it is"), [(title, stated)])
     card = EffectCard("mine", title, stated, stated, Markup(), (), "", table)
     macros: Any = page_templates().get_template("macros.html").module
     page, plain = (Seen(str(macros.effect_card(c))) for c in (card, replace(card, title="x", stated="y")))
-    assert page.tags == plain.tags
+    assert [tag for tag in page.tags if tag not in MATHML] == [tag for tag in plain.tags if tag not in MATHML]
     assert page.text.count(title) >= 2
-    assert page.text.count(stated) >= 2
+    assert stated in page.text

@@ -75,6 +75,7 @@ _TOKEN = re.compile(
     r"(?P<number>\d+(?:\.\d+)?)|(?P<name>[^\W\d_²³⁴]+(?:_[^\W²³⁴]+)?)|(?P<power>[²³⁴]|\*\*|\^)|(?P<prime>')"
     r"|(?P<operator>\+=|-=|->|<=|>=|[-+*/=<>|()\[\]·,])|(?P<space>\s+)|(?P<other>.)"
 )
+_OPERATION = re.compile("[-=+*/<>|^]")
 GREEK = {"pi": "π", "omega": "ω", "theta": "θ", "alpha": "α", "phi": "φ", "tau": "τ", "dtheta": "dθ"}
 OPERATORS = {"-": "−", "*": "·", "->": "→", "<=": "≤", ">=": "≥", "+=": "+=", "-=": "−="}
 SUPERSCRIPT_DIGITS = {"²": "2", "³": "3", "⁴": "4"}
@@ -88,9 +89,16 @@ LONGEST_INDEX = 2
 def formula_mathml(text: str) -> str:
     """A formula that is text as MathML, an element for each part between commas; typeset by its signs, never evaluated.
 
-    What it does not know is shown as it is.
+    What it does not know is shown as it is, a part without any operator as words.
     """
-    return ", ".join(f"<math><mrow>{_pieces(part)}</mrow></math>" for part in _parts(text))
+    return ", ".join(
+        f"<math><mrow>{_pieces(part)}</mrow></math>" if _OPERATION.search(part) else _words(part)
+        for part in _parts(text)
+    )
+
+
+def _words(part: str) -> str:
+    return escape(re.sub(r"[^\W\d_]+", lambda found: GREEK.get(found[0], found[0]), part))
 
 
 def _parts(text: str) -> list[str]:
