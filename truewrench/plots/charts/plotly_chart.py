@@ -166,7 +166,8 @@ def _range(limits: tuple[float, float] | None, log: bool) -> dict[str, Any]:
 def _write(figure: go.Figure, place: dict[str, int], text: str, colour: str, at: dict[str, Any]) -> None:
     """Words in the coordinates of a panel."""
     if text:
-        style = {"showarrow": False, "font": {"color": colour, "size": 12 if at["yanchor"] == "top" else 13}}
+        font = {"color": colour, "size": 12 if at["yanchor"] == "top" else 13}
+        style = {"showarrow": False, "font": font, "align": at["xanchor"]}
         figure.add_annotation(text=_html(text), xref="x domain", yref="y domain", **at, **style, **place)
 
 
