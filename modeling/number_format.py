@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import Any
@@ -12,6 +13,9 @@ SHARE = "%"
 SMALLEST_P_VALUE = 1e-300
 """p-values below are not told apart: their tail is beyond double precision."""
 
+_POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]\d+)(?!\w)")
+_UNIT_PRODUCT = re.compile(r"(?<=\bN) (?=[ms](?![a-z]))|(?<=\bN²) (?=m)|(?<=\bkg) (?=m(?![a-z]))")
+_MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d)")
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_VALUE = "–"
 
@@ -41,6 +45,21 @@ def typeset_number(value: float, spec: str) -> str:
     if spec == SHARE:
         return format_percentage(value)
     return format_number(value, int(spec[1:-1])) if spec.endswith("g") else f"{value:{spec}}".replace("-", "−")
+
+
+def typeset_text(text: str) -> str:
+    """A sentence with its numbers and units as in a typeset table: `7e-05 N m` is 7·10⁻⁵ N·m."""
+    return typeset_units(_POWER.sub(_typeset_power, text))
+
+
+def typeset_units(text: str) -> str:
+    """The text with factors of units joined by a dot, and with minus signs: `-2 N m` is −2 N·m."""
+    return _MINUS.sub("−", _UNIT_PRODUCT.sub("·", text))
+
+
+def _typeset_power(found: re.Match[str]) -> str:
+    lead = "" if found[1] == "1" else f"{found[1]}·"
+    return f"{lead}10{_superscript(int(found[2]))}"
 
 
 def format_number(value: float | None, digits: int = 3) -> str:

@@ -11,7 +11,7 @@ from math import isfinite
 from textwrap import wrap
 from typing import TYPE_CHECKING, TypeAlias
 
-from modeling.number_format import NO_VALUE, format_unit, plain_number, typeset_number
+from modeling.number_format import NO_VALUE, axis_label, plain_number, typeset_number, typeset_text, typeset_units
 from modeling.presented import Presented
 
 if TYPE_CHECKING:
@@ -21,6 +21,9 @@ MOST_LINES = 38
 """Of the `repr` of a result; `print` shows all."""
 NOT_IDENTIFIABLE = "not identifiable"
 """Printed for the standard deviation of an unidentifiable parameter, which is infinite."""
+CELL_STYLE = "padding: 3px 14px 3px 0; vertical-align: top"
+NOTE_STYLE = ' style="display: block"'
+"""Of cells and the notes in them, where no page has a style sheet."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +72,16 @@ class Column:
             return [text]
         return [part for line in text.splitlines() for part in wrap(line, self.width, subsequent_indent="  ")]
 
-    def html(self, value: Value) -> str:
+    def typeset(self, value: Value) -> str:
+        """An entry with powers of ten and signs typeset."""
+        return typeset_units(self._written(value, typeset_number, NO_VALUE if self.unknown == "-" else self.unknown))
+
+    def html(self, value: Value, *, styled: bool = False) -> str:
         """An entry as a `<td>`."""
-        unknown = NO_VALUE if self.unknown == "-" else self.unknown
-        text = escape(self._written(value, typeset_number, unknown)).replace("\n", "<br>")
+        text = escape(self.typeset(value)).replace("\n", "<br>")
         kind, note = (value.kind, value.note) if isinstance(value, Cell) else ("", "")
-        return f"<td{self._class(kind)}>{text}{f'<small>{escape(note)}</small>' if note else ''}</td>"
+        below = f"<small{NOTE_STYLE if styled else ''}>{escape(note)}</small>" if note else ""
+        return f"<td{self._class(kind)}{self._style(styled)}>{text}{below}</td>"
 
     def _written(self, value: Value, number: Callable[[float, str], str], unknown: str) -> str:
         found, mark = (value.value, value.mark) if isinstance(value, Cell) else (value, "")
@@ -83,10 +90,18 @@ class Column:
         return unknown if found is None or not isfinite(found) else mark + number(found, self.format)
 
     @property
-    def html_heading(self) -> str:
+    def typeset_heading(self) -> str:
+        """Name, with the typeset unit in round brackets."""
+        return axis_label(self.name, self.unit)
+
+    def html_heading(self, *, styled: bool = False) -> str:
         """The heading as a `<th>`."""
-        unit = format_unit(self.unit)
-        return f"<th{self._class('')}>{escape(f'{self.name} ({unit})' if unit else self.name)}</th>"
+        return f"<th{self._class('')}{self._style(styled)}>{escape(self.typeset_heading)}</th>"
+
+    def _style(self, styled: bool) -> str:
+        """Numbers and their heading end at one edge, text begins at one."""
+        place = "right; white-space: nowrap" if self.format else "left"
+        return f' style="text-align: {place}; {CELL_STYLE}"' if styled else ""
 
     def _class(self, kind: str) -> str:
         names = " ".join(name for name in ("number" if self.format else "", kind) if name)
@@ -106,31 +121,49 @@ class Table(Presented):
         named = tuple(Column(c) if isinstance(c, str) else c for c in columns)
         return cls(named, tuple(tuple(row) for row in rows))
 
+    @property
+    def filled(self) -> Table:
+        """The table without the columns in which every entry is an empty text."""
+        kept = [i for i in range(len(self.columns)) if not self.rows or any(row[i] != "" for row in self.rows)]
+        rows = tuple(tuple(row[i] for i in kept) for row in self.rows)
+        return Table(tuple(self.columns[i] for i in kept), rows)
+
     def __str__(self) -> str:
-        cells = [[c.lines(v) for c, v in zip(self.columns, row, strict=True)] for row in self.rows]
-        if any(c.heading for c in self.columns):
-            cells.insert(0, [[c.heading] for c in self.columns])
-        widths = [c.width or max(len(t) for row in cells for t in row[i]) for i, c in enumerate(self.columns)]
-        rule = ["  ".join("-" * width for width in widths)] if any(c.width for c in self.columns) else []
+        columns, rows = self.filled.columns, self.filled.rows
+        cells = [[c.lines(v) for c, v in zip(columns, row, strict=True)] for row in rows]
+        if any(c.heading for c in columns):
+            cells.insert(0, [[c.heading] for c in columns])
+        widths = [c.width or max(len(t) for row in cells for t in row[i]) for i, c in enumerate(columns)]
+        rule = ["  ".join("-" * width for width in widths)] if any(c.width for c in columns) else []
         return "\n".join(line for row in cells for line in [*_aligned(row, widths), *rule])
 
     def __repr__(self) -> str:
         return shortened(str(self))
 
     def to_html(self) -> str:
-        """The table as HTML; numbers have the class `number`, names and text are escaped."""
-        head = "".join(c.html_heading for c in self.columns) if any(c.heading for c in self.columns) else ""
+        """The table as HTML that is aligned in any page; names and text are escaped."""
+        return self._html(styled=True)
+
+    _repr_html_ = to_html
+
+    def __html__(self) -> str:
+        """The table as HTML for a page with a style sheet: numbers have the class `number`."""
+        return self._html(styled=False)
+
+    def _html(self, *, styled: bool) -> str:
+        columns, rows = self.filled.columns, self.filled.rows
+        named = any(c.heading for c in columns)
+        head = "".join(c.html_heading(styled=styled) for c in columns) if named else ""
         body = "".join(
-            f"<tr>{''.join(c.html(v) for c, v in zip(self.columns, row, strict=True))}</tr>\n" for row in self.rows
+            f"<tr>{''.join(c.html(v, styled=styled) for c, v in zip(columns, row, strict=True))}</tr>\n" for row in rows
         )
         return f"<table>\n{f'<thead><tr>{head}</tr></thead>' if head else ''}<tbody>\n{body}</tbody></table>"
 
-    __html__ = _repr_html_ = to_html
-
     def to_markdown(self) -> str:
-        """The table in Markdown."""
-        rows = [[c.heading for c in self.columns], ["---"] * len(self.columns)]
-        rows += [[c.text(v) for c, v in zip(self.columns, row, strict=True)] for row in self.rows]
+        """The table in Markdown, with numbers and units typeset as in HTML."""
+        columns = self.filled.columns
+        rows = [[c.typeset_heading for c in columns], ["---"] * len(columns)]
+        rows += [[c.typeset(v) for c, v in zip(columns, row, strict=True)] for row in self.filled.rows]
         return "\n".join("| " + " | ".join(t.replace("|", "\\|").replace("\n", " ") for t in r) + " |" for r in rows)
 
     def to_frame(self) -> pd.DataFrame:
@@ -190,4 +223,6 @@ class Tabular(Presented, ABC):
         return shortened(str(self))
 
     def _repr_html_(self) -> str:
-        return "\n".join(p.to_html() if isinstance(p, Table) else f"<p>{escape(p)}</p>" for p in self.printed())
+        return "\n".join(
+            p.to_html() if isinstance(p, Table) else f"<p>{escape(typeset_text(p))}</p>" for p in self.printed()
+        )

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import sympy as sp
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
 
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
@@ -16,7 +19,7 @@ from modeling.space import Space
 from truewrench.effect_description import SKETCHES, effect_sketch, parameter_meaning
 from truewrench.effect_description.drawing import HEIGHT, WIDTH
 from truewrench.effect_description.effect_equations import effect_equations
-from truewrench.effect_description.mathml import mathml
+from truewrench.effect_description.mathml import GREEK, formula_mathml, mathml
 
 MODELS = {
     Space.PLANE: planar(Rig(name="arm", link_lengths=(0.4, 0.3, 0.2), gravity=9.8)),
@@ -53,11 +56,36 @@ def test_sketch_is_well_formed_and_within_its_frame(effect: Effect) -> None:
         assert (points <= (WIDTH, HEIGHT)).all()
 
 
+@pytest.mark.parametrize("effect", catalogue(), ids=case_name)
+def test_no_word_of_a_sketch_is_cut_off(effect: Effect) -> None:
+    """By the widths of DejaVu Sans, the widest of the common fonts."""
+    drawn = ElementTree.fromstring(effect_sketch(effect))
+    left, top, width, height = map(float, drawn.attrib["viewBox"].split())
+    for text in drawn.iter("text"):
+        bold = "semibold" if text.attrib.get("class") == "parameter" else "normal"
+        size = TextPath(
+            (0, 0), text.text or "", size=11, prop=FontProperties(family="DejaVu Sans", weight=bold)
+        ).get_extents()
+        x, y = float(text.attrib["x"]), float(text.attrib["y"])
+        start = x - size.width * {"end": 1.0, "middle": 0.5}.get(text.attrib.get("text-anchor", ""), 0.0)
+        assert left <= start, text.text
+        assert start + size.width <= left + width, text.text
+        assert top <= y - size.y1, text.text
+        assert y - size.y0 <= top + height, text.text
+
+
 @pytest.mark.parametrize(("effect", "space"), CASES, ids=case_name)
 def test_every_parameter_has_a_meaning(effect: Effect, space: Space) -> None:
     meanings = {p.name: parameter_meaning(effect, p.name) for p in effect.parameters(space)}
     assert all(meanings.values())
     assert len(set(meanings.values())) == len(meanings)
+
+
+def parameters_of(equation: ElementTree.Element) -> set[str]:
+    """Names of the parameters in an equation; of a letter with an index the index."""
+    marked = {e.text or "" for e in equation.iter("mi") if "class" in e.attrib}
+    letters = {e[0].text or "" for e in equation.iter("msub") if "class" in e.attrib}
+    return {"tau" if name == "τ" else name for name in marked - letters}
 
 
 @pytest.mark.parametrize(("effect", "space"), DESCRIBED, ids=case_name)
@@ -66,7 +94,7 @@ def test_equations_are_well_formed_and_have_the_parameters(effect: Effect, space
     if found is None:  # its equations are too long, or between tool and world: the stated one is shown
         assert effect.id in ("cable_spring", "bias_drift")
         return
-    shown = {e.text for text in found.mathml for e in ElementTree.fromstring(text).iter("mi") if "class" in e.attrib}
+    shown = set().union(*(parameters_of(ElementTree.fromstring(text)) for text in found.mathml))
     free = {p.name for p in effect.parameters(space) if not p.fixed}
     assert shown <= free
     # What is only in the times of an event, or in channels that are not listed, is not in an equation.
@@ -128,3 +156,34 @@ def test_mathml_escapes_and_writes_no_named_entity() -> None:
     text = f"<math>{mathml(2 * x * sp.exp(-x) + sp.Derivative(sp.Symbol('theta'), sp.Symbol('t')))}</math>"
     assert "<b>&x" in "".join(ElementTree.fromstring(text).itertext())
     assert "θ" in "".join(ElementTree.fromstring(text).itertext())
+
+
+@pytest.mark.parametrize("effect", catalogue(), ids=case_name)
+def test_stated_formulas_are_typeset_with_nothing_lost(effect: Effect) -> None:
+    """Every name and number of the formula is in the MathML, which is well-formed."""
+    found = ElementTree.fromstring(f"<div>{formula_mathml(effect.equation)}</div>")
+    shown = "".join(found.itertext())
+    for word in re.findall(r"[^\W_]+", re.sub("[²³]", " ", effect.equation)):
+        assert GREEK.get(word, word) in shown, word
+    assert "_" not in shown or "time_constant" in shown
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("k u_1²=0", "<mi>k</mi>|<msup><msub><mi>u</mi><mi>1</mi></msub><mn>2</mn></msup><mo>=</mo><mn>0</mn>"),
+        ("a**2", "<msup><mi>a</mi><mn>2</mn></msup>"),
+        ("-x<y", "<mo>−</mo><mi>x</mi><mo>&lt;</mo><mi>y</mi>"),
+        ("<script>&", "<mo>&lt;</mo><mi>script</mi><mo>&gt;</mo><mtext>&amp;</mtext>"),
+    ],
+)
+def test_formula_piece_by_piece(text: str, expected: str) -> None:
+    space = '<mspace width="0.2em"/>'
+    assert formula_mathml(text) == f"<math><mrow>{expected.replace('|', space)}</mrow></math>"
+
+
+def test_a_parameter_with_the_name_of_a_channel_has_a_letter() -> None:
+    found = effect_equations(named("sensor_hysteresis"), MODELS[Space.PLANE])
+    assert found is not None
+    assert '<msub class="parameter"><mi class="parameter">h</mi><mi class="parameter">fx</mi></msub>' in found.mathml[0]
+    assert "h is the parameter of the channel in its index" in found.symbols

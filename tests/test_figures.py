@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import Any
 
 import numpy as np
 import pytest
 from bokeh.document import Document
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -21,11 +23,13 @@ from modeling.table import Table
 from tests.test_given_effects import simulated
 from tests.test_results import RESULTS, fitted
 from truewrench.plots.charts.bokeh_chart import DARK, SYMBOLS, bokeh_chart, figures_of, legend_html, log_ticks
-from truewrench.plots.charts.chart import Array, Chart, Line, Points, legend_labels
+from truewrench.plots.charts.chart import Array, Chart, Level, Line, Panel, Points, in_rows, legend_labels
 from truewrench.plots.charts.line_decimation import decimated
-from truewrench.plots.charts.matplotlib_chart import draw_on, matplotlib_figure
+from truewrench.plots.charts.matplotlib_chart import draw_on, matplotlib_figure, typeset
 from truewrench.plots.charts.plotly_chart import plotly_figure
-from truewrench.plots.result_figure import FIGURES, PAGES, result_chart
+from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual_figure
+from truewrench.plots.residuals.worst_channel_plot import worst_channel_figure
+from truewrench.plots.result_figure import FIGURES, PAGES, _sides, result_chart
 
 pytest.importorskip("mujoco")
 
@@ -46,10 +50,42 @@ def kinds(name: str) -> list[str]:
 
 
 def texts(figure: Figure) -> list[Text]:
-    """Every text but the ticks' labels."""
-    every = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
-    ticks = {text for axis in figure.findobj(Axis) for tick in axis.findobj(Tick) for text in tick.findobj(Text)}
-    return [text for text in every if text not in ticks]
+    """Every text that is drawn; of ticks those within the limits of their axis."""
+    every = {text for axes in figure.axes if axes.get_visible() for text in axes.findobj(Text)}
+    every |= {text for part in (*figure.texts, *figure.legends) for text in part.findobj(Text)}
+    every -= {text for axis in figure.findobj(Axis) for tick in axis.findobj(Tick) for text in tick.findobj(Text)}
+    shown = (tick for axes in figure.axes if axes.get_visible() for axis in axes_of(axes) for tick in ticks_of(axis))
+    every |= {text for tick in shown for text in (tick.label1, tick.label2)}
+    return [text for text in every if text.get_visible() and text.get_text().strip()]
+
+
+def axes_of(axes: Axes) -> tuple[Axis, ...]:
+    return axes.xaxis, axes.yaxis
+
+
+def ticks_of(axis: Axis) -> list[Tick]:
+    """The major ticks within the limits."""
+    low, high = sorted(axis.get_view_interval())
+    return [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+
+
+def is_whole(figure: Figure) -> None:
+    """Every text lies within the figure, and none overlaps another one."""
+    figure.set_canvas(FigureCanvasAgg(figure))
+    figure.draw_without_rendering()
+    boxes = {text: text.get_window_extent() for text in texts(figure)}
+    page = figure.bbox
+    for text, box in boxes.items():
+        assert box.x0 >= 0, text
+        assert box.y0 >= 0, text
+        assert box.x1 <= page.x1, text
+        assert box.y1 <= page.y1, text
+    over = [
+        (a.get_text(), b.get_text())
+        for a, b in combinations(boxes, 2)
+        if boxes[a].overlaps(boxes[b]) and a.get_rotation() % 90 + b.get_rotation() % 90 == 0
+    ]  # slanted ones side by side are clear of each other
+    assert not over, over[:3]
 
 
 @cache
@@ -60,15 +96,89 @@ def chart_of(name: str, kind: str) -> Chart:
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_cut_off_nor_written_over(name: str) -> None:
     for kind in kinds(name):
-        figure = matplotlib_figure(chart_of(name, kind))
-        figure.set_canvas(FigureCanvasAgg(figure))
-        figure.draw_without_rendering()
-        drawn, page = figure.get_tightbbox(), figure.get_size_inches()
-        assert min(drawn.x0, drawn.y0) >= -0.02, kind
-        assert (np.array([drawn.x1, drawn.y1]) <= page + 0.02).all(), kind
-        boxes = {text: text.get_window_extent() for text in texts(figure)}
-        over = [(a.get_text(), b.get_text()) for a, b in combinations(boxes, 2) if boxes[a].overlaps(boxes[b])]
-        assert not over, (kind, over[:3])
+        is_whole(matplotlib_figure(chart_of(name, kind)))
+
+
+def test_figures_of_reports_alone() -> None:
+    """Those that are no chart, with models whose names are long."""
+    sides = [replace(side, label=LONG_NAME) for side in _sides(RESULTS["study"]())]
+    is_whole(worst_channel_figure(sides))
+    is_whole(nonperiodic_residual_figure(sides))
+
+
+LONG_NAME = "4: rigid tool + com_offset + sensor_hysteresis + a name without any end + quadratic_drag"
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3])
+@pytest.mark.parametrize("kind", ["residual", "stairs", "map", "parameters"])
+def test_long_names_are_wrapped_or_turned(kind: str, columns: int) -> None:
+    """Titles, names of steps and of parameters far longer than their panels."""
+    shown = chart_of("study", kind)
+    panels = [
+        replace(p, title=LONG_NAME if n else "short", x_ticks=tuple(f"{t} + sensor_hysteresis" for t in p.x_ticks))
+        for n, p in enumerate(shown.panels[:3])
+    ]
+    is_whole(matplotlib_figure(replace(shown, rows=in_rows(panels, columns), heights=(), shared_x=False)))
+
+
+@pytest.mark.parametrize("kind", ["residual", "stairs", "map", "spectrum"])
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (2, 2)])
+def test_users_axes_make_room_once(kind: str, rows: int, columns: int) -> None:
+    """On flat figures too; the legend is beside the data, and a layout of the user's still works afterwards."""
+    from matplotlib.pyplot import close, subplots
+
+    figure, axes = subplots(rows, columns, figsize=(5 * columns, 2.3 * rows), squeeze=False)
+    for place in axes.flat:
+        RESULTS["study"]().plot(kind=kind, ax=place)
+    figure.draw_without_rendering()
+    for place in axes.flat:
+        legend = place.get_legend()
+        assert legend is None or not legend.get_window_extent().overlaps(place.get_window_extent().shrunk(1, 0.99))
+    is_whole(figure)
+    figure.tight_layout()
+    close(figure)
+
+
+def test_notes_are_off_the_lines() -> None:
+    """The word on a level, and values beside points, where a place is free."""
+    x = np.linspace(0.0, 1.0, 200)
+    rising = Line(x=x, y=2 * x, colour="#000000")
+    values = Points(x=np.array([0.5]), y=np.array([1.0]), colour="#000000", notes=("1.0",))
+    chart = Chart(rows=((Panel(marks=(Level(y=1.9, note="a level"), rising, values), y_limits=(0, 2)),),))
+    (axes,) = matplotlib_figure(chart).axes
+    curve = axes.lines[1].get_transform().transform(axes.lines[1].get_xydata())
+    for text in axes.texts:
+        box = text.get_window_extent()
+        assert not any(box.contains(*point) for point in curve), text
+
+
+def test_legends_of_a_kind_are_in_one_order() -> None:
+    """Whatever a panel happens to show; what has no data is not in it."""
+    some, none = np.ones(1), np.empty(0)
+    first = Panel(
+        marks=tuple(Points(x=x, y=x, colour="#000000", label=n) for n, x in zip("abc", (some, none, some), strict=True))
+    )
+    second = Panel(
+        marks=tuple(Points(x=x, y=x, colour="#000000", label=n) for n, x in zip("abc", (some, some, none), strict=True))
+    )
+    assert legend_labels([first]) == ["a", "c"]
+    assert legend_labels([first, second]) == legend_labels([second, first]) == ["a", "b", "c"]
+
+
+def test_different_scales_of_one_quantity_are_said() -> None:
+    wide = Panel(marks=(), y_label="residual (N)", y_limits=(-1.0, 1.0))
+    narrow, log = replace(wide, y_limits=(-0.025, 0.025)), replace(wide, y_log=True, y_limits=(1.0, 10.0))
+    notes = [p.note for p in chain(*Chart(rows=((wide, narrow, log),)).labelled_rows) if p is not None]
+    assert notes == ["", "y axis enlarged 40 times", ""]
+    shared = Chart(rows=((wide, wide), (narrow, narrow)), shared_y=True)
+    assert [[p.note[-8:] for p in row if p is not None] for row in shared.labelled_rows] == [["", ""], ["40 times", ""]]
+
+
+@pytest.mark.parametrize("text", ["p 10⁻¹²⁴", "1.2·10⁻⁷ N m²", "$5 and 10⁻³"])
+def test_exponents_are_typeset_in_one_size(text: str) -> None:
+    shown = Text(text=typeset(text), figure=Figure())
+    assert not set("⁻⁰¹³⁴⁵⁶⁷⁸⁹") & set(shown.get_text())
+    assert typeset("m/s²") == "m/s²"
 
 
 def plotly_series(chart: Chart) -> list[Array]:
@@ -117,7 +227,7 @@ def test_symbols_and_lines_are_in_the_legend_as_they_are_drawn() -> None:
     for kind in ("residual", "stairs"):
         chart = chart_of("study", kind)
         legend = legend_html(chart)
-        for mark in (mark for panel in chart.panels for mark in panel.marks if isinstance(mark, Points | Line)):
+        for mark in (mark for panel in chart.panels for mark in panel.drawn if isinstance(mark, Points | Line)):
             if isinstance(mark, Points):
                 assert f">{SYMBOLS[mark.symbol][mark.hollow]}</i>" in legend, kind
         lines = [m for panel in chart.panels for m in panel.marks if isinstance(m, Line) and kind == "residual"]

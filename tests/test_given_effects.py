@@ -66,7 +66,7 @@ def test_nothing_more_is_missing() -> None:
     assert found.verdict is RecordVerdict.NOTHING_MISSING
     assert found.added == ()
     text = diagnosis_text(found)
-    assert text.startswith("Nothing more is missing: the residual of the rigid tool + viscous drag + sensor crosstalk")
+    assert text.startswith("Nothing more is missing: the residual of the rigid tool + viscous_drag + sensor_crosstalk")
     assert "Given viscous_drag" in text
     assert json.loads(json.dumps(found.to_data()))["given"] == ["viscous_drag", "sensor_crosstalk"]
 

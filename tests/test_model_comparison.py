@@ -141,7 +141,7 @@ def test_parameters_that_moved_are_counted_in_std() -> None:
     rigid, better = true_and_rigid()
     frame = compare([rigid, better], drawn("both", 1.1, 2)).parameter_table.to_frame().set_index("parameter")
     moved = (better.values["m"] - rigid.values["m"]) / rigid.parameters["m"].std
-    assert frame.loc["m", "change in std"] == pytest.approx(moved)
+    assert frame.loc["m", "change / std"] == pytest.approx(moved)
 
 
 def repeating(tone: float) -> Recording:

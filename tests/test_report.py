@@ -203,7 +203,7 @@ def names_effect_size_and_advice(diagnosis: Diagnosis, html: str, parsed: Page) 
     assert viscous_drag.advice in parsed.text
     assert "4 repeats" in parsed.text
     assert "F = m (a − g)" in parsed.text
-    assert "other.csv, validation" in parsed.text
+    assert "other.csv, held out" in parsed.text
     # In the verdict, and beside the recording's pictures.
     assert parsed.text.count("other.csv has a recording-specific drift: fx by") == 2
     describes_the_effect(html, parsed)
@@ -220,6 +220,7 @@ def names_effect_size_and_advice(diagnosis: Diagnosis, html: str, parsed: Page) 
 
 def describes_the_effect(html: str, parsed: Page) -> None:
     """Sketch, equations and the meaning of the parameters, and both models' estimates."""
+    assert '<a href="#added">The effects added</a>' in html
     card = html.split('<article class="card">')[1].split("</article>")[0]
     assert '<svg class="sketch"' in card
     equations = [ElementTree.fromstring(e) for e in re.findall(r"<math.*?</math>", card, re.DOTALL)]
@@ -227,7 +228,7 @@ def describes_the_effect(html: str, parsed: Page) -> None:
     assert "force for each unit of speed" in parsed.text
     assert "No other candidate effect is confusable" in parsed.text
     assert "95 % interval" in parsed.text
-    assert "change in std" in parsed.text
+    assert "change / std" in parsed.text
 
 
 def says_where_it_lives(diagnosis: Diagnosis, _html: str, parsed: Page) -> None:

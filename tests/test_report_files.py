@@ -70,7 +70,7 @@ def test_markdown_tables_have_every_cell(rows: list[list[str]]) -> None:
 
 def test_a_table_of_numbers_is_aligned_to_the_right() -> None:
     text = markdown_table(Table.of((Column("a"), Column("b", "N", ".2f")), [("x", 1.0)]))
-    assert text.splitlines() == ["| a | b \\[N\\] |", "| --- | ---: |", "| x | 1.00 |"]
+    assert text.splitlines() == ["| a | b (N) |", "| --- | ---: |", "| x | 1.00 |"]
 
 
 # ----------------------------------------------------------------------------------------------- provenance
@@ -146,7 +146,7 @@ def test_fit_and_compare_write_their_reports(folder: Path, capsys: pytest.Captur
     assert "force for each unit of speed" in page.text
     assert sha256(Path(train).read_bytes()).hexdigest() in page.text
     assert "--add viscous_drag" in page.text  # of the command
-    assert "other <b>.csv, validation" in page.text
+    assert "other <b>.csv, held out" in page.text
     assert {"svg", "math"} <= set(page.tags)
     assert "<i>arm" not in (folder / "fit" / "report.html").read_text(encoding="utf-8")
     assert "<i>arm</i>" in page.text
@@ -175,14 +175,17 @@ def test_a_report_that_cannot_be_written_is_said_before_the_work(
         assert "is not a folder" in capsys.readouterr().err
 
 
-@settings(max_examples=30)
+MATHML = {"math", "mrow", "mi", "mn", "mo", "mtext", "mspace", "msub", "msup"}
+
+
+@settings(max_examples=30, deadline=None)  # the first one loads the templates
 @given(st.one_of(TEXT, MARKUP), st.one_of(TEXT, MARKUP))
 def test_text_of_an_effects_file_is_never_markup(title: str, stated: str) -> None:
-    """A custom effect's words in its card: shown as they are, no element more than with plain words."""
+    """A custom effect's words in its card: shown as they are, no element but MathML more than with plain words."""
     table = Table.of(("parameter", "what it is"), [(title, stated)])
     card = EffectCard("mine", title, stated, stated, Markup(), (), "", table)
     macros: Any = page_templates().get_template("macros.html").module
     page, plain = (Seen(str(macros.effect_card(c))) for c in (card, replace(card, title="x", stated="y")))
-    assert page.tags == plain.tags
+    assert [tag for tag in page.tags if tag not in MATHML] == [tag for tag in plain.tags if tag not in MATHML]
     assert page.text.count(title) >= 2
-    assert page.text.count(stated) >= 2
+    assert stated in page.text

@@ -16,7 +16,7 @@ from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import robust_fit
 from estimation.static.centre_of_mass import CentreOfMass
 from modeling.chain.model import planar
-from modeling.number_format import P_VALUE, estimate_text
+from modeling.number_format import P_VALUE, estimate_text, typeset_text
 from modeling.space import Space
 from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular
 from tests.test_fit import recorded
@@ -86,6 +86,21 @@ def test_html_says_the_same_typeset_and_escaped() -> None:
     assert texts[:8] == ["parameter", "value (N)", "std", "p", "m <1>", "−1235", "1.2·10⁻⁷", "< 10⁻³⁰⁰"]
     assert texts[8:] == ["I|o", "–", NOT_IDENTIFIABLE, "0.50", "limit", "< 0.0200(3)", "1.0", "–"]
     assert 'class="number within"' in TABLE.to_html()
+    assert TABLE.to_html().count("text-align: left") == 1 + len(ROWS)  # of the one column of text, heading and all
+    assert "style" not in TABLE.__html__()  # a page has a style sheet
+
+
+def test_an_empty_column_is_left_out() -> None:
+    table = Table.of(("name", "because", Column("p", format=P_VALUE)), [("a", "", 1e-9), ("b", "", None)])
+    assert "because" not in f"{table}{table.to_html()}{table.to_markdown()}"
+    assert "because" in table.to_frame()
+    assert "because" in str(Table.of(("name", "because"), []))
+
+
+def test_sentences_are_typeset_as_tables_are() -> None:
+    assert typeset_text("7e-05 N m, p 1e-131.") == "7·10⁻⁵ N·m, p 10⁻¹³¹."
+    assert typeset_text("c = -0.2 N s²/m², 2026-11-24") == "c = −0.2 N·s²/m², 2026-11-24"
+    assert typeset_text("run1e-5.csv, de-12, N may be") == "run1e-5.csv, de-12, N may be"
     assert "a &lt; b" in Result()._repr_html_()
     assert str(Result()).splitlines()[-1] == "a < b"
 

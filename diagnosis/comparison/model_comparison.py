@@ -162,7 +162,7 @@ class ModelComparison(Tabular):
         columns: list[Column] = [Column("parameter"), Column("unit")]
         for number, model in enumerate(self.models):
             columns += [Column(model.name, format=".5g"), Column("std", format=".2g")]
-            columns += [Column("change in std", format=".1f")] * (number > 0)
+            columns += [Column("change / std", format=".1f")] * (number > 0)
         names = list(dict.fromkeys(name for model in self.models for name in _estimates(model)))
         return Table.of(columns, [self._parameter_row(name) for name in names])
 
@@ -206,7 +206,7 @@ class ModelComparison(Tabular):
         """Errors, differences, parameters, bands."""
         parts = [*super().printed(), "", self.parameter_table]
         if len(self.models) > 1:
-            parts.append(f"change in std: from {self.models[0].name}, in its std")
+            parts.append(f"change / std: from {self.models[0].name}, in its std")
         return [*parts, "", self.band_table] if self.band_table.rows else parts
 
     def to_data(self) -> dict[str, Any]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from html import escape
-from math import atan2, cos, hypot, radians, sin
+from math import atan2, ceil, cos, floor, hypot, radians, sin
 
 WIDTH, HEIGHT = 240, 150
 """Size of every sketch, in its own units."""
 ARROW = 7.0
 """Length of an arrow's head."""
+CHARACTER, BOLD_CHARACTER = 6.8, 7.4
+"""Width of a character in the widest of the common fonts."""
 
 Point = tuple[float, float]
 
@@ -19,6 +21,7 @@ class Drawing:
 
     def __init__(self) -> None:
         self.elements: list[str] = []
+        self.reach = [0.0, float(WIDTH)]
 
     def path(self, points: Sequence[Point], kind: str = "ink", *, closed: bool = False) -> None:
         """A line through points."""
@@ -65,7 +68,13 @@ class Drawing:
         """Words that begin there; they end there (anchor `end`) or have their middle there (`middle`)."""
         place = f' text-anchor="{anchor}"' if anchor else ""
         look = f' class="{kind}"' if kind else ""
+        self._make_room(x, len(words) * (BOLD_CHARACTER if kind == "parameter" else CHARACTER), anchor)
         self.elements.append(f'<text x="{x:.1f}" y="{y:.1f}"{place}{look}>{escape(words)}</text>')
+
+    def _make_room(self, x: float, width: float, anchor: str) -> None:
+        """Widen the sketch to a text that would be cut off."""
+        start = x - width * {"end": 1.0, "middle": 0.5}.get(anchor, 0.0)
+        self.reach = [min(self.reach[0], start), max(self.reach[1], start + width)]
 
     def parameter(self, x: float, y: float, name: str, anchor: str = "") -> None:
         """The name of a parameter of the effect."""
@@ -105,5 +114,7 @@ class Drawing:
 
     def svg(self, title: str) -> str:
         """The whole sketch as an SVG element of an HTML page, named for those who do not see it."""
-        named = f'<svg class="sketch" role="img" aria-label="{escape(title)}" viewBox="0 0 {WIDTH} {HEIGHT}">'
+        left, right = floor(self.reach[0]), ceil(self.reach[1])
+        view = f"{left} 0 {right - left} {HEIGHT}"
+        named = f'<svg class="sketch" role="img" aria-label="{escape(title)}" viewBox="{view}">'
         return f"{named}{''.join(self.elements)}</svg>"

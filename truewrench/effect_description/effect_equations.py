@@ -18,7 +18,7 @@ from modeling.chain.stages.play_stage import Play
 from modeling.chain.stages.stage import Stage, SymbolicMap
 from modeling.kinematics.perturbed_arm import PerturbedArm
 from modeling.space import SensorMotion, Space, vector
-from truewrench.effect_description.mathml import equation_mathml
+from truewrench.effect_description.mathml import channel_letter, equation_mathml
 
 MOST_OPERATIONS = 60
 """Of a right side that a reader takes in; longer ones are left out."""
@@ -90,8 +90,16 @@ def effect_equations(effect: Effect, model: WrenchModel) -> EffectEquations | No
     if max(sp.count_ops(right) for _, right in pairs) > MOST_OPERATIONS:
         return None
     symbols = GRAVITY if pairs[0][0] == sp.Symbol("g_x") else SENTENCES[effect.stage]
+    symbols += _letter_sentence(effect, model.space)
     symbols += EVENT if any(right.has(sp.Symbol("S")) for _, right in pairs) else ""
     return EffectEquations(tuple(pairs[:MOST_EQUATIONS]), symbols, effect.id)
+
+
+def _letter_sentence(effect: Effect, space: Space) -> str:
+    """What a letter with a channel as its index is, where parameters are named as channels."""
+    letters = {channel_letter(effect.id, p.name): p.name for p in effect.parameters(space)}
+    letters.pop("", None)
+    return "".join(f" {letter} is the parameter of the channel in its index." for letter in letters)
 
 
 def _readable(expression: sp.Expr) -> sp.Expr:

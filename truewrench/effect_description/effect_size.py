@@ -48,5 +48,7 @@ def size_sentence(fit: Fit, effect_id: str) -> str:
     size = " and ".join(f"{format_number(v)} {unit}" for v, unit in zip(found, ("N", "N m"), strict=True))
     stage = next(e.stage for e in fit.model.effects if e.id == effect_id)
     if stage is Stage.TIP_BODY:
-        return f"Where it is largest in the fitted recordings, it loads the sensor with {size}."
-    return f"In the fitted recordings it changes the readings by at most {size}."
+        sentence = f"Where it is largest in the fitted recordings, it loads the sensor with {size}"
+    else:
+        sentence = f"In the fitted recordings it changes the readings by at most {size}"
+    return f"{sentence} (norms over the components)."

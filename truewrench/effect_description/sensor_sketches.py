@@ -57,8 +57,8 @@ def sensor_hysteresis(d: Drawing) -> None:
     """The reading follows the load only after a play."""
     d.axes("load", "reading", centred=True)
     d.path([(54, 122), (92, 122), (190, 30), (152, 30)], "accent", closed=True)
-    d.dimension(74, 104, 112, 104, "2 w", (128, 108))
-    d.text(232, 138, "w: fx, fy, tau, ...", "end", "parameter")
+    d.dimension(74, 104, 112, 104, "2 h", (128, 108))
+    d.text(232, 138, "h: fx, fy, tau, ...", "end", "parameter")
 
 
 def sensor_lag(d: Drawing) -> None:

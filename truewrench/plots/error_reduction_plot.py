@@ -51,13 +51,12 @@ def error_reduction_chart(
     first = steps[0].training[0]
     shown = recording_errors(steps)
     limits = _limits(tolerance, shown)
-    ticks = tuple(n.replace(" ", "\n") if len(names) > 3 else n for n in names)
     channels = first.recording.channels
     panels = [
         Panel(
             marks=tuple(_marks(shown, name, tolerance[name], limits[0])),
             title=axis_label(name, unit),
-            x_ticks=ticks,
+            x_ticks=tuple(names),
             x_label=x_label,
             x_limits=(-0.4 - NOTE_SHARE * len(names), len(names) - 0.5),
             y_label="error / noise floor",
@@ -70,7 +69,7 @@ def error_reduction_chart(
     main = channels.index(channel or max(ratio, key=lambda c: ratio[c]))
     return Chart(
         rows=in_rows(panels, COLUMNS), row_height=165, main=divmod(main, min(COLUMNS, len(panels))), shared_y=True,
-        between_rows=52 if len(names) > 3 else 40,
+        between_rows=60,
     )  # fmt: skip
 
 
@@ -107,12 +106,11 @@ def _recording_marks(errors: RecordingErrors, channel: str, number: int, count: 
     shown = ratio >= bottom
     below = BELOW if shown.any() else f"{errors.label}, {BELOW}"
     for inside, symbol, label in ((shown, MARKERS[number % len(MARKERS)], errors.label), (~shown, "v", below)):
-        if inside.any():
-            yield Points(
-                x=place[inside], y=drawn[inside], low=drawn[inside], high=np.maximum(limit, drawn)[inside],
-                colour=colour, size=6, hollow=not errors.fitted, symbol=symbol, label=label,
-                notes=tuple(text for text, keep in zip(texts, inside, strict=False) if keep),
-            )  # fmt: skip
+        yield Points(
+            x=place[inside], y=drawn[inside], low=drawn[inside], high=np.maximum(limit, drawn)[inside],
+            colour=colour, size=6, hollow=not errors.fitted, symbol=symbol, label=label,
+            notes=tuple(text for text, keep in zip(texts, inside, strict=False) if keep),
+        )  # fmt: skip
 
 
 def _notes(errors: RecordingErrors, channel: str) -> list[str]:

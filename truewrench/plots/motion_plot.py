@@ -53,7 +53,7 @@ def recording_chart(recording: Recording) -> Chart:
         panels.append(_series_panel({"f": "force", "t": "torque"}[kind], unit, series, across, poses=recording.at_rest))
     panels += motion_panels(recording)
     rows = tuple((_labelled(p, label, p is panels[-1]),) for p in panels)
-    return Chart(rows=rows, row_height=UNIT_HEIGHT, shared_x=True, between_rows=14, width=1080)
+    return Chart(rows=rows, row_height=UNIT_HEIGHT, shared_x=True, between_rows=24, width=1080, panel_legends=True)
 
 
 def motion_panels(recording: Recording) -> list[Panel]:
@@ -159,7 +159,7 @@ def _chart(panels: list[Panel], label: str) -> Chart:
     mean = UNIT_HEIGHT * sum(heights) / len(heights)
     left = max([66.0, *(22 + 4.9 * n for n in names)])
     return Chart(rows=rows, heights=heights, row_height=mean, shared_x=True, between_rows=24, width=1080, left=left,
-                 right=80)  # fmt: skip
+                 panel_legends=True)  # fmt: skip
 
 
 def _height(panel: Panel) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from estimation.confidence_intervals import Intervals
 from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
-from modeling.number_format import axis_label, estimate_text
+from modeling.number_format import NO_VALUE, axis_label, estimate_text
 from modeling.significance import LEVELS
 from truewrench.plots.charts.chart import Chart, Heat, Panel, Points, in_rows, value_limits
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
@@ -24,6 +23,8 @@ CORRELATION_COLOURS = ("#D55E00", "#F3B98C", "#FFFFFF", "#86B9DC", "#0072B2")
 MOST_WRITTEN = 24
 """Parameters up to which the coefficients are written into their cells."""
 COLOURS = (MISFIT_COLOUR, ADEQUATE_COLOUR, HELD_OUT)
+SYMBOLS = "osD^"
+"""Of the models in turn; the symbol changes when the colours begin again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,8 @@ def parameters_chart(models: Sequence[LabelledParameters]) -> Chart:
     names = list(dict.fromkeys(name for model in models for name in model.estimates))
     panels = [_panel(models, name) for name in names]
     columns = min(4, max(1, PLACES // len(models)))
-    return Chart(rows=in_rows(panels, columns), row_height=96, between_rows=84, bottom=66, width=1080)
+    title = "estimates with 95 % intervals" if len(models) > 1 else ""
+    return Chart(rows=in_rows(panels, columns), title=title, row_height=96, between_rows=40, width=1080)
 
 
 def _panel(models: Sequence[LabelledParameters], name: str) -> Panel:
@@ -82,24 +84,24 @@ def _panel(models: Sequence[LabelledParameters], name: str) -> Panel:
 
 
 def _tick(model: LabelledParameters, name: str) -> str:
-    """Name of the model, and its estimate; on lines that do not run into each other."""
+    """The estimate on two lines; a dash where the model has none."""
     found = model.estimates.get(name)
-    label = "\n".join(wrap(model.label.replace("_", " "), 16))
     if found is None or not np.isfinite(found.std):
-        return label
-    value = estimate_text(found.value, found.std, "1").replace(" ± ", "\n± ", 1).replace("-", "−")
-    return f"{value}\n{label}"
+        return NO_VALUE
+    return estimate_text(found.value, found.std, "1").replace(" ± ", "\n± ", 1).replace("-", "−")
 
 
 def _points(models: Sequence[LabelledParameters], name: str) -> Iterator[Points]:
+    several = len(models) > 1
     for number, model in enumerate(models):
         found = model.estimates.get(name)
         if found is not None and np.isfinite(found.std):
             low, high = model.ends[name]
             yield Points(
                 x=np.array([float(number)]), y=np.array([found.value]), low=np.array([low]), high=np.array([high]),
-                colour=COLOURS[number % len(COLOURS)] if len(models) > 1 else ADEQUATE_COLOUR, size=5,
-                label="estimate with 95 % interval" if not number else "",
+                colour=COLOURS[number % len(COLOURS)] if several else ADEQUATE_COLOUR, size=5,
+                symbol=SYMBOLS[number // len(COLOURS) % len(SYMBOLS)],
+                label=model.label if several else "estimate with 95 % interval",
             )  # fmt: skip
 
 
@@ -115,4 +117,4 @@ def correlation_chart(fitted: Any) -> Chart:
     longest = 5.2 * max(len(name) for name in names)
     size = 34 * len(names) + 2 * longest
     return Chart(rows=((panel,),), row_height=24 * max(len(names), 3), left=24 + longest, right=76,
-                 width=max(size, 420), bottom=34 + longest)  # fmt: skip
+                 width=max(size, 420))  # fmt: skip

@@ -39,8 +39,6 @@ from truewrench.plots.suspects_plot import suspects_chart
 from truewrench.plots.table_plot import table_chart
 from truewrench.text.step_names import step_names
 
-MOST_NAMES = 3
-"""Models of a study whose names have room below an axis."""
 MAX_MAPS = 4
 """Residual maps side by side."""
 COLOURS = (MISFIT_COLOUR, ADEQUATE_COLOUR, HELD_OUT)
@@ -200,21 +198,12 @@ def _map(result: Any, channel: str | None) -> Chart:
 
 
 def _stairs(result: Study | Diagnosis, channel: str | None) -> Chart:
-    names, x_label = _step_names(result)
+    names = step_names(result) if isinstance(result, Diagnosis) else [step.change for step in result.steps]
     first = result.steps[0].training[0].recording
     if channel is not None and channel not in first.channels:
         remedy = suggestion(channel, first.channels)
         raise InputError(what=f"no channel is {quoted(channel)}", where="plot", remedy=remedy)
-    return error_reduction_chart(result.steps, names, result.tolerance, channel, x_label)
-
-
-def _step_names(result: Study | Diagnosis) -> tuple[list[str], str]:
-    """Names of the steps, and what they are; numbers, as in the table of a study, where names have no room."""
-    if isinstance(result, Diagnosis):
-        return step_names(result), ""
-    if len(result.steps) > MOST_NAMES:
-        return [str(number) for number in range(len(result.steps))], "step"
-    return [step.label.replace(" + ", "\n+ ") for step in result.steps], ""
+    return error_reduction_chart(result.steps, names, result.tolerance, channel)
 
 
 # ---------------------------------------------------------------------------------------- parameters

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import StringIO
+from textwrap import wrap
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.transforms import blended_transform_factory
+from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
 MISFIT_COLOUR = "#D55E00"
@@ -29,6 +30,11 @@ WIDTH = 1080
 PIXELS_PER_INCH = 96
 SMALL, NORMAL = 7.5, 8.5
 """Font sizes in points."""
+EDGE = 5
+"""CSS pixels between any text and the edge of the figure."""
+TITLE_CHARACTER = 7.6
+"""CSS pixels of a character of a panel's title."""
+NO_BREAK_SPACE = "\N{NO-BREAK SPACE}"
 
 
 LEGEND: dict[str, Any] = {
@@ -71,24 +77,34 @@ class PanelGrid:
         rows = self.rows * self.panel_height + (self.rows - 1) * self.between_rows
         return self.top + rows + self.bottom
 
+    @property
+    def panel_width(self) -> float:
+        """Width of one panel."""
+        return (self.width - self.left - self.right - (self.columns - 1) * self.between_columns) / self.columns
+
     def panels(self, *, heights: Sequence[float] | None = None, **shared: Any) -> tuple[Figure, NDArray[Any]]:
         """The empty figure and its styled axes (rows, columns); `heights` are relative."""
-        figure = NotebookFigure(figsize=(self.width / PIXELS_PER_INCH, self.height / PIXELS_PER_INCH))
+        figure = NotebookFigure()
         figure.patch.set_alpha(0.0)
-        inside = self.width - self.left - self.right - (self.columns - 1) * self.between_columns
-        spacing = {
-            "left": self.left / self.width,
-            "right": 1 - self.right / self.width,
-            "top": 1 - self.top / self.height,
-            "bottom": self.bottom / self.height,
-            "wspace": self.between_columns * self.columns / inside,
-            "hspace": self.between_rows / self.panel_height,
-        }
-        grid = figure.add_gridspec(self.rows, self.columns, height_ratios=heights, **spacing)
-        panels = grid.subplots(squeeze=False, **shared)
+        self.place(figure)
+        panels = figure.subplots(
+            self.rows, self.columns, squeeze=False, gridspec_kw={"height_ratios": heights}, **shared
+        )
         for axes in panels.flat:
             style_axes(axes)
         return figure, panels
+
+    def place(self, figure: Figure) -> None:
+        """Give the figure and its panels the sizes of this grid."""
+        figure.set_size_inches(self.width / PIXELS_PER_INCH, self.height / PIXELS_PER_INCH)
+        figure.subplots_adjust(
+            left=self.left / self.width,
+            right=1 - self.right / self.width,
+            top=1 - self.top / self.height,
+            bottom=self.bottom / self.height,
+            wspace=self.between_columns / self.panel_width,
+            hspace=self.between_rows / self.panel_height,
+        )
 
 
 @dataclass(frozen=True)
@@ -124,9 +140,21 @@ def style_axes(axes: Axes) -> Axes:
     return axes
 
 
-def panel_title(axes: Axes, text: str, colour: str = INK) -> None:
-    """Left-aligned title of the axes."""
-    axes.set_title(text, loc="left", fontsize=NORMAL + 0.5, fontweight="bold", color=colour)
+def panel_title(axes: Axes, text: str, colour: str = INK, *, pad: float | None = None, room: float = 1.0) -> None:
+    """Left-aligned title of the axes, on as many lines as their width asks for.
+
+    `pad` is its distance in points, and `room` the width that it may take, in widths of the axes.
+    """
+    width = room * axes.get_window_extent().width * PIXELS_PER_INCH / axes.figure.dpi
+    style: dict[str, Any] = {"fontsize": NORMAL + 0.5, "fontweight": "bold", "color": colour}
+    axes.set_title(wrapped(text, width), loc="left", pad=pad, **style)
+
+
+def wrapped(text: str, width: float) -> str:
+    """A title on lines of at most so many CSS pixels, if possible broken before a plus."""
+    kept = text.replace(" + ", f" +{NO_BREAK_SPACE}")
+    lines = wrap(kept, max(int(width / TITLE_CHARACTER), 8), break_on_hyphens=False)
+    return "\n".join(lines).replace(NO_BREAK_SPACE, " ")
 
 
 def label_y_axis(axes: Axes, text: str, size: float = NORMAL) -> None:
@@ -134,4 +162,6 @@ def label_y_axis(axes: Axes, text: str, size: float = NORMAL) -> None:
     axes.set_ylabel(text, fontsize=size, va="top")
     figure = axes.get_figure(root=True)
     if figure is not None:
-        axes.yaxis.set_label_coords(0.0, 0.5, blended_transform_factory(figure.transSubfigure, axes.transAxes))
+        inside = ScaledTranslation(EDGE / PIXELS_PER_INCH, 0, figure.dpi_scale_trans)
+        place = blended_transform_factory(figure.transSubfigure + inside, axes.transAxes)
+        axes.yaxis.set_label_coords(0.0, 0.5, place)

@@ -20,7 +20,7 @@ def suspects_chart(suspects: Suspects) -> Chart:
     whole = suspects.excess is not None
     shares = [suspects.share(test) for test in tests]
     bars = Bars(
-        names=tuple(test.effect.id.replace("_", " ") for test in tests),
+        names=tuple(test.effect.id for test in tests),
         sizes=tuple(t.statistic if s is None else 100 * s for t, s in zip(tests, shares, strict=True)),
         colours=tuple(MISFIT_COLOUR if t.effect.id in suspects.ids else FAINT for t in tests),
         notes=tuple(f"p {format_p_value(suspects.p_values[t.effect.id])}" for t in tests),

@@ -21,7 +21,7 @@ def compared_models(diagnosis: Diagnosis, number: int, *, held_out: bool = False
     adequate = diagnosis.verdict is not RecordVerdict.UNEXPLAINED
     nothing_missing = diagnosis.verdict is RecordVerdict.NOTHING_MISSING
     colours = [ADEQUATE_COLOUR if nothing_missing else MISFIT_COLOUR, ADEQUATE_COLOUR if adequate else MISFIT_COLOUR]
-    labels = [base_name(diagnosis), "with " + " + ".join(i.replace("_", " ") for i in diagnosis.added)]
+    labels = [base_name(diagnosis), "with " + " + ".join(diagnosis.added)]
     return [LabelledComparison(*parts) for parts in zip(labels, colours, comparisons, strict=False)]
 
 

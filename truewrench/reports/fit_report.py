@@ -7,6 +7,7 @@ from typing import Any
 
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.verdict.upper_limit import channel_tolerance
+from modeling.number_format import axis_label
 from modeling.significance import LEVELS
 from modeling.table import Column, Table
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
@@ -51,7 +52,7 @@ def _error_table(summary: FitSummary) -> Table:
     sizes = (Column(name, format=".3g") for name in ("residual (RMS)", "noise floor", "systematic (RMS)"))
     measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format="p"))
     rows: list[tuple[Any, ...]] = []
-    for label, compared in (("fitted", summary.comparisons), ("validation", summary.validation)):
+    for label, compared in (("fitted", summary.comparisons), ("held out", summary.validation)):
         rows += [row for c in compared for row in _error_rows(c, label)]
     return Table.of(("recording", "channel", *sizes, *measures), rows)
 
@@ -60,7 +61,7 @@ def _error_rows(comparison: Comparison, label: str) -> list[tuple[Any, ...]]:
     systematic, name = comparison.explainable_rms or {}, comparison.recording.name
     units = comparison.space.channel_units
     rows: list[tuple[Any, ...]] = [
-        (f"{name} ({label})", f"{c} [{units[c]}]", rms, comparison.noise_floor[c], systematic.get(c), None, None)
+        (f"{name} ({label})", axis_label(c, units[c]), rms, comparison.noise_floor[c], systematic.get(c), None, None)
         for c, rms in comparison.rms.items()
     ]
     rows[0] = (*rows[0][:-2], comparison.misfit, comparison.lack_of_fit)

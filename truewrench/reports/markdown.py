@@ -25,7 +25,8 @@ def markdown_text(value: Any) -> Any:
 
 def markdown_table(table: Table) -> Markup:
     """The table in Markdown, with an empty heading where it has none."""
-    headings = [markdown_text(c.heading) for c in table.columns]
-    rules = ["---:" if c.format else "---" for c in table.columns]
-    rows = [[markdown_text(c.text(v)) for c, v in zip(table.columns, row, strict=True)] for row in table.rows]
+    columns = table.filled.columns
+    headings = [markdown_text(c.typeset_heading) for c in columns]
+    rules = ["---:" if c.format else "---" for c in columns]
+    rows = [[markdown_text(c.typeset(v)) for c, v in zip(columns, row, strict=True)] for row in table.filled.rows]
     return Markup("\n".join(f"| {' | '.join(cells)} |" for cells in [headings, rules, *rows]))  # escaped

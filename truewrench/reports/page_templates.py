@@ -8,8 +8,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from modeling.number_format import format_percentage
+from modeling.number_format import format_percentage, typeset_text
 from truewrench.effect_description import SKETCH_STYLE
+from truewrench.effect_description.mathml import formula_mathml
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MEASURED, MISFIT_COLOUR, NOISE, QUIET_NOISE
 from truewrench.reports.markdown import markdown_table, markdown_text
 from truewrench.reports.zoom.plotly_script import loader_script, packed_plotly, script_hash
@@ -18,7 +19,7 @@ LEGEND = (
     (MEASURED, "measured"),
     (MISFIT_COLOUR, "a model that does not fit; cells of a residual map above tolerance"),
     (ADEQUATE_COLOUR, "a model that fits, or the better one; errors of fitted recordings"),
-    (HELD_OUT, "errors of validation recordings; a transient event"),
+    (HELD_OUT, "errors of held-out recordings; a transient event"),
     (NOISE, "noise of one sample; tolerance"),
     (QUIET_NOISE, "noise of the mean over the repeats"),
 )
@@ -34,9 +35,14 @@ def page_templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["percentage"] = format_percentage
+    environment.filters |= {"percentage": format_percentage, "typeset": typeset_text, "formula": _formula}
     environment.globals |= {"legend": LEGEND, "sketch_style": Markup(SKETCH_STYLE), "packed_plotly": packed_plotly}
     return environment
+
+
+def _formula(text: str) -> Markup:
+    """A formula of the catalogue or of a user, typeset."""
+    return Markup(formula_mathml(text))  # escaped there
 
 
 def html_page(template: str, values: Mapping[str, Any]) -> str:

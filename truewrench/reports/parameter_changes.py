@@ -41,7 +41,7 @@ class ParameterChanges:
             if self.before is not None:
                 cells = [_text(first), cells[0], _change(first, last), *cells[1:]]
             rows.append((name, unit, *cells))
-        shown = ("estimate",) if self.before is None else ("before", "after", "change in std")
+        shown = ("estimate",) if self.before is None else ("before", "after", "change / std")
         level = f"{intervals.level:.0%} interval".replace("%", " %")
         return Table.of((Column("parameter"), Column("unit"), *shown, level, "most correlated with"), rows)
 

@@ -80,7 +80,7 @@ def _sentences(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.steps[0].validation:
         held_out = [s.validation[0] for s in diagnosis.steps]
         found.append(
-            _error_reduction_sentence(held_out, channel, f"On {held_out[0].recording.name} (validation, not fitted): ")
+            _error_reduction_sentence(held_out, channel, f"On {held_out[0].recording.name} (held out, not fitted): ")
         )
     gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
     points = filter(None, map(fixed_point_sentence, diagnosis.findings))

@@ -107,11 +107,11 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
             " one run shows; the rest is slow noise or physics."
         )
     if not last.validation:
-        lines.append("No validation: only the fitted recordings were tested; give another motion with --validate.")
+        lines.append("Nothing held out: only the fitted recordings were tested; give another motion with --validate.")
     if diagnosis.zero_shift:
         shifts = zip(diagnosis.zero_shift.items(), last.training[0].space.units, strict=True)
         texts = ", ".join(f"{c} {s:.3g} {u}" for (c, s), u in shifts)
-        lines.append(f"Zero shift of the validation recording: {texts}.")
+        lines.append(f"Zero shift of the held-out recording: {texts}.")
     if diagnosis.calibration is not None:
         lines.append(f"Calibration: {'; '.join(diagnosis.calibration.sentences)}.")
     return lines + disturbance_sentences(diagnosis)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
 from html import escape
@@ -40,6 +40,7 @@ from truewrench.plots.charts.chart import (
     Panel,
     Points,
     Span,
+    legend_labels,
 )
 from truewrench.plots.charts.line_decimation import decimated
 from truewrench.plots.style import FAINT, INK, MEASURED, MUTED, NOISE, QUIET_NOISE
@@ -116,14 +117,27 @@ def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT) -> Any:
 
 
 def legend_html(chart: Chart, scheme: Scheme = LIGHT) -> str:
-    """The legend of a chart: each label once, with its colour and kind; empty without labels."""
-    marks = [mark for panel in chart.panels for mark in panel.marks] if chart.legend else []
+    """The legend of a chart: each label once, with its colour and kind; empty without labels.
+
+    Where each panel has a legend of its own, a line for each, headed by the name of its y axis.
+    """
+    if not chart.legend:
+        return ""
+    if chart.panel_legends:
+        return "".join(_legend_list([panel], scheme, panel.y_label) for panel in chart.panels)
+    return _legend_list(chart.panels, scheme)
+
+
+def _legend_list(panels: Sequence[Panel], scheme: Scheme, head: str = "") -> str:
     entries: dict[str, str] = {}
-    for mark in marks:
+    for mark in (mark for panel in panels for mark in panel.drawn):
         if label := _entry(mark):
             entries.setdefault(label, _key(mark, scheme))
-    items = [f"<li>{key}{escape(label)}</li>" for label, key in entries.items()]
-    return f'<ul class="legend">{"".join(items)}</ul>' if items else ""
+    order = legend_labels(panels)
+    ordered = sorted(entries, key=lambda label: order.index(label) if label in order else len(order))
+    items = [f"<li>{entries[label]}{escape(label)}</li>" for label in ordered]
+    named = f"<li>{escape(head)}:</li>" if head else ""
+    return f'<ul class="legend">{named}{"".join(items)}</ul>' if items else ""
 
 
 def _entry(mark: Any) -> str:
@@ -194,7 +208,7 @@ def bokeh_panel(
     }  # fmt: skip
     drawn = figure(height=height, sizing_mode="stretch_width", min_width=LEAST, **options)
     drawing = _Drawing(drawn, panel, scheme)
-    for mark in panel.marks:
+    for mark in panel.drawn:
         _draw(mark, drawing)
     _label(drawing)
     if drawing.thinned:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TypeAlias
@@ -10,11 +10,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from truewrench.plots.style import INK, MUTED, NOISE
+from modeling.number_format import format_number
+from truewrench.plots.style import INK, MUTED, NOISE, WIDTH
 
 Array: TypeAlias = NDArray[np.float64]
 
 LOG_MARGIN = 1.2
+ENLARGED = 1.5
+"""Ratio of the scales of two panels of one quantity from which it is said."""
 MARGIN = 0.06
 """Of the span of the values, beyond the outermost."""
 
@@ -124,7 +127,7 @@ class Panel:
     x_label, y_label  with the unit; y_label is needed where there is a quantity
     x_ticks           names at 0, 1, 2, ... of an axis without numbers
     x_limits, y_limits  by default those of the marks
-    note              a remark in the corner
+    note              a remark in a corner
     """
 
     marks: tuple[Mark, ...]
@@ -139,6 +142,16 @@ class Panel:
     y_limits: tuple[float, float] | None = None
     note: str = ""
 
+    @property
+    def drawn(self) -> tuple[Mark, ...]:
+        """The marks that have data."""
+        return tuple(mark for mark in self.marks if not isinstance(mark, Line | Points) or len(mark.x))
+
+    @property
+    def span(self) -> float:
+        """Length of a linear y axis in its unit; zero where it is logarithmic or not given."""
+        return 0.0 if self.y_limits is None or self.y_log else self.y_limits[1] - self.y_limits[0]
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Chart:
@@ -149,6 +162,8 @@ class Chart:
     main         row and column of the panel that is drawn on a user's single axes
     shared_x     whether all panels of a column have one x axis
     shared_y     whether all panels of a row have one y axis
+    left, right  CSS pixels beside the panels, at least
+    legend, panel_legends  whether there is one, and whether each panel has its own
     """
 
     rows: tuple[tuple[Panel | None, ...], ...]
@@ -161,10 +176,10 @@ class Chart:
     width: float | None = None
     left: float = 66
     right: float = 12
-    bottom: float = 40
     between_rows: float = 30
     between_columns: float | None = None
     legend: bool = True
+    panel_legends: bool = False
 
     @property
     def columns(self) -> int:
@@ -177,21 +192,35 @@ class Chart:
         return tuple(panel for panel in chain(*self.rows) if panel is not None)
 
     @property
+    def page_width(self) -> float:
+        """Width of the whole figure on a page, CSS pixels."""
+        return self.width or (WIDTH if self.columns > 1 else 0.62 * WIDTH)
+
+    @property
     def labelled_rows(self) -> tuple[tuple[Panel | None, ...], ...]:
-        """The rows of panels, a label of a shared axis only on the outermost panel that has it."""
-        last = len(self.rows) - 1
+        """The rows of panels: labels of shared axes only on the outermost ones, remarks where scales differ."""
+        widest = self._widest_spans()
         return tuple(
-            tuple(
-                panel
-                and replace(
-                    panel,
-                    x_label="" if self.shared_x and row < last else panel.x_label,
-                    y_label="" if self.shared_y and column else panel.y_label,
-                )
-                for column, panel in enumerate(line)
-            )
+            tuple(panel and self._labelled(panel, row, column, widest) for column, panel in enumerate(line))
             for row, line in enumerate(self.rows)
         )
+
+    def _labelled(self, panel: Panel, row: int, column: int, widest: Mapping[str, float]) -> Panel:
+        inner = self.shared_y and column > 0
+        return replace(
+            panel,
+            x_label="" if self.shared_x and row < len(self.rows) - 1 else panel.x_label,
+            y_label="" if inner else panel.y_label,
+            note=panel.note or ("" if inner else enlargement(panel, widest.get(panel.y_label, 0.0))),
+        )
+
+    def _widest_spans(self) -> dict[str, float]:
+        """The longest axis of each quantity that several panels show."""
+        found: dict[str, float] = {}
+        for panel in self.panels:
+            if panel.y_label:
+                found[panel.y_label] = max(found.get(panel.y_label, 0.0), panel.span)
+        return found
 
     @property
     def main_panel(self) -> Panel:
@@ -200,10 +229,28 @@ class Chart:
         return self.panels[0] if panel is None else panel
 
 
+def enlargement(panel: Panel, widest: float) -> str:
+    """By how much the y axis is enlarged against the longest axis of the same quantity; empty for about the same."""
+    if not panel.span or widest / panel.span < ENLARGED:
+        return ""
+    return f"y axis enlarged {format_number(widest / panel.span, 2)} times"
+
+
 def legend_labels(panels: Iterable[Panel]) -> list[str]:
-    """Labels of all marks, each once."""
-    every = (getattr(mark, "label", "") for panel in panels for mark in panel.marks)
-    return list(dict.fromkeys(label for label in every if label))
+    """Labels of all marks that are drawn, each once, in the order that they have in every panel.
+
+    A panel lists its marks whether they have data or not, so that legends of one kind of panel are in one order.
+    """
+    order: list[str] = []
+    shown: set[str] = set()
+    for panel in panels:
+        known = [label for mark in panel.marks if (label := getattr(mark, "label", ""))]
+        shown |= {getattr(mark, "label", "") for mark in panel.drawn}
+        for number, label in enumerate(known):
+            if label not in order:
+                later = [order.index(other) for other in known[number:] if other in order]
+                order.insert(min(later, default=len(order)), label)
+    return [label for label in order if label in shown]
 
 
 def in_rows(panels: Sequence[Panel], columns: int) -> tuple[tuple[Panel | None, ...], ...]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from functools import singledispatch
+from itertools import takewhile
 from typing import Any, cast
 
 import numpy as np
@@ -11,62 +13,90 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import FuncFormatter
 
 from modeling.errors import InputError
 from truewrench.plots.charts.chart import Band, Bars, Chart, Heat, Level, Line, Panel, Points, Span, legend_labels
 from truewrench.plots.charts.line_decimation import decimated
-from truewrench.plots.style import INK, LEGEND, MUTED, SMALL, WIDTH, PanelGrid, label_y_axis, panel_title, style_axes
+from truewrench.plots.charts.note_placement import AROUND_POINT, CORNERS, Note, along_level, place_notes
+from truewrench.plots.fitted_grid import fit_grid, make_room
+from truewrench.plots.style import (
+    EDGE,
+    INK,
+    LEGEND,
+    MUTED,
+    NORMAL,
+    PIXELS_PER_INCH,
+    SMALL,
+    TITLE_CHARACTER,
+    PanelGrid,
+    panel_title,
+    style_axes,
+)
 
 LINE_COLUMNS = 500
 """Columns of pixels of a panel, each with two points of a long line."""
-LEGEND_LINE, TITLE_LINE, CHARACTER, HANDLE = 15, 20, 4.9, 34
+LEGEND_LINE, TITLE_LINE, CHARACTER, HANDLE = 15, 20, 5.4, 36
 """CSS pixels: a line of the legend, of titles, a character of the legend, its coloured handle with a gap."""
+POINTS_PER_PIXEL = 0.75
+PLAIN_EXPONENT = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "−0123456789")
+_EXPONENT = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]{2,}")
 DASHES: dict[bool, Any] = {True: (0, (4, 2)), False: "-"}
 
 
 def matplotlib_figure(chart: Chart) -> Figure:
-    """The chart on a figure of its own."""
-    labels = legend_labels(chart.panels) if chart.legend else []
-    width = chart.width or (WIDTH if chart.columns > 1 else 0.62 * WIDTH)
-    lines = _legend_lines(labels, width - chart.left - chart.right)
-    headed = any(panel is not None and panel.title for panel in chart.rows[0])
-    top = 8 + LEGEND_LINE * len(lines) + TITLE_LINE * (headed + bool(chart.title))
-    sheet = PanelGrid(
+    """The chart on a figure of its own, as high as its texts need; panels have the height that the chart states."""
+    labels = legend_labels(chart.panels) if chart.legend and not chart.panel_legends else []
+    lines = _legend_lines(labels, chart.page_width - 2 * EDGE - TITLE_CHARACTER * len(chart.title))
+    grid = PanelGrid(
         rows=len(chart.rows),
         columns=chart.columns,
         panel_height=chart.row_height,
-        width=width,
+        width=chart.page_width,
         left=chart.left,
         right=chart.right,
-        top=top,
-        bottom=chart.bottom,
-        between_rows=chart.between_rows,
-        between_columns=chart.between_columns or (30 if chart.shared_y else 62),
+        between_columns=chart.between_columns or (30 if chart.shared_y else 40),
     )
-    shared = {"sharex": "col" if chart.shared_x else False, "sharey": "row" if chart.shared_y else False}
-    figure, places = sheet.panels(heights=chart.heights or None, **shared)
-    for row, (panels, line) in enumerate(zip(chart.labelled_rows, places, strict=True)):
-        for column, (panel, axes) in enumerate(zip(panels, line, strict=True)):
-            if panel is None:
-                axes.set_visible(False)
-                continue
-            draw_panel(axes, panel)
-            if panel.y_label and column == 0:
-                label_y_axis(axes, panel.y_label)
-            axes.label_outer(remove_inner_ticks=False) if chart.shared_x and row + 1 < len(chart.rows) else None
-    if chart.title:
-        figure.suptitle(chart.title, x=chart.left / width, y=1 - 4 / sheet.height, ha="left", va="top", fontsize=10)
-    if lines:
-        at = (1 - chart.right / width, 1 - (4 + TITLE_LINE * bool(chart.title)) / sheet.height)
-        _legend(figure, places.flat, lines, at)
+    shared: dict[str, Any] = {
+        "sharex": "col" if chart.shared_x else False,
+        "sharey": "row" if chart.shared_y else False,
+    }
+    figure, places = grid.panels(heights=chart.heights or None, **shared)
+    drawn = [
+        (axes, _draw_in_grid(axes, panel, chart, (row, column)))
+        for row, (panels, line) in enumerate(zip(chart.labelled_rows, places, strict=True))
+        for column, (panel, axes) in enumerate(zip(panels, line, strict=True))
+        if panel is not None
+    ]
+    for axes in set(places.flat) - {axes for axes, _ in drawn}:
+        axes.set_visible(False)
+    head = max(LEGEND_LINE * len(lines), TITLE_LINE * bool(chart.title)) + 4 * bool(lines or chart.title)
+    grid = fit_grid(figure, places, grid, head=head)
+    for axes, notes in drawn:
+        place_notes(axes, notes)
+    _head(figure, places.flat, chart, grid, lines)
     return figure
+
+
+def _draw_in_grid(axes: Axes, panel: Panel, chart: Chart, at: tuple[int, int]) -> list[Note]:
+    """A panel of the grid, with its own legend where the chart has one in each."""
+    row, column = at
+    untitled = takewhile(lambda other: other is None or not other.title, chart.rows[row][column + 1 :])
+    notes = draw_panel(axes, panel, title_room=1 + len(list(untitled)))
+    if chart.shared_x and row + 1 < len(chart.rows):
+        axes.label_outer(remove_inner_ticks=False)
+    labels = legend_labels([panel]) if chart.panel_legends else []
+    if labels:
+        _legend_above(axes, labels, "lower right", (1.0, 1.0))
+    return notes
 
 
 def draw_on(axes: Any, chart: Chart) -> Figure:
     """The chart on a user's axes: its main panel on one, all panels on as many.
 
-    Raises InputError for another number of axes, and for what are no axes.
+    Only where something would be cut off or written over are the axes of the figure moved, unless it has a layout
+    engine that does so. Raises InputError for another number of axes, and for what are no axes.
     """
     given = [axes] if isinstance(axes, Axes) else list(np.ravel(np.asarray(axes, dtype=object)))
     if not given or not all(isinstance(a, Axes) for a in given):
@@ -76,27 +106,41 @@ def draw_on(axes: Any, chart: Chart) -> Figure:
     if len(given) != len(panels):
         remedy = f"give {len(chart.panels)} axes, or one for the main panel"
         raise InputError(what=f"{len(given)} axes for {len(chart.panels)} panels", where="plot", remedy=remedy)
-    for place, panel in zip(given, panels, strict=True):
-        draw_panel(style_axes(place), panel)
-        if legend_labels([panel]) and chart.legend:
-            place.legend(**LEGEND)
-    return cast(Figure, given[0].get_figure(root=True))
+    notes = [_draw_on_one(place, panel, legend=chart.legend) for place, panel in zip(given, panels, strict=True)]
+    figure = cast(Figure, given[0].get_figure(root=True))
+    make_room(figure, given)
+    for place, written in zip(given, notes, strict=True):
+        place_notes(place, written)
+    return figure
 
 
-def draw_panel(axes: Axes, panel: Panel) -> None:
-    """The marks of a panel, its labels, scales and limits."""
+def _draw_on_one(axes: Axes, panel: Panel, *, legend: bool) -> list[Note]:
+    """A panel on axes of a user, its legend above it, where it covers no data."""
+    notes = draw_panel(style_axes(axes), panel)
+    labels = legend_labels([panel]) if legend else []
+    if labels:
+        lines = _legend_above(axes, labels, "lower left", (0.0, 1.0))
+        pad = 6 + LEGEND_LINE * lines * POINTS_PER_PIXEL
+        panel_title(axes, typeset(panel.title), panel.title_colour, pad=pad)
+    return notes
+
+
+def draw_panel(axes: Axes, panel: Panel, *, title_room: float = 1.0) -> list[Note]:
+    """The marks of a panel, its labels, scales and limits; its notes, to be placed when the axes have their size.
+
+    The title may be `title_room` times as wide as the axes.
+    """
     if panel.x_log:
         axes.set_xscale("log")
     if panel.y_log:
         axes.set_yscale("log")
-    for number, mark in enumerate(panel.marks):
-        _draw(mark, axes, panel, 0.1 * number)
+    notes = [note for number, mark in enumerate(panel.drawn) for note in _draw(mark, axes, panel, 0.1 * number)]
     if panel.title:
-        panel_title(axes, panel.title, panel.title_colour)
+        panel_title(axes, typeset(panel.title), panel.title_colour, room=title_room)
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
     if panel.x_ticks:
-        axes.set_xticks(range(len(panel.x_ticks)), list(panel.x_ticks))
+        axes.set_xticks(range(len(panel.x_ticks)), [typeset(tick) for tick in panel.x_ticks])
     if not panel.y_log and not any(isinstance(mark, Bars | Heat) for mark in panel.marks):
         axes.yaxis.set_major_formatter(FuncFormatter(_tick))
     if panel.x_limits:
@@ -104,7 +148,24 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     if panel.y_limits:
         axes.set_ylim(*panel.y_limits)
     if panel.note:
-        axes.text(0.995, 0.95, panel.note, transform=axes.transAxes, ha="right", va="top", fontsize=SMALL, color=MUTED)
+        notes.append(Note.at_first(_annotation(axes, panel.note, (0.995, 0.97), axes.transAxes, color=MUTED), CORNERS))
+    return notes
+
+
+def _annotation(axes: Axes, text: str, at: tuple[float, float], transform: Any, **style: Any) -> Annotation:
+    """Small words on a pale ground; `place_notes` says where from there."""
+    ground = {"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 0.6}
+    return axes.annotate(
+        typeset(text), at, (0, 0), transform, "offset points", bbox=ground, **{"fontsize": SMALL, "zorder": 4} | style
+    )
+
+
+def typeset(text: str) -> str:
+    """Text whose exponents of several characters are set by matplotlib: fonts have them in different sizes."""
+    if not _EXPONENT.search(text):
+        return text
+    plain = text.replace("$", r"\$")
+    return _EXPONENT.sub(lambda found: f"$^{{\\mathregular{{{found[0].translate(PLAIN_EXPONENT)}}}}}$", plain)
 
 
 def _tick(value: float, _position: int) -> str:
@@ -129,41 +190,54 @@ def _legend_lines(labels: list[str], width: float) -> list[list[str]]:
     return lines
 
 
-def _legend(figure: Figure, panels: Iterable[Axes], lines: list[list[str]], at: tuple[float, float]) -> None:
-    """A line of the legend below the other, each as wide as it is."""
+def _head(figure: Figure, panels: Iterable[Axes], chart: Chart, grid: PanelGrid, lines: list[list[str]]) -> None:
+    """Title of the figure on the left, and its legend on the right, each line as wide as it is."""
+    if chart.title:
+        place = {"x": grid.left / grid.width, "y": 1 - EDGE / grid.height}
+        figure.suptitle(chart.title, ha="left", va="top", fontsize=NORMAL + 0.5, color=MUTED, **place)
     known: dict[str, Any] = {}
     for axes in panels:
         handles, labels = axes.get_legend_handles_labels()
         known = dict(zip(labels, handles, strict=True)) | known
-    height = float(figure.get_figheight()) * 96
     for number, line in enumerate(lines):
-        place = (at[0], at[1] - number * LEGEND_LINE / height)
-        shown = [label for label in line if label in known]
+        down = EDGE + number * LEGEND_LINE
         figure.legend(
-            [known[label] for label in shown], shown, **LEGEND, ncols=len(line), loc="upper right",
-            bbox_to_anchor=place, borderaxespad=0.0, borderpad=0.0,
+            [known[label] for label in line], line, **LEGEND, ncols=len(line), loc="upper right",
+            bbox_to_anchor=(1 - EDGE / grid.width, 1 - down / grid.height), borderaxespad=0.0, borderpad=0.0,
         )  # fmt: skip
+
+
+def _legend_above(axes: Axes, labels: list[str], corner: str, at: tuple[float, float]) -> int:
+    """The legend of one panel above it, in columns that fit its width; how many lines it has."""
+    handles, names = axes.get_legend_handles_labels()
+    known = dict(zip(names, handles, strict=True))
+    width = axes.get_window_extent().width * PIXELS_PER_INCH / axes.figure.dpi
+    columns = max(1, min(len(labels), int(width / (HANDLE + CHARACTER * max(map(len, labels))))))
+    place: dict[str, Any] = {"loc": corner, "bbox_to_anchor": at, "borderaxespad": 0.0, "borderpad": 0.3}
+    axes.legend([known[label] for label in labels], labels, ncols=columns, **place, **LEGEND)
+    return -(-len(labels) // columns)
 
 
 # ------------------------------------------------------------------------------------------------- marks
 
 
 @singledispatch
-def _draw(mark: object, axes: Axes, panel: Panel, order: float) -> None:
+def _draw(mark: object, axes: Axes, panel: Panel, order: float) -> list[Note]:
     raise TypeError(f"no drawing of {type(mark).__name__}")
 
 
 @_draw.register
-def _line(mark: Line, axes: Axes, panel: Panel, order: float) -> None:
+def _line(mark: Line, axes: Axes, panel: Panel, order: float) -> list[Note]:
     x, y = decimated(mark, LINE_COLUMNS, log=panel.x_log)
     axes.plot(
         x, y, color=mark.colour, lw=mark.width, alpha=mark.opacity, ls=DASHES[mark.dashed], zorder=2 + order,
         drawstyle="steps-mid" if mark.steps else "default", label=mark.label or None, solid_joinstyle="round",
     )  # fmt: skip
+    return []
 
 
 @_draw.register
-def _points(mark: Points, axes: Axes, panel: Panel, order: float) -> None:
+def _points(mark: Points, axes: Axes, panel: Panel, order: float) -> list[Note]:
     if mark.low is not None and mark.high is not None:
         axes.vlines(mark.x, mark.low, mark.high, color=mark.colour, lw=1.1, zorder=2 + order)
     face = "white" if mark.hollow else mark.colour
@@ -171,54 +245,57 @@ def _points(mark: Points, axes: Axes, panel: Panel, order: float) -> None:
         mark.x, mark.y, mark.symbol, ms=mark.size, mfc=face, mec=mark.colour, color=mark.colour,
         mew=1.6 if mark.symbol == "_" else 0.9, zorder=2.05 + order, label=mark.label or None,
     )  # fmt: skip
-    for x, y, note in zip(mark.x, mark.y, mark.notes, strict=False):
-        axes.annotate(
-            note, (x, y), (-8, 0), textcoords="offset points", ha="right", va="center", fontsize=SMALL,
-            color=INK, zorder=4, bbox={"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 0.6},
-        )  # fmt: skip
+    return [
+        Note.at_first(_annotation(axes, note, (x, y), axes.transData, color=INK), AROUND_POINT)
+        for x, y, note in zip(mark.x, mark.y, mark.notes, strict=False)
+        if note
+    ]
 
 
 @_draw.register
-def _band(mark: Band, axes: Axes, panel: Panel, order: float) -> None:
+def _band(mark: Band, axes: Axes, panel: Panel, order: float) -> list[Note]:
     style: dict[str, Any] = {"color": mark.colour, "alpha": mark.opacity, "lw": 0, "label": mark.label or None}
     if mark.x is None:
         axes.axhspan(float(mark.low), float(mark.high), zorder=order / 10, **style)
     else:
         axes.fill_between(mark.x, mark.low, mark.high, zorder=order / 10, **style)
+    return []
 
 
 @_draw.register
-def _span(mark: Span, axes: Axes, panel: Panel, order: float) -> None:
+def _span(mark: Span, axes: Axes, panel: Panel, order: float) -> list[Note]:
     axes.axvspan(
         mark.start, mark.end, color=mark.colour, alpha=mark.opacity, lw=0, zorder=order / 10, label=mark.label or None
     )
+    return []
 
 
 @_draw.register
-def _level(mark: Level, axes: Axes, panel: Panel, order: float) -> None:
+def _level(mark: Level, axes: Axes, panel: Panel, order: float) -> list[Note]:
     axes.axhline(mark.y, color=mark.colour, lw=0.9 if mark.dashed else 0.5, ls=DASHES[mark.dashed], zorder=1)
-    if mark.note:
-        axes.annotate(
-            mark.note, (0.995, mark.y), (0, 2), axes.get_yaxis_transform(), "offset points", ha="right", va="bottom",
-            fontsize=SMALL - 0.5, color=MUTED,
-        )  # fmt: skip
+    if not mark.note:
+        return []
+    style = {"color": MUTED, "fontsize": SMALL - 0.5}
+    text = _annotation(axes, mark.note, (0.995, mark.y), axes.get_yaxis_transform(), **style)
+    return [Note.at_first(text, along_level(mark.y))]
 
 
 @_draw.register
-def _bars(mark: Bars, axes: Axes, panel: Panel, order: float) -> None:
+def _bars(mark: Bars, axes: Axes, panel: Panel, order: float) -> list[Note]:
     count = len(mark.names)
     axes.barh(range(count), mark.sizes, color=list(mark.colours), height=0.66)
     axes.set_yticks(range(count), list(mark.names))
     axes.set_ylim(max(count, 1) - 0.4, -0.6)
     for place, note in enumerate(mark.notes):
         axes.annotate(
-            note, (1.0, place), (4, 0), axes.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL,
-            color=INK, annotation_clip=False,
+            typeset(note), (1.0, place), (4, 0), axes.get_yaxis_transform(), "offset points", va="center",
+            fontsize=SMALL, color=INK, annotation_clip=False,
         )  # fmt: skip
+    return []
 
 
 @_draw.register
-def _heat(mark: Heat, axes: Axes, panel: Panel, order: float) -> None:
+def _heat(mark: Heat, axes: Axes, panel: Panel, order: float) -> list[Note]:
     count = len(mark.rows)
     left, right = mark.ends
     colours = LinearSegmentedColormap.from_list("heat", list(mark.colours))
@@ -236,6 +313,7 @@ def _heat(mark: Heat, axes: Axes, panel: Panel, order: float) -> None:
     bar.set_ylabel(mark.scale, fontsize=SMALL, color=MUTED)
     if mark.written:
         _write_values(axes, mark, scale)
+    return []
 
 
 def _write_values(axes: Axes, mark: Heat, scale: Callable[[Any], Any]) -> None:
@@ -243,5 +321,5 @@ def _write_values(axes: Axes, mark: Heat, scale: Callable[[Any], Any]) -> None:
     for (row, column), value in np.ndenumerate(mark.values):
         if np.isfinite(value):
             dark = abs(2 * float(scale(value)) - 1) > 0.6
-            text = f"{value:.2f}".replace("-", "−")
+            text = f"{round(value, 2) + 0.0:.2f}".replace("-", "−")
             axes.text(column, row, text, ha="center", va="center", fontsize=6, color="white" if dark else INK)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import singledispatch
 from typing import Any
 
@@ -23,7 +24,7 @@ from truewrench.plots.charts.chart import (
     legend_labels,
 )
 from truewrench.plots.charts.line_decimation import decimated
-from truewrench.plots.style import FAINT, INK, MUTED, WIDTH
+from truewrench.plots.style import FAINT, INK, MUTED, WIDTH, wrapped
 
 LINE_COLUMNS = 2000
 """Intervals of a long line, each with its smallest and largest sample: several times a screen, so that one can zoom."""
@@ -42,6 +43,8 @@ AXIS: dict[str, Any] = {
     "tickcolor": FAINT,
     "zeroline": False,
 }
+TITLE_LINE = 17
+"""CSS pixels of a further line of a panel's title."""
 PANEL_SCALE = 1.5
 """Of a panel's height: a screen has more room than a page."""
 
@@ -49,9 +52,11 @@ PANEL_SCALE = 1.5
 def plotly_figure(chart: Chart) -> go.Figure:
     """The chart as an interactive figure."""
     rows, height = len(chart.rows), PANEL_SCALE * chart.row_height
-    labels = legend_labels(chart.panels)
-    head = HEAD + LEGEND_LINE * -(-len(labels) // LEGEND_ENTRIES) + 20 * bool(chart.title)
-    between = 30 + PANEL_SCALE * chart.between_rows
+    labels = legend_labels(chart.panels) if not chart.panel_legends else []
+    titles = [wrapped(panel.title, _title_width(chart)) for panel in chart.panels]
+    more_lines = TITLE_LINE * max(title.count("\n") for title in titles)
+    head = HEAD + LEGEND_LINE * -(-len(labels) // LEGEND_ENTRIES) + 20 * bool(chart.title) + more_lines
+    between = 30 + PANEL_SCALE * chart.between_rows + more_lines
     inside = rows * height + (rows - 1) * between
     figure = make_subplots(
         rows=rows,
@@ -67,7 +72,12 @@ def plotly_figure(chart: Chart) -> go.Figure:
     for row, line in enumerate(chart.labelled_rows, 1):
         for column, panel in enumerate(line, 1):
             if panel is not None:
-                _draw_panel(figure, panel, row, column, known)
+                titled = replace(panel, title=wrapped(panel.title, _title_width(chart)))
+                _draw_panel(figure, titled, row, column, set() if chart.panel_legends else known)
+                if chart.panel_legends:
+                    _own_legend(figure, row, column)
+    for trace in figure.data if labels else ():
+        trace.legendrank = 1 + labels.index(trace.name) if trace.name in labels else None
     left = max([70, *(7 * len(n) + 24 for p in chart.panels for n in _long_names(p))])
     right = max([20, *(7 * len(n) + 12 for p in chart.panels for m in p.marks if isinstance(m, Bars) for n in m.notes)])
     figure.update_layout(
@@ -76,15 +86,34 @@ def plotly_figure(chart: Chart) -> go.Figure:
         margin={"l": left, "r": 90 if _scales(chart) else right, "t": head, "b": FOOT + _longest_column(chart)},
         title={"text": chart.title, "x": 0.01, "y": 0.99, "yanchor": "top", "font": {"size": 15}},
         font={"family": FONT, "size": 12, "color": INK},
-        legend={"orientation": "h", "x": 1, "xanchor": "right", "y": 1 + 24 / inside, "yanchor": "bottom"},
         plot_bgcolor="white",
         paper_bgcolor="white",
         hovermode="closest",
         showlegend=chart.legend,
     )  # fmt: skip
+    if not chart.panel_legends:
+        above = {"x": 1, "xanchor": "right", "y": 1 + (24 + more_lines) / inside, "yanchor": "bottom"}
+        figure.update_layout(legend={"orientation": "h", **above})
     figure.update_xaxes(**AXIS)
     figure.update_yaxes(**AXIS)
     return figure
+
+
+def _title_width(chart: Chart) -> float:
+    """CSS pixels that a panel's title may take."""
+    return (chart.page_width - chart.left) / max(sum(p is not None and bool(p.title) for p in chart.rows[0]), 1)
+
+
+def _own_legend(figure: go.Figure, row: int, column: int) -> None:
+    """A legend right above the panel of its traces, the last ones drawn."""
+    panel: Any = figure.get_subplot(row, column)
+    axis = panel.yaxis.plotly_name.replace("yaxis", "y")
+    name = f"legend{row if row > 1 else ''}"
+    for trace in figure.data:
+        if (trace.yaxis or "y") == axis:
+            trace.legend = name
+    place = {"x": 1, "xanchor": "right", "y": panel.yaxis.domain[1], "yanchor": "bottom"}
+    figure.update_layout({name: {"orientation": "h", **place}})
 
 
 def _long_names(panel: Panel) -> list[str]:
@@ -104,7 +133,7 @@ def _longest_column(chart: Chart) -> float:
 
 def _draw_panel(figure: go.Figure, panel: Panel, row: int, column: int, known: set[str]) -> None:
     place = {"row": row, "col": column}
-    for mark in panel.marks:
+    for mark in panel.drawn:
         _draw(mark, figure, panel, place, known)
     x: dict[str, Any] = {"title": {"text": panel.x_label, "standoff": 6}, "type": "log" if panel.x_log else "linear"}
     y: dict[str, Any] = {"title": {"text": panel.y_label, "standoff": 6}, "type": "log" if panel.y_log else "linear"}
@@ -137,7 +166,8 @@ def _range(limits: tuple[float, float] | None, log: bool) -> dict[str, Any]:
 def _write(figure: go.Figure, place: dict[str, int], text: str, colour: str, at: dict[str, Any]) -> None:
     """Words in the coordinates of a panel."""
     if text:
-        style = {"showarrow": False, "font": {"color": colour, "size": 12 if at["yanchor"] == "top" else 13}}
+        font = {"color": colour, "size": 12 if at["yanchor"] == "top" else 13}
+        style = {"showarrow": False, "font": font, "align": at["xanchor"]}
         figure.add_annotation(text=_html(text), xref="x domain", yref="y domain", **at, **style, **place)
 
 

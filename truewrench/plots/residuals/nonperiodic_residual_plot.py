@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from estimation.noise.recording_noise import sample_step
 from modeling.number_format import axis_label
+from truewrench.plots.fitted_grid import fit_grid
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
-from truewrench.plots.style import HELD_OUT, MUTED, NOISE, PanelGrid, label_y_axis, panel_title
+from truewrench.plots.style import HELD_OUT, MUTED, NOISE, PanelGrid, panel_title
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,8 @@ INTERVALS = 8
 def nonperiodic_residual_figure(sides: Sequence[LabelledComparison]) -> Figure:
     """Non-periodic residual of every channel over the record, averaged over intervals; band ± 2 std."""
     labels = channel_labels(sides)
-    figure, panels = PanelGrid(rows=len(labels), columns=len(sides), panel_height=80).panels(sharex=True, sharey="row")
+    grid = PanelGrid(rows=len(labels), columns=len(sides), panel_height=80)
+    figure, panels = grid.panels(sharex=True, sharey="row")
     for column, side in enumerate(sides):
         (time, means), std = nonperiodic_residual(side), std_of_interval_means(side)
         panel_title(panels[0, column], side.label, side.colour)
@@ -33,8 +35,9 @@ def nonperiodic_residual_figure(sides: Sequence[LabelledComparison]) -> Figure:
                 axes.axvspan(start, end, color=HELD_OUT, alpha=0.25, lw=0, zorder=0.1)
             draw_nonperiodic_residual(axes, time, means[:, row], float(std[row]), side.colour)
             if not column:
-                label_y_axis(axes, axis_label(name, unit))
+                axes.set_ylabel(axis_label(name, unit))
         panels[-1, column].set_xlabel("time in the record (s)")
+    fit_grid(figure, panels, grid)
     return figure
 
 

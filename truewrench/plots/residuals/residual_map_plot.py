@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from diagnosis.comparison.residual_map import ResidualMap
-from modeling.number_format import axis_label
+from modeling.number_format import axis_label, format_number, format_unit
 from truewrench.plots.charts.chart import Band, Chart, Level, Line, Mark, Panel, Points
 from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
 from truewrench.plots.style import MEASURED, MISFIT_COLOUR
@@ -36,12 +36,18 @@ def residual_map_chart(rows: Sequence[tuple[str, Sequence[ResidualMap]]]) -> Cha
 
 def _panel(label: str, shown: ResidualMap, limits: tuple[float, float]) -> Panel:
     return Panel(
-        marks=(Band(low=-shown.tolerance, high=shown.tolerance, label="tolerance"), Level(y=0), *_cells(shown)),
+        marks=(_tolerance(shown), Level(y=0), *_cells(shown)),
         title=label,
         x_label=axis_label(shown.variable, shown.variable_unit),
         y_label=axis_label(f"residual of {shown.channel}", shown.channel_unit),
         y_limits=limits,
     )
+
+
+def _tolerance(shown: ResidualMap) -> Band:
+    """Its size is in the legend: beside a large residual the band is as thin as a line."""
+    size = f"tolerance ± {format_number(shown.tolerance, 2)} {format_unit(shown.channel_unit)}"
+    return Band(low=-shown.tolerance, high=shown.tolerance, label=size)
 
 
 def _cells(shown: ResidualMap) -> tuple[Mark, ...]:
@@ -56,7 +62,6 @@ def _cells(shown: ResidualMap) -> tuple[Mark, ...]:
             size=3.0 if colour == MEASURED else 3.8, hollow=colour == MEASURED, label=label,
         )
         for inside, colour, label in kinds
-        if inside.any()
     )  # fmt: skip
     return (Line(x=shown.centre, y=shown.mean, colour=MEASURED, width=0.6, opacity=0.6), *cells)
 

@@ -138,9 +138,8 @@ def _excited_lines(lines: ResidualSpectrum, channel: int, colour: str) -> Iterat
     within = Points(x=frequency[~above], y=amplitude[~above], colour=MEASURED, size=1.8,
                     label="excited lines, within noise")  # fmt: skip
     yield within
-    if above.any():
-        x, y = frequency[above], amplitude[above]
-        yield Points(x=x, y=y, low=noise[above], high=y, colour=colour, size=3.6, label="excited lines, above noise")
+    x, y = frequency[above], amplitude[above]
+    yield Points(x=x, y=y, low=noise[above], high=y, colour=colour, size=3.6, label="excited lines, above noise")
 
 
 def _smoothed(frequency: Array, amplitude: Array) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from diagnosis.comparison.residual_map import residual_maps
 from estimation.noise.recording_noise import NoiseSource
 from modeling.number_format import axis_label
+from truewrench.plots.fitted_grid import fit_grid
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison, channel_labels
 from truewrench.plots.residuals.nonperiodic_residual_plot import (
     draw_nonperiodic_residual,
@@ -17,7 +18,7 @@ from truewrench.plots.residuals.nonperiodic_residual_plot import (
     std_of_interval_means,
 )
 from truewrench.plots.residuals.time_series_plot import draw_residual, residual_limits
-from truewrench.plots.style import PanelGrid, label_y_axis, panel_title
+from truewrench.plots.style import PanelGrid, panel_title
 
 HEIGHT = 135
 MIN_SIGNAL_TO_NOISE = 2.0
@@ -26,7 +27,8 @@ MIN_SIGNAL_TO_NOISE = 2.0
 
 def worst_channel_figure(sides: Sequence[LabelledComparison]) -> Figure:
     """Residual of the worst channel, a column per model, in one scale."""
-    figure, panels = PanelGrid(rows=1, columns=len(sides), panel_height=HEIGHT).panels(sharex=True, sharey=True)
+    grid = PanelGrid(rows=1, columns=len(sides), panel_height=HEIGHT)
+    figure, panels = grid.panels(sharex=True, sharey=True)
     nonperiodic, channel = worst_channel(sides[0])
     for axes, side in zip(panels[0], sides, strict=True):
         panel_title(axes, side.label, side.colour)
@@ -40,7 +42,8 @@ def worst_channel_figure(sides: Sequence[LabelledComparison]) -> Figure:
             axes.set_ylim(*residual_limits(sides, channel))
         axes.set_xlabel("pose" if side.recording.at_rest else "time (s)")
     name, unit = channel_labels(sides)[channel]
-    label_y_axis(panels[0, 0], axis_label(f"residual of {name}", unit))
+    panels[0, 0].set_ylabel(axis_label(f"residual of {name}", unit))
+    fit_grid(figure, panels, grid)
     return figure
 
 

@@ -118,7 +118,7 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         failing=study.steps[-1].misfitting,
         undone=study.undone,
         tool=tool_text(study.fit, misfitting=bool(study.misfitting)),
-        parameters=Markup(study.fit.table.to_html()),
+        parameters=Markup(study.fit.table),
         puzzle=puzzle,
         weak=noise_from_residual(study.fit),
     )
@@ -281,7 +281,7 @@ def title_words(title: str) -> str:
 
 def table_words(parts: Sequence[Table | str]) -> str:
     """Tables and sentences of a result, in their order."""
-    return part("tables.html", parts=[Markup(p.to_html()) if isinstance(p, Table) else p for p in parts])
+    return part("tables.html", parts=[Markup(p) if isinstance(p, Table) else p for p in parts])
 
 
 def trajectory_words(found: Separation) -> str:
