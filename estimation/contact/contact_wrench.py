@@ -221,10 +221,12 @@ class ContactWrench(Tabular):
         found = self.unexplained_by_tip_force
         if not found:
             return []
-        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in found)
+        unit = "" if self.recording.at_rest else " s"
+        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in found) + unit
         p_value = plain_number(max(m.tip_p_value for m in found), P_VALUE)
+        p_value = f"p {p_value}" if p_value.startswith("<") else f"p = {p_value}"
         return [
-            f"A force at the tip does not explain the contact{'s' * (len(found) > 1)} from {start} on (p = {p_value}):"
+            f"A force at the tip does not explain the contact{'s' * (len(found) > 1)} from {start} on ({p_value}):"
             " the contact is elsewhere or exerts a torque; read fcx, fcy and tauc, not the force at the tip."
         ]
 
