@@ -79,6 +79,10 @@ class DecisionLevels:
     somebody search for a drift."""
     contact: float = 0.01
     """A contact in a record without one, family-wise over all windows; the default, as users may choose another."""
+    tip_force: float = 0.01
+    """A force at the tip that does not explain the mean wrench of a detected contact, family-wise over the contacts of
+    a recording (Bonferroni): a false alarm costs a sentence below a table, a miss leaves the size of a force that
+    nobody exerted."""
     quiet_segment: float = 0.001
     """A contact-free segment left out of the cluster about the sensor's zero, each: a false alarm loses one segment of
     two hundred."""

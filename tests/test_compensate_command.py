@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import truewrench as tw
 from truewrench.command_line import main
 from truewrench.simulated_rig import ContactEvent, PlanarRig, SpatialRig, simulate, write_recording
 
@@ -80,6 +81,30 @@ def test_json_and_text_say_the_same(bench: Bench, capsys: pytest.CaptureFixture[
     assert f"fx {data['zero_shift']['fx']:.3g}" in text
 
 
+@pytest.mark.parametrize(("couple", "remarks"), [(0.0, 2), (0.3, 3)])
+def test_the_table_says_when_a_force_at_the_tip_is_none(
+    couple: float, remarks: int, bench: Bench, tmp_path: Path
+) -> None:
+    """A push of 5 N at the tip; with 0.3 N m in the reading on top, |F| stays and the force at the tip does not."""
+    saved = tw.load(bench.model)
+    frame = pd.read_csv(bench.pushed)
+    frame.loc[(frame.time > 2) & (frame.time < 4), "tau"] -= couple
+    frame.to_csv(tmp_path / "rec.csv", index=False)
+    contact = tw.compensate(saved, tw.read(tmp_path / "rec.csv", rig=saved.rig))
+    (mean,) = contact.means
+    assert mean.force == pytest.approx(5.0, abs=0.15)
+    assert (mean.tip_force == pytest.approx(5.0, abs=0.15)) == (couple == 0)
+    assert bool(contact.unexplained_by_tip_force) == (couple > 0)
+    assert len(contact.remarks()) == remarks
+    headings = [c.heading for c in contact.table.columns]
+    assert headings == [
+        "from [s]", "to [s]", "fcx [N]", "fcy [N]", "tauc [N m]", "|F| [N]", "largest |F| [N]", "force at the tip [N]",
+        "p",
+    ]  # fmt: skip
+    assert '<th class="number">tauc (N·m)</th>' in contact._repr_html_()
+    assert contact.std == pytest.approx(np.sqrt(np.diagonal(contact.covariance, axis1=1, axis2=2)))
+
+
 def test_nothing_touches_the_tool(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     assert main(["compensate", bench.model, bench.quiet]) == 0
@@ -99,6 +124,8 @@ def test_six_axes_have_their_own_columns(tmp_path: Path) -> None:
     names = ["time", "fcx", "fcy", "fcz", "tcx", "tcy", "tcz", "magnitude", "magnitude_std"]
     table = pd.read_csv(out)
     assert list(table) == names
+    size = np.linalg.norm(table[["fcx", "fcy", "fcz"]].to_numpy(), axis=1)
+    assert table.magnitude.to_numpy() == pytest.approx(size, rel=1e-6)
     assert table.notna().all(axis=None)
 
 

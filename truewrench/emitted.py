@@ -132,7 +132,7 @@ def _warning(saved: ModelFile) -> str:
     names = ", ".join(saved.misfitting)
     return (
         f"the model does not fit {names}: its values are biased by what it lacks, and their standard deviations are"
-        " too small; `truewrench diagnose` searches for what is missing"
+        " too small; `truewrench diagnose` or `tw.diagnose` searches for what is missing"
     )
 
 

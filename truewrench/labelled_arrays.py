@@ -103,13 +103,12 @@ def _parameters(estimates: Mapping[str, Estimate], covariance: Array) -> Arrays:
 
 
 def _of_contact(contact: ContactWrench) -> Arrays:
-    """Contact wrench and its std (repeat, time, component), magnitude of the force (repeat, time)."""
+    """Contact wrench and its std (repeat, time, component), force at the tip (repeat, time)."""
     recording = contact.recording
     dims, coordinates = _samples(recording)
-    std = np.sqrt(np.diagonal(contact.covariance, axis1=1, axis2=2))
     variables: Variables = {
         "wrench": ((*dims, "component"), _by_repeat(recording, contact.wrench)),
-        "std": ((*dims, "component"), _by_repeat(recording, std)),
+        "std": ((*dims, "component"), _by_repeat(recording, contact.std)),
         "magnitude": (dims, _by_repeat(recording, contact.magnitude), {"units": "N"}),
         "magnitude_std": (dims, _by_repeat(recording, contact.magnitude_std), {"units": "N"}),
     }

@@ -60,14 +60,21 @@ class ContactDetection:
     zero        (p,) mean of the residual where the tool is free; `zero_covariance` (p, p) its covariance
     free        (n,) samples outside every interval
     covariance  (p, p) of one sample's noise about the zero
+    noise       of means over blocks of `block` samples, with the model's systematic residual
     """
 
     zero: Array
     zero_covariance: Array
     free: SampleMask
     covariance: Array
+    noise: VarianceOfMeans
+    block: int
     intervals: tuple[ContactInterval, ...]
     false_alarms: float
+
+    def blocks(self, samples: int) -> int:
+        """Blocks in so many samples: at least one, at most those of the record."""
+        return min(max(1, samples // self.block), len(self.noise.variance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +135,8 @@ def detect_contacts(
         zero_covariance=noise.covariance(int(quiet.sum())) if zero is None else np.zeros((len(floor),) * 2),
         free=free,
         covariance=np.cov(residual[guarded].T) if guarded.sum() > 10 * len(floor) else np.diag(floor**2),
+        noise=noise,
+        block=blocks.size,
         intervals=tuple(_in_samples(i, blocks, len(means)) for i in found),
         false_alarms=false_alarms,
     )

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_detection import ContactDetection, ContactInterval, detect_contacts
+from estimation.contact.contact_mean import ContactMean, ContactSeries
 from estimation.contact.point_force import PointForce, std_along
 from estimation.fit import Fit, check_channels
 from estimation.gravity.gravity_direction import mounted_recording
@@ -23,9 +24,9 @@ from estimation.model_response import model_response
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.contact_gain import contact_gain_at, group_delay
-from modeling.number_format import P_VALUE
+from modeling.number_format import P_VALUE, plain_number
 from modeling.significance import LEVELS
-from modeling.space import Space
+from modeling.space import FORCE_UNIT, Space
 from modeling.table import Column, Table, Tabular
 from modeling.tool.wrench_components import contact_components
 
@@ -41,6 +42,7 @@ class ContactWrench(Tabular):
     noise       (p, p) covariance of one sample's noise; `systematic_covariance` (n, p, p) that from parameters and zero
     zero_shift  (p,) zero of the readings less that of the calibration, in the channels' units
     group_delay s, group delay of the sensor's dynamics at low frequency
+    tip_length  m, distance of a planar contact from the sensor along the tip; None where none is known
     unknown     per unidentifiable parameter of the calibration, the largest change of the contact wrench per unit of it
     """
 
@@ -71,10 +73,14 @@ class ContactWrench(Tabular):
         return self.noise + self.systematic_covariance
 
     @property
+    def _inverse_gain(self) -> Array:
+        """From reading to contact wrench (p, p)."""
+        return np.asarray(np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0]))
+
+    @property
     def floor(self) -> Array:
         """Std (p,) of one sample by the sensor's noise in the recordings of the fit."""
-        inverse = np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0])
-        return np.asarray(np.sqrt(inverse**2 @ self.calibration.floor**2))
+        return np.asarray(np.sqrt(self._inverse_gain**2 @ self.calibration.floor**2))
 
     @property
     def noise_ratio(self) -> Array:
@@ -105,12 +111,20 @@ class ContactWrench(Tabular):
 
     @cached_property
     def point_force(self) -> PointForce:
-        """In the plane: the best fitting force at the end of the tip (22.14); without a tip length (fcx, fcy)."""
+        """In the plane: the force at the end of the tip that fits force and torque best (22.14 corrected).
+
+        It assumes a contact there, without a torque of its own. Without a tip length it is (fcx, fcy).
+        """
         return PointForce.of(self.wrench, self.covariance, self.noise, self.tip_length)
 
     @property
+    def std(self) -> Array:
+        """Standard deviation (n, p) of each component: noise, parameters and zero."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+    @property
     def magnitude(self) -> Array:
-        """Size of the contact force, N (n,)."""
+        """Force at the tip, N (n,): of `point_force` in the plane, where it is not |(fcx, fcy)|; |F| in six axes."""
         if self.space is Space.PLANE:
             return self.point_force.magnitude
         return np.asarray(np.linalg.norm(self.wrench[:, :3], axis=1))
@@ -134,26 +148,91 @@ class ContactWrench(Tabular):
         time = self.recording.time
         return float(sample) if time is None else float(time[min(sample, len(time) - 1)])
 
+    @cached_property
+    def means(self) -> tuple[ContactMean, ...]:
+        """Mean contact wrench over each detected interval, with covariance, forces and the force at the tip."""
+        planar = self.space is Space.PLANE
+        series = ContactSeries(
+            wrench=self.wrench,
+            systematic=self.systematic_covariance,
+            noise=self.noise,
+            inverse=self._inverse_gain,
+            remainder=self.calibration.remainder,
+            detection=self.detection,
+            forces=self.space.value,
+            tip_length=self.tip_length if planar else None,
+        )
+        return tuple(series.mean(interval) for interval in self.intervals)
+
+    @property
+    def unexplained_by_tip_force(self) -> tuple[ContactMean, ...]:
+        """Contacts whose mean wrench a force at the tip does not explain, at `LEVELS.tip_force`."""
+        level = LEVELS.tip_force / max(1, len(self.means))
+        return tuple(mean for mean in self.means if mean.tip_p_value < level)
+
     @property
     def table(self) -> Table:
-        """Each interval: from, to, mean of each component and the largest magnitude."""
-        ends = (Column(name, format=".3f") for name in ("from", "to"))
-        sizes = (Column(name, format=".3g") for name in (*self.names, "largest force"))
+        """Each interval: from, to, mean of each component, size of the mean force and of the largest, force at the tip.
+
+        The force at the tip is in planar recordings with a tip length only.
+        """
+        unit = "" if self.recording.at_rest else "s"
+        ends = (Column(name, unit, ".3f") for name in ("from", "to"))
+        units = (*self.space.units, FORCE_UNIT, FORCE_UNIT)
+        sizes = (Column(n, u, ".3g") for n, u in zip((*self.names, "|F|", "largest |F|"), units, strict=True))
+        tip = (Column("force at the tip", FORCE_UNIT, ".3g"),) if self._has_tip else ()
         rows = [
             (
-                self.time_of(i.first),
-                self.time_of(i.last),
-                *self.wrench[i.first : i.last].mean(axis=0).tolist(),
-                float(self.magnitude[i.first : i.last].max()),
-                i.p_value,
+                self.time_of(m.interval.first),
+                self.time_of(m.interval.last),
+                *m.wrench.tolist(),
+                m.force,
+                m.largest_force,
+                *((m.tip_force,) if tip else ()),
+                m.interval.p_value,
             )
-            for i in self.intervals
+            for m in self.means
         ]
-        return Table.of((*ends, *sizes, Column("p", format=P_VALUE)), rows)
+        return Table.of((*ends, *sizes, *tip, Column("p", format=P_VALUE)), rows)
+
+    @property
+    def _has_tip(self) -> bool:
+        return self.space is Space.PLANE and self.tip_length is not None
+
+    def remarks(self) -> list[str]:
+        """What the columns are, what the force at the tip assumes, and the contacts that contradict it."""
+        axes = "fcx along x', fcy along y' (along the tip), tauc clockwise"
+        if self.space is Space.SPACE:
+            axes = "forces fcx .. fcz and torques tcx .. tcz along the sensor's axes"
+        remarks = [
+            f"Mean wrench of the environment on the tool: {axes}, about the sensor; |F| is the size of that mean force,"
+            " largest |F| that of one sample, with its noise."
+        ]
+        if not self._has_tip:
+            return remarks
+        remarks.append(
+            f"Force at the tip: size of the point force that fits force and torque best, if the contact is at"
+            f" {self.tip_length:g} m along the tip and exerts no torque of its own."
+        )
+        return [*remarks, *self._contradictions()]
+
+    def _contradictions(self) -> list[str]:
+        """One sentence about the contacts that a force at the tip does not explain, if there are any."""
+        found = self.unexplained_by_tip_force
+        if not found:
+            return []
+        unit = "" if self.recording.at_rest else " s"
+        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in found) + unit
+        p_value = plain_number(max(m.tip_p_value for m in found), P_VALUE)
+        p_value = f"p {p_value}" if p_value.startswith("<") else f"p = {p_value}"
+        return [
+            f"A force at the tip does not explain the contact{'s' * (len(found) > 1)} from {start} on ({p_value}):"
+            " the contact is elsewhere or exerts a torque; read fcx, fcy and tauc, not the force at the tip."
+        ]
 
     def printed(self) -> list[Table | str]:
-        """The intervals, or that there is none."""
-        return [self.table if self.intervals else "no contact found"]
+        """The intervals with what their columns are, or that there is none."""
+        return super().printed() if self.intervals else ["no contact found"]
 
 
 class SavedModel(Protocol):

@@ -52,8 +52,10 @@ class ColumnTable:
 def import_remedy(where: str) -> str:
     """What to do with a log that is no recording as it stands: the command to type where `where` is its path."""
     if not Path(where).exists():
-        return "bring the log in by `truewrench import`"
-    return f"bring the log in first: `truewrench import {shlex.quote(where)} --out recording.csv`"
+        return "bring the log in by `truewrench import`, or `tw.read` with a map"
+    return (
+        f"bring the log in first: `truewrench import {shlex.quote(where)} --out recording.csv`, or `tw.read` with a map"
+    )
 
 
 def table_from_file(path: Path) -> ColumnTable:
@@ -189,7 +191,9 @@ def _raise_bad_cell(cells: Sequence[str], names: Sequence[str], row: int, where:
     for name, cell in ((n, c) for n, c in zip(names, cells, strict=True) if n in wanted):
         if not cell.strip():
             what = f"column {name} is empty at row {row}"
-            remedy = "fill in the value, or remove the row, or bring the log in by `truewrench import`"
+            remedy = (
+                "fill in the value, remove the row, or bring the log in by `truewrench import` or `tw.read` with a map"
+            )
             raise InputError(what=what, where=where, remedy=remedy)
         try:
             number = float(cell) if "_" not in cell else None

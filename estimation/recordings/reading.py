@@ -30,6 +30,7 @@ STILL = 0.5  # rad, by which a sensor that stands still does not turn
 NEARLY_TIME = re.compile(
     r"(?:.*[^a-z])?(?:time|stamps?|time_?stamps?|clock|secs?|seconds|t)(?:[^a-z].*)?|time_?[a-z]{1,3}", re.IGNORECASE
 )
+BY_MAP = "bring the log in by `truewrench import` or `tw.read` with a map"
 NORM_TOLERANCE = 1e-2  # of a unit quaternion: errors of printed digits and interpolation are far smaller
 
 
@@ -82,13 +83,13 @@ def _require_poses(table: ColumnTable) -> None:
     stamps = [name for name in table.columns if NEARLY_TIME.fullmatch(name) and _is_regular(table.columns[name])]
     if stamps:
         what = f"there is no column time, and {stamps[0]} increases steadily as one: a run, or static poses?"
-        remedy = f"name it time, in s, or bring the log in by `truewrench import`; for static poses remove {stamps[0]}"
+        remedy = f"name it time, in s, or {BY_MAP}; for static poses remove {stamps[0]}"
         raise table.error(what, remedy)
     increments = np.diff(_angles(table), axis=1)
     step = float(np.median(np.linalg.norm(increments, axis=0)))
     if increments.shape[1] > LONG_RUN and 0 < step < CLOSE and _lag_correlation(increments) > SMOOTH:
         what = f"there is no column time, and neighbouring rows differ by {step:.2g} rad as those of a run do"
-        remedy = "add it, or bring the log in by `truewrench import` with its rate in a map, rate = 500 (Hz)"
+        remedy = f"add it, or {BY_MAP} that has its rate, rate = 500 (Hz)"
         raise table.error(f"{what}: a run without its time, not static poses", remedy)
 
 
@@ -106,7 +107,7 @@ def _require_seconds(table: ColumnTable, dt: float) -> None:
     fastest = float(np.quantile(steps, 0.99)) / dt
     if fastest < SLOWEST and steps.sum() > STILL:
         what = f"time steps by {dt:.6g}, and the motion is no faster than {fastest:.2g} rad/s if that is in seconds:"
-        remedy = 'give time in s, or bring the log in by `truewrench import` with units = { time = "ms" } in a map'
+        remedy = f'give time in s, or {BY_MAP} that has units = {{ time = "ms" }}'
         raise table.error(f"{what} milliseconds or nanoseconds?", remedy)
 
 
@@ -164,7 +165,10 @@ def _require_equal(table: ColumnTable, repeat: Array, starts: NDArray[np.int64])
     if (counts != usual).any():
         i = int(np.argmax(np.abs(counts - usual)))
         what = f"repeat {repeat[starts[i]]:g}, from row {table.row(int(starts[i]))} on, has {counts[i]} samples"
-        remedy = "cut the repeats to one period each, or leave an incomplete one out, as `truewrench import` does"
+        remedy = (
+            "cut the repeats to one period each, or leave an incomplete one out, as `truewrench import` and"
+            " `tw.read(..., period=...)` do"
+        )
         raise table.error(f"{what} and others {usual}", remedy)
 
 
@@ -212,7 +216,7 @@ def _require_radians(table: ColumnTable, rig: Rig | None) -> None:
             i = int(outside[0])
             what = f"column {name} at row {table.row(i)} is {column[i]:g}, far outside the rig's"
             instead = "degrees" if unit == "rad" else "millimetres"
-            remedy = f"give it in {unit}; `truewrench import` converts {instead}, by `units` in a map"
+            remedy = f"give it in {unit}, or convert {instead} by `units` in a map, of `truewrench import` or `tw.read`"
             raise table.error(f"{what} [{low:g}, {high:g}] {unit} ({instead}?)", remedy)
 
 

@@ -90,7 +90,10 @@ class Recording(Tabular):
     def __repr__(self) -> str:
         length = "poses at rest" if self.dt is None else f"samples at {1 / self.dt:.6g} Hz"
         runs = f"{self.repeats} x " if self.repeats > 1 else ""
-        known = f"motion {self.form.value}" + "".join(f", {name}" for name in self.auxiliary)
+        used = motion_columns(self.form, self.joints)
+        known = "motion " + " ".join(name for name in used if name in self.columns)
+        if self.auxiliary:
+            known += f"; auxiliary signals {' '.join(self.auxiliary)}"
         return f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {known}"
 
     def __str__(self) -> str:

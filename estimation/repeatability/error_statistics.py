@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 FREQUENCY_OVERSAMPLING = 4
 """Frequency grid over the record's lines when a spectrum is transformed to autocovariances, against wrap-around."""
 
+ROUNDING = 1e-12
+"""Of a variance relative to that of a run, which is rounded to about 1e-16 of a motion a hundred times its error."""
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorStatistics:
@@ -45,6 +48,11 @@ class ErrorStatistics:
         return cls(
             name, unit, errors.mean(axis=1), errors.var(axis=1), float(errors.mean()), averaging, noise_gain
         )  # fmt: skip
+
+    @property
+    def identical_runs(self) -> bool:
+        """Whether the runs are equal to rounding, so that nothing of the error is random."""
+        return self.averaging.noise**2 <= ROUNDING * self.averaging.single
 
     def row(self) -> tuple[Value, ...]:
         """Name, unit, mean error, variance of a run and of the average, random and systematic part, gains."""

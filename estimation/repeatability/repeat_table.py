@@ -111,8 +111,9 @@ class RepeatTable(Tabular):
 
     @property
     def table(self) -> Table:
-        """One row for each channel and each column of the motion."""
-        return Table.of(REPEAT_COLUMNS, [row.row() for row in (*self.readings, *self.motion)])
+        """One row for each channel, and each column of the motion whose runs differ by more than rounding."""
+        motion = [row for row in self.motion if not row.identical_runs]
+        return Table.of(REPEAT_COLUMNS, [row.row() for row in (*self.readings, *motion)])
 
     @property
     def channel_table(self) -> Table:

@@ -1,4 +1,4 @@
-"""`truewrench compensate`: contact wrench of a recording, measured minus the prediction of a fitted model."""
+"""`truewrench compensate`: contact wrench of a recording, its readings less the load of a fitted tool."""
 
 from __future__ import annotations
 
@@ -21,13 +21,18 @@ EXCESSIVE_NOISE_RATIO = 3.0
 
 def add_to(commands: Subcommands[Any]) -> None:
     """Add the command and its options."""
-    text = "Subtract a fitted model from a recording: the wrench of the environment on the tool, with its uncertainty."
+    text = (
+        "Subtract a fitted model from a recording: the wrench of the environment on the tool, with its uncertainty. In"
+        " the plane, magnitude and direction in CONTACT.csv are those of the force at the tip: the point force that"
+        " fits force and torque best, if the contact is at the tip and exerts no torque of its own. In six axes the"
+        " magnitude is |F|."
+    )
     command = commands.add_parser("compensate", help="contact wrench of a recording", description=text)
     command.add_argument("model", metavar="MODEL.json", help="model file of `fit --out` or `diagnose --out`")
     command.add_argument("recording", metavar="REC", help="recording (CSV or Parquet) of the same rig and tool")
     text = "use the zero of the fitted recording; by default it is re-estimated from the samples without contact"
     command.add_argument("--keep-zero", action="store_true", help=text)
-    text = "distance of a planar contact from the sensor along the tip, m (default: the rig's tip_length)"
+    text = "distance of the force at the tip from the sensor along the tip, planar, m (default: the rig's tip_length)"
     command.add_argument("--tip-length", type=positive, metavar="M", help=text)
     text = "probability of any false contact in a recording without contact (default: %(default)s)"
     command.add_argument("--false-alarms", type=chance, metavar="P", default=LEVELS.contact, help=text)
@@ -72,7 +77,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def contact_table(contact: ContactWrench) -> pd.DataFrame:
-    """Columns of CONTACT.csv, one row per sample; a direction only where the magnitude is twice its std."""
+    """Columns of CONTACT.csv, one row per sample; a direction only where the magnitude is twice its std.
+
+    Magnitude and direction are those of the force at the tip in the plane; in six axes the magnitude is |F|.
+    """
     import numpy as np
     import pandas as pd
 
@@ -93,11 +101,13 @@ def contact_table(contact: ContactWrench) -> pd.DataFrame:
 
 
 def contact_data(contact: ContactWrench) -> dict[str, Any]:
-    """Zero shift, noise and contacts as plain numbers, N, N m and s."""
+    """Zero shift, noise and contacts as plain numbers, N, N m and s; None for what there is not."""
     import numpy as np
 
+    from modeling.number_format import finite
+
     channels, found = contact.calibration.model.channels, contact.detection
-    return {
+    data: dict[str, Any] = {
         "recording": contact.recording.name,
         "samples": contact.recording.samples,
         "components": list(contact.names),
@@ -110,15 +120,20 @@ def contact_data(contact: ContactWrench) -> dict[str, Any]:
         "unknown": dict(contact.unknown),
         "contacts": [
             {
-                "start": contact.time_of(i.first),
-                "end": contact.time_of(i.last),
-                "wrench": _by_name(contact.names, contact.wrench[i.first : i.last].mean(axis=0)),
-                "largest_force": float(contact.magnitude[i.first : i.last].max()),
-                "p_value": i.p_value,
+                "start": contact.time_of(m.interval.first),
+                "end": contact.time_of(m.interval.last),
+                "wrench": _by_name(contact.names, m.wrench),
+                "wrench_std": _by_name(contact.names, m.std),
+                "force": m.force,
+                "largest_force": m.largest_force,
+                "tip_force": m.tip_force,
+                "tip_force_p_value": m.tip_p_value,
+                "p_value": m.interval.p_value,
             }
-            for i in contact.intervals
+            for m in contact.means
         ],
     }
+    return dict(finite(data))
 
 
 def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
@@ -131,12 +146,9 @@ def contact_text(contact: ContactWrench) -> str:
 
     found, space = contact.detection, contact.space
     count = len(contact.intervals)
-    unit = "pose" if contact.recording.at_rest else "s"
     head = f"No contact detected beyond noise and known model error (false-alarm probability {found.false_alarms:g})."
     if count:
-        units = ", ".join(dict.fromkeys(space.units))
-        head = f"{count} contact{'s' * (count > 1)} (false-alarm probability {found.false_alarms:g})"
-        head += f", start and end in {unit}, mean wrench in {units}:\n{contact}"
+        head = f"{count} contact{'s' * (count > 1)} (false-alarm probability {found.false_alarms:g}):\n{contact}"
     shifts = zip(contact.calibration.model.channels, contact.zero_shift, space.units, strict=True)
     std = np.sqrt(np.diag(found.zero_covariance))
     shift = ", ".join(f"{c} {v:.3g} ± {s:.2g} {u}" for (c, v, u), s in zip(shifts, std, strict=True))

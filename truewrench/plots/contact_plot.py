@@ -1,4 +1,4 @@
-"""Estimated contact wrench of several models, with the true one."""
+"""Estimated contact wrench of several models over the recording, with detected contacts and the true one."""
 
 from __future__ import annotations
 
@@ -29,16 +29,17 @@ class LabelledContact:
 
 
 def contact_figure(sides: Sequence[LabelledContact], true: Array | None = None) -> Figure:
-    """Contact wrench averaged over the repeats, a column per model, a row per component, with the `true` one (n, p)."""
+    """Contact wrench over the recording, a column per model, a row per component, with the `true` one (n, p)."""
     return matplotlib_figure(contact_chart(sides, true))
 
 
 def contact_chart(sides: Sequence[LabelledContact], true: Array | None = None, component: str | None = None) -> Chart:
-    """Contact wrench averaged over the repeats, a column per model, a row per component, with the `true` one (n, p).
+    """Contact wrench over the recording, a column per model, a row per component, with the `true` one (n, p).
 
-    The band is ± 2 std of the noise of that mean; a line outside it is contact or model error. Detected contact is
-    shaded in a single run. Models share the scale of a component. A single axes shows `component`, by default the one
-    with the largest force.
+    Repeats follow each other in time, as a contact does not repeat with the motion. The band about zero, or about the
+    true wrench, is ± 2 std of the sensor's noise of one sample. Detected contacts are shaded, with ± 2 std of the
+    estimate (noise, parameters and zero). Models share the scale of a component. A single axes shows `component`, by
+    default the one with the largest force.
     """
     names = sides[0].contact.names
     count = len(names)
@@ -71,36 +72,36 @@ def _panel(side: LabelledContact, row: int, true: Array | None) -> Panel:
 
 
 def _marks(contact: ContactWrench, row: int, colour: str, true: Array | None) -> Iterator[Mark]:
-    repeats, once = contact.recording.repeats, contact.recording.samples_per_repeat
-    time = contact.recording.time
-    across = np.arange(once, dtype=float) if time is None else time[:once]
-    base = np.zeros(once) if true is None else _mean(true[:, row], repeats)
-    noise = 2 * float(contact.floor[row] / np.sqrt(repeats))
-    label = _noise_label(repeats)
+    time, noise = _time(contact), 2 * float(contact.floor[row])
+    label = "± 2 std of the noise of one sample"
     if true is None:
         yield Band(low=-noise, high=noise, colour=QUIET_NOISE, label=label)
         yield Level(y=0)
     else:
-        yield Band(x=across, low=base - noise, high=base + noise, colour=QUIET_NOISE, label=label)
-    for interval in contact.intervals if repeats == 1 else ():
-        start, end = contact.time_of(interval.first), contact.time_of(interval.last)
+        yield Band(x=time, low=true[:, row] - noise, high=true[:, row] + noise, colour=QUIET_NOISE, label=label)
+    for interval in contact.intervals:
+        inside = slice(interval.first, interval.last)
+        across, estimated, std = time[inside], contact.wrench[inside, row], contact.std[inside, row]
+        start, end = float(across[0]), float(across[-1])
         yield Span(start=start, end=end, colour=HELD_OUT, opacity=0.2, label="detected contact")
-    estimated = _mean(contact.wrench[:, row], repeats)
-    yield Line(x=across, y=estimated, colour=colour, width=1.0, label="estimated contact")
+        low, high = estimated - 2 * std, estimated + 2 * std
+        yield Band(x=across, low=low, high=high, colour=colour, opacity=0.3, label="± 2 std of its estimate")
+    yield Line(x=time, y=contact.wrench[:, row], colour=colour, width=1.0, label="estimated contact")
     if true is not None:
-        yield Line(x=across, y=base, colour=INK, width=0.9, dashed=True, label="true contact")
+        yield Line(x=time, y=true[:, row], colour=INK, width=0.9, dashed=True, label="true contact")
 
 
-def _noise_label(repeats: int) -> str:
-    return f"± 2 std of the noise of the mean of {repeats}" if repeats > 1 else "± 2 std of the noise of one sample"
-
-
-def _mean(series: Array, repeats: int) -> Array:
-    return np.asarray(series.reshape(repeats, -1).mean(axis=0))
+def _time(contact: ContactWrench) -> Array:
+    """Time (n,) from the start of the recording, s, separate runs one after the other; the number of static poses."""
+    recording = contact.recording
+    if recording.dt is None or recording.time is None:
+        return np.arange(recording.samples, dtype=float)
+    once = recording.samples_per_repeat
+    runs = 0 if recording.continuous else np.arange(recording.samples) // once
+    return np.asarray(recording.time + runs * once * recording.dt)
 
 
 def _time_label(contact: ContactWrench) -> str:
     if contact.recording.at_rest:
         return "pose, in the order of recording"
-    repeats = contact.recording.repeats
-    return f"time in the motion, s (mean of {repeats} repeats)" if repeats > 1 else "time (s)"
+    return "time (s)" if contact.recording.continuous else "time (s), separate runs one after the other"

@@ -17,6 +17,7 @@ from modeling.number_format import estimate_text
 from truewrench.effect_description import parameter_meaning
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.text.step_names import step_names
+from truewrench.text.tool_extent import tool_extent_text
 from truewrench.text.tool_text import tool_text
 from truewrench.text.verdict_words import (
     CANDIDATES_NOTE,
@@ -38,6 +39,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
         *(_given_text(diagnosis, effect_id) for effect_id in diagnosis.given),
         *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
         *([tool] if (tool := tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting))) else []),
+        *([extent] if (extent := tool_extent_text(diagnosis.fit)) else []),
         error_reduction_text(diagnosis),
         "\n".join(_evidence(diagnosis)),
         f"Candidate effects:\n{diagnosis.table}\n{CANDIDATES_NOTE}",

@@ -24,6 +24,7 @@ from modeling.significance import LEVELS
 from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.data_set import DataSet, frame_sentences, frames_data
+from truewrench.text.tool_extent import tool_extent_text
 from truewrench.text.tool_text import LEGEND, tool_text
 
 
@@ -43,13 +44,13 @@ class FitSummary:
 
     @cached_property
     def repeat_tables(self) -> tuple[RepeatTable, ...]:
-        """Table 22.1 of each recording whose motion was repeated."""
+        """Repeatability table of each recording whose motion was repeated."""
         return tuple(RepeatTable.of(self.fit, i) for i, r in enumerate(self.fit.recordings) if r.repeats > 1)
 
     # ------------------------------------------------------------------------------------------ text
 
     def text(self, case: DataSet | None, *, runs: bool = False, verbose: bool = True) -> str:
-        """Summary; Table 22.1 of the repeats only if `verbose`, and the rows of every run in it only with `runs`."""
+        """Summary; the repeatability tables only if `verbose`, and the rows of every run in it only with `runs`."""
         parts = [self.headline(), *([] if case is None else frame_sentences(case))]
         parts += [self.parameters(), *self._constraints(), *self._outliers(), *self._poses()]
         parts += [f"{c.recording.name}:\n{c}" for c in self.comparisons]
@@ -77,7 +78,7 @@ class FitSummary:
             names = " and ".join(c.recording.name for c in self.misfitting)
             lines = [
                 f"The model does not fit {names}: something is missing in it. Stds and intervals hold for noise alone,"
-                " and are too small here; `truewrench diagnose` searches for what is missing."
+                " and are too small here; `truewrench diagnose` or `tw.diagnose` searches for what is missing."
             ]
             return "\n".join([*lines, *self.notes])
         if from_residual:
@@ -108,6 +109,7 @@ class FitSummary:
         found = Table.of(("parameter", "value", f"{self.intervals.level:.0%} interval"), rows)
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
         tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting))) else []
+        tool += [text] if (text := tool_extent_text(self.fit)) else []
         return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
 
     def _effect_sizes(self) -> Iterator[str]:
@@ -149,8 +151,8 @@ class FitSummary:
 
 
 def repeatability_text(found: RepeatTable, *, runs: bool) -> str:
-    """Noise, systematic residual and gain of averaging per channel; with `runs` all of Table 22.1."""
-    title = f"{found.recording}, over its repeats (Table 22.1):"
+    """Noise, systematic residual and gain of averaging per channel; with `runs` the whole repeatability table."""
+    title = f"{found.recording}, over its repeats:"
     if runs:
         return f"{title}\n{found}"
     return "\n".join([title, str(found.channel_table), *found.remarks()])

@@ -20,7 +20,7 @@ from estimation.recordings.reports.reading_report import ReadingReport
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
 
-BY_IMPORT = ", and bring the recording in by `truewrench import --map`"
+BY_IMPORT = ", and bring the recording in by `truewrench import --map` or `tw.read(..., map=...)`"
 
 
 def checked(recording: Recording) -> Recording:

@@ -257,8 +257,13 @@ def _band(mark: Band, axes: Axes, panel: Panel, order: float) -> list[Note]:
     style: dict[str, Any] = {"color": mark.colour, "alpha": mark.opacity, "lw": 0, "label": mark.label or None}
     if mark.x is None:
         axes.axhspan(float(mark.low), float(mark.high), zorder=order / 10, **style)
-    else:
+    elif len(mark.x) <= 2 * LINE_COLUMNS:
         axes.fill_between(mark.x, mark.low, mark.high, zorder=order / 10, **style)
+    else:
+        low, high = (np.broadcast_to(np.asarray(v, dtype=np.float64), mark.x.shape) for v in (mark.low, mark.high))
+        x, bottom = decimated(Line(x=mark.x, y=low, colour=mark.colour), LINE_COLUMNS, log=panel.x_log)
+        x_top, top = decimated(Line(x=mark.x, y=high, colour=mark.colour), LINE_COLUMNS, log=panel.x_log)
+        axes.fill(np.concatenate([x, x_top[::-1]]), np.concatenate([bottom, top[::-1]]), zorder=order / 10, **style)
     return []
 
 
