@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, NoReturn, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.initial_value_names import require_known_start
 from estimation.least_squares.estimates import Estimate, Estimates
+from estimation.least_squares.familiar_names import unknown_attribute
 from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
@@ -111,16 +112,32 @@ class Fit(Estimates):
         return [*super().printed(), self._chi_square_remark()]
 
     def _chi_square_remark(self) -> str:
-        if all(noise.source is NoiseSource.RESIDUAL for noise in self.noise):
+        found = self.reduced_chi_square
+        if found is None:
             return "noise estimated from the residual itself; summary() tests whether the model fits"
+        return f"reduced chi-square {found:.3g}, 1 where the model fits; summary() tests it"
+
+    @property
+    def reduced_chi_square(self) -> float | None:
+        """Whitened chi-square over its degrees of freedom, over all recordings; 1 where the model fits.
+
+        None where the noise is estimated from the residual itself. `tw.compare(fit, recording)` has it by recording.
+        """
+        if all(noise.source is NoiseSource.RESIDUAL for noise in self.noise):
+            return None
         whitened, start, squares, excited = self.linearised().residual, 0, 0.0, 0
         for noise in self.noise:
             if noise.source is not NoiseSource.RESIDUAL:
                 rows = whitened[start : start + noise.whitener.periodic_rows]
                 squares, excited = squares + float(rows @ rows), excited + len(rows)
             start += noise.whitener.rows
-        found = squares / max(excited - int(self.identifiable.sum()), 1)
-        return f"reduced chi-square {found:.3g}, 1 where the model fits; summary() tests it"
+        return squares / max(excited - int(self.identifiable.sum()), 1)
+
+    if not TYPE_CHECKING:  # a type checker refuses every unknown name
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """AttributeError; for an attribute of other packages' fits it names the one here."""
+            raise AttributeError(unknown_attribute(type(self).__name__, name), name=name, obj=self)
 
     @cached_property
     def information(self) -> SquareRootInformation:

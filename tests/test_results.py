@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import re
 from collections.abc import Callable
 from functools import cache
 from inspect import isabstract
@@ -17,6 +19,7 @@ import pytest
 import truewrench as tw
 from diagnosis.comparison.band_error import BandError
 from estimation.fit import Fit
+from estimation.least_squares.familiar_names import FAMILIAR_NAMES
 from estimation.recordings.recording import Recording
 from modeling.table import Tabular
 from tests.test_given_effects import DRAG, simulated
@@ -163,6 +166,47 @@ def test_parameters_by_name() -> None:
         _ = fit["mass"]
 
 
+@pytest.mark.parametrize("name", ["fit", "loaded model", "streamed"])
+def test_a_fit_is_iterated_as_a_mapping_of_its_parameters(name: str) -> None:
+    fit = RESULTS[name]()
+    assert list(fit) == list(fit.values) == list(fit.params.index)
+    assert len(fit) == len(fit.params)
+    assert [fit[p].name for p in fit] == list(fit)
+    assert "m" in fit
+    assert "mass" not in fit
+    assert 3 not in fit
+
+
+def test_a_short_name_suggests_the_parameter_of_the_effect() -> None:
+    with pytest.raises(tw.InputError, match=rf"did you mean {DRAG_ID}\.d\?"):
+        _ = fitted()["d"]
+
+
+def test_printed_names_are_attributes() -> None:
+    fit, comparison = fitted(), tw.compare(fitted())
+    assert comparison.reduced_chi_square == comparison.misfit
+    assert comparison.systematic_rms == comparison.explainable_rms
+    assert f"reduced chi-square {fit.reduced_chi_square:.3g}" in str(fit)
+    streamed = RESULTS["streamed"]()
+    assert streamed.reduced_chi_square == streamed.misfit
+
+
+@pytest.mark.parametrize("name", FAMILIAR_NAMES)
+def test_a_habit_of_other_packages_is_told_the_name_here(name: str) -> None:
+    """The attribute that the message names exists."""
+    with pytest.raises(AttributeError, match=r"a Fit has no attribute .*; see ") as caught:
+        getattr(fitted(), name)
+    named = re.match(r"\w+", str(caught.value).split("; see ")[1])
+    assert named is not None
+    assert hasattr(fitted(), named[0])
+
+
+def test_an_unknown_attribute_stays_one() -> None:
+    assert not hasattr(fitted(), "nonsense")
+    assert copy.copy(fitted()).values == fitted().values
+    assert copy.deepcopy(fitted()).values == fitted().values
+
+
 def readings(recording: Recording) -> pd.DataFrame:
     return pd.DataFrame(recording.wrench, columns=list(recording.channels))
 
@@ -252,6 +296,10 @@ def test_arrays_have_names_and_units() -> None:
     assert found.value.sel(parameter="m").item() == fitted()["m"].value
     for name in ("recording", "comparison", "contact", "diagnosis", "location", "loaded model", "streamed"):
         assert RESULTS[name]().to_xarray().sizes
+
+
+def test_the_kind_of_a_figure_is_its_first_argument() -> None:
+    assert fitted().plot("residual", backend="plotly") == fitted().plot(kind="residual", backend="plotly")
 
 
 def test_a_wrong_figure_is_a_sentence() -> None:

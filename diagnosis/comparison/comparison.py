@@ -66,6 +66,16 @@ class Comparison(Tabular):
         return f"p = {number}".replace("= <", "<")
 
     @property
+    def reduced_chi_square(self) -> float | None:
+        """The same as `misfit`, the name that it has in result.json."""
+        return self.misfit
+
+    @property
+    def systematic_rms(self) -> Mapping[str, float] | None:
+        """The same as `explainable_rms`, the name that it has in result.json."""
+        return self.explainable_rms
+
+    @property
     def space(self) -> Space:
         """Planar or six axes."""
         return Space(self.recording.dimension)

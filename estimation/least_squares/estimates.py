@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,42 @@ def fixed_parameters(parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
     return np.array([p.fixed for p in parameters])
 
 
-class Estimates(Tabular):
+class HasParameters(Protocol):
+    """What has estimates by name."""
+
+    @property
+    def parameters(self) -> Mapping[str, Estimate]: ...
+
+
+class NamedEstimates:
+    """Estimates by parameter name, as `fit["m"]`; iteration, `in` and `len` are over the names, as of a mapping."""
+
+    def __getitem__(self: HasParameters, name: str) -> Estimate:
+        """The estimate of that full name; InputError, with what was meant, for none.
+
+        `mlx` is not `com_offset.mlx`: the short name is ambiguous as soon as another effect has such a parameter.
+        """
+        if name not in self.parameters:
+            remedy = suggestion(str(name), self.parameters)
+            raise InputError(what=f"no parameter is called {quoted(name)}", where="fit", remedy=remedy)
+        return self.parameters[name]
+
+    def __iter__(self: HasParameters) -> Iterator[str]:
+        return iter(self.parameters)
+
+    def __contains__(self: HasParameters, name: object) -> bool:
+        return name in self.parameters
+
+    def __len__(self: HasParameters) -> int:
+        return len(self.parameters)
+
+    @property
+    def values(self: HasParameters) -> dict[str, float]:
+        """The value of every parameter by name."""
+        return {name: estimate.value for name, estimate in self.parameters.items()}
+
+
+class Estimates(NamedEstimates, Tabular):
     """Parameters estimated by least squares, from recordings or a stream.
 
     theta        (k,), its covariance (k, k), and `identifiable` (k,), whether a parameter is identifiable
@@ -93,13 +128,6 @@ class Estimates(Tabular):
             for p, value, s in zip(self.unknowns, self.theta, std, strict=True)
         }
 
-    def __getitem__(self, name: str) -> Estimate:
-        """The estimate of that name; InputError, with what was meant, for none."""
-        if name not in self.parameters:
-            remedy = suggestion(str(name), self.parameters)
-            raise InputError(what=f"no parameter is called {quoted(name)}", where="fit", remedy=remedy)
-        return self.parameters[name]
-
     @property
     def params(self) -> pd.DataFrame:
         """Value, std and unit of every parameter, by name, as a data frame."""
@@ -109,11 +137,6 @@ class Estimates(Tabular):
     def correlation(self) -> pd.DataFrame:
         """Correlation coefficients (k, k) of the estimates; missing for an unidentifiable parameter."""
         return correlation_frame(list(self.parameters), self.covariance, self.identifiable)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The value of every parameter by name."""
-        return {name: estimate.value for name, estimate in self.parameters.items()}
 
     @cached_property
     def scaled_svd(self) -> ScaledSVD:

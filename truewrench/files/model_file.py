@@ -17,7 +17,7 @@ from pydantic import Field
 
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.fit import Estimate, Fit, predicted_frame, require_recording
-from estimation.least_squares.estimates import PARAMETER_COLUMNS, correlation_frame, parameter_frame
+from estimation.least_squares.estimates import PARAMETER_COLUMNS, NamedEstimates, correlation_frame, parameter_frame
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.readings_digest import readings_digest
 from estimation.streaming.streamed_fit import StreamedFit
@@ -25,7 +25,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.effects import named
 from modeling.effects.point_effect import OFFSETS
-from modeling.errors import InputError, quoted, suggestion
+from modeling.errors import InputError
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.number_format import finite
 from modeling.rig.rig import Convention, Rig
@@ -51,7 +51,7 @@ REMEDY = "write the file again with `truewrench fit --out`, or correct it there"
 
 
 @dataclass(frozen=True, eq=False)
-class ModelFile(Tabular):
+class ModelFile(NamedEstimates, Tabular):
     """A fitted model: estimates, covariance, noise and systematic residual.
 
     parameters    in the model's order; biases are those of the first recording
@@ -100,22 +100,10 @@ class ModelFile(Tabular):
         """The model, then its parameters."""
         return [repr(self.model), self.table]
 
-    def __getitem__(self, name: str) -> Estimate:
-        """The estimate of that name; InputError, with what was meant, for none."""
-        if name not in self.parameters:
-            remedy = suggestion(str(name), self.parameters)
-            raise InputError(what=f"no parameter is called {quoted(name)}", where="model", remedy=remedy)
-        return self.parameters[name]
-
     @property
     def params(self) -> pd.DataFrame:
         """Value, std and unit of every parameter, by name, as a data frame; a fit knows intervals too."""
         return parameter_frame(self.parameters)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The value of every parameter by name."""
-        return {name: estimate.value for name, estimate in self.parameters.items()}
 
     @property
     def theta(self) -> Array:
