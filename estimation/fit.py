@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
     from estimation.confidence_intervals import Intervals
     from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
+    from estimation.least_squares.constraints.constraints import StatedConstraints
     from estimation.ordinary_estimate import OrdinaryEstimate
 
 __all__ = [
@@ -89,6 +90,14 @@ class Fit(Estimates):
     def unknowns(self) -> tuple[Parameter, ...]:
         """The model's parameters, then the biases of the further recordings."""
         return self.layout.parameters
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the parameters that a bound holds, of their effect or of the constraints."""
+        if self.constrained is None:
+            return super().held
+        bounds = self.constrained.optimality.active_set
+        return tuple(p.name for p, held in zip(self.unknowns, bounds.low | bounds.high, strict=True) if held)
 
     @property
     def problem(self) -> WhitenedProblem:
@@ -259,7 +268,7 @@ def fit(
     *,
     noise: Sequence[RecordingNoise] | None = None,
     start: Mapping[str, float] | None = None,
-    constraints: Constraints | None = None,
+    constraints: StatedConstraints | None = None,
 ) -> Fit: ...
 
 
@@ -281,7 +290,7 @@ def fit(
     noise: Sequence[RecordingNoise] | NoiseModel | None = None,
     start: Mapping[str, float] | None = None,
     executor: Executor | None = None,
-    constraints: Constraints | None = None,
+    constraints: StatedConstraints | None = None,
 ) -> Fit | StreamedFit:
     """Estimate a model's parameters from one recording or several of the same rig and tool.
 
@@ -301,8 +310,9 @@ def fit(
         Initial values of parameters by name, in their units; by default the parameters' own.
     executor : Executor, optional
         `concurrent.futures.Executor` or compatible that processes the parts under a `NoiseModel`; by default none.
-    constraints : Constraints, optional
-        Bounds, physical consistency of the tool and a prior; by default none, and not under a `NoiseModel`.
+    constraints : Constraints, Bounds, or mapping of str to (float, float) or float, optional
+        Bounds, physical consistency of the tool and a prior; or bounds alone, also as plain intervals by parameter
+        name, a number of which fixes the parameter. By default none, and none under a `NoiseModel`.
 
     Returns
     -------
@@ -337,14 +347,15 @@ def fit(
     'StreamedFit'
     """
     require_model(model, "fit")
+    stated = None if constraints is None else _constraints(constraints)
     if isinstance(noise, NoiseModel):
-        return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=constraints)
+        return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=stated)
     several = _whole_recordings(_each(recordings, "fit"), executor)
     check_channels(model, several)
     case = with_gravity_direction(model, several)
     decided, several = with_decided_convention(case.model, case.recordings), case.recordings
     require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
-    estimated = refit(decided, several, noise=noise, start=start, constraints=constraints)
+    estimated = refit(decided, several, noise=noise, start=start, constraints=stated)
     if noise is None and constraints is None:
         estimated = with_ordinary_estimate(estimated)
     require_positive_fitted_mass(estimated)
@@ -420,6 +431,12 @@ def refit(
         if not rounds or all(n.source is not NoiseSource.RESIDUAL for n in known):
             return estimated
         known = reestimated_noise(estimated)
+
+
+def _constraints(given: StatedConstraints) -> Constraints:
+    from estimation.least_squares.constrained import Constraints  # loads cone programs
+
+    return Constraints.of(given)
 
 
 def _constrained(problem: WhitenedProblem, theta: Array, constraints: Constraints) -> ConstrainedMinimum:

@@ -25,7 +25,10 @@ NOT_IDENTIFIABLE = "not identifiable"
 
 @dataclass(frozen=True)
 class Cell:
-    """A value with a mark before it (`<`, `~`), and what HTML alone shows: its kind (CSS class), a note below it."""
+    """A value with a mark before it (`<`, `~`), and what HTML alone shows: its kind (CSS class), a note below it.
+
+    The mark of no value stands alone, a word that says why there is none: `fixed`.
+    """
 
     value: float | str | None
     mark: str = ""
@@ -80,6 +83,8 @@ class Column:
         found, mark = (value.value, value.mark) if isinstance(value, Cell) else (value, "")
         if isinstance(found, str):
             return mark + found
+        if found is None and mark:
+            return mark
         return unknown if found is None or not isfinite(found) else mark + number(found, self.format)
 
     @property

@@ -207,6 +207,18 @@ def test_an_unknown_attribute_stays_one() -> None:
     assert copy.deepcopy(fitted()).values == fitted().values
 
 
+def test_a_parameter_at_a_bound_has_no_std_of_a_measurement() -> None:
+    free = fitted()["m"]
+    for bound, word in ((free.value + free.std, "fixed"), ((free.value + free.std, 9.0), "held at its bound")):
+        found = tw.fit(fitted().model, simulated(1), constraints={"m": bound})
+        (row,) = (line for line in str(found).splitlines() if line.startswith("m "))
+        assert row.split() == ["m", *row.split()[1:2], *word.split(), "kg"]
+        assert f"kg, {word}" in found.summary()
+        assert found.held == ("m",)
+        frame = found.to_frame().set_index("parameter")
+        assert np.isnan(frame["std"]["m"])
+
+
 def readings(recording: Recording) -> pd.DataFrame:
     return pd.DataFrame(recording.wrench, columns=list(recording.channels))
 

@@ -19,7 +19,7 @@ from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
 from estimation.recordings.recording import Recording
 from estimation.run_spectrum import run_spectrum
-from modeling.number_format import P_VALUE, plain_number
+from modeling.number_format import p_value_text
 from modeling.space import Space
 from modeling.table import Cell, Column, Table, Tabular
 
@@ -60,10 +60,9 @@ class Comparison(Tabular):
     @property
     def lack_of_fit_text(self) -> str:
         """The p-value of the lack of fit in words."""
-        cell, number = self.lack_of_fit_cell, plain_number(self.lack_of_fit, P_VALUE)
-        if cell.mark:
-            return f"p ≤ {number}, the smallest that this test can give"
-        return f"p = {number}".replace("= <", "<")
+        if self.lack_of_fit_cell.mark:
+            return f"{p_value_text(self.lack_of_fit, '≤')}, the smallest that this test can give"
+        return p_value_text(self.lack_of_fit)
 
     @property
     def reduced_chi_square(self) -> float | None:

@@ -23,7 +23,7 @@ from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
-from modeling.number_format import P_VALUE, SMALLEST_P_VALUE, finite
+from modeling.number_format import P_VALUE, finite, p_value_text
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 
@@ -103,7 +103,7 @@ class ModelDifference:
     @property
     def sentence(self) -> str:
         """The result in words."""
-        p_value = f"p = {self.p_value:.2g}" if self.p_value > SMALLEST_P_VALUE else f"p < {SMALLEST_P_VALUE:g}"
+        p_value = p_value_text(self.p_value)
         if self.p_value < LEVELS.effect:
             verb = "describes these recordings, which were fitted," if self.fitted else "predicts"
             return f"{self.better} {verb} better than {self.worse} ({p_value})"

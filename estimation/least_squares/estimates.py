@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
@@ -22,13 +22,15 @@ from modeling.identifiability import (
     unidentifiable_directions,
 )
 from modeling.parameter import Parameter
-from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
+from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular, Value
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
 
+FIXED, HELD = "fixed", "held at its bound"
+"""Printed for the std of a parameter that is not free, and of one that a bound holds."""
 ILL_CONDITIONED = 1e3
 """Condition number above which a table remarks on it: one direction is a thousand times less certain than another."""
 
@@ -161,8 +163,14 @@ class Estimates(NamedEstimates, Tabular):
 
     @property
     def table(self) -> Table:
-        """Name, value, std and unit of every parameter."""
-        return Table.of(PARAMETER_COLUMNS, [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()])
+        """Name, value, std and unit of every parameter; of one that is fixed or held at a bound this, for its std."""
+        return parameter_table(self.parameters, self.held)
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the parameters that a bound holds: their std is not that of a measurement."""
+        ends = zip(self.unknowns, self.theta, self.identifiable, strict=True)
+        return tuple(p.name for p, value, known in ends if known and not p.fixed and value in p.bounds)
 
     def remarks(self) -> list[str]:
         """Remarks on the estimate: ill-conditioning, unidentifiable combinations, missing convergence."""
@@ -174,6 +182,18 @@ class Estimates(NamedEstimates, Tabular):
         return (
             found if self.converged else [*found, f"not converged after {MAX_STEPS} steps: the estimates are not final"]
         )
+
+
+def parameter_table(estimates: Mapping[str, Estimate], held: Collection[str] = ()) -> Table:
+    """Name, value, std and unit by name; for the std of a fixed parameter, and one `held` at a bound, that it is."""
+    rows = [(e.name, e.known, _std_cell(e, held), e.unit) for e in estimates.values()]
+    return Table.of(PARAMETER_COLUMNS, rows)
+
+
+def _std_cell(estimate: Estimate, held: Collection[str]) -> Value:
+    if estimate.std == 0:
+        return Cell(None, FIXED)
+    return Cell(None, HELD) if estimate.name in held else estimate.std
 
 
 def parameter_frame(estimates: Mapping[str, Estimate]) -> pd.DataFrame:

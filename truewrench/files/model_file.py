@@ -17,7 +17,7 @@ from pydantic import Field
 
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.fit import Estimate, Fit, predicted_frame, require_recording
-from estimation.least_squares.estimates import PARAMETER_COLUMNS, NamedEstimates, correlation_frame, parameter_frame
+from estimation.least_squares.estimates import NamedEstimates, correlation_frame, parameter_frame, parameter_table
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.readings_digest import readings_digest
 from estimation.streaming.streamed_fit import StreamedFit
@@ -94,7 +94,7 @@ class ModelFile(NamedEstimates, Tabular):
     @property
     def table(self) -> Table:
         """Name, value, std and unit of every parameter."""
-        return Table.of(PARAMETER_COLUMNS, [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()])
+        return parameter_table(self.parameters)
 
     def printed(self) -> list[Table | str]:
         """The model, then its parameters."""

@@ -14,6 +14,7 @@ from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share, motion_
 from estimation.confidence_intervals import Intervals
 from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
+from estimation.least_squares.estimates import HELD, Estimate
 from estimation.noise.recording_noise import NoiseSource
 from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import RobustFit
@@ -101,14 +102,21 @@ class FitSummary:
 
     def parameters(self) -> str:
         """Every estimate with std and 95 % interval, and remarks on identifiability."""
+        held = self.fit.held
         rows = [
-            (e.name, estimate_text(e.value, e.std, e.unit), f"{low:.6g} to {high:.6g}" if isfinite(low) else "")
+            (e.name, self._estimate(e), f"{low:.6g} to {high:.6g}" if isfinite(low) and e.name not in held else "")
             for e, low, high in zip(self.fit.parameters.values(), self.intervals.low, self.intervals.high, strict=True)
         ]
         found = Table.of(("parameter", "value", f"{self.intervals.level:.0%} interval"), rows)
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
         tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting))) else []
         return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
+
+    def _estimate(self, found: Estimate) -> str:
+        """Value and std; of one that a bound holds the value alone."""
+        if found.std > 0 and found.name in self.fit.held:
+            return " ".join([f"{found.value:.6g}", *([] if found.unit == "1" else [found.unit])]) + f", {HELD}"
+        return estimate_text(found.value, found.std, found.unit)
 
     def _effect_sizes(self) -> Iterator[str]:
         """How large each effect of the model is in these recordings."""
