@@ -36,7 +36,7 @@ from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.logs.log_reading import read
 from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording
-from modeling.chain.effect import Effect
+from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue, named
 from modeling.errors import InputError, quoted, suggestion
@@ -239,11 +239,7 @@ class Study(Tabular):
 
     def drop(self, effect: str | Effect) -> StudyStep:
         """Drop an effect and refit; InputError when the model lacks it."""
-        effect_id = effect if isinstance(effect, str) else effect.id
-        if effect_id not in self.effects:
-            remedy = suggestion(effect_id, self.effects) if self.effects else "the model is the rigid tool alone"
-            raise InputError(what=f"{quoted(effect_id)} is not in the model", where="drop", remedy=remedy)
-        before = self.fit
+        effect_id, before = effect if isinstance(effect, str) else effect.id, self.fit
         after = refit(before.model.without(effect_id), before.recordings, noise=before.noise, start=before.values)
         if noise_from_residual(before):
             after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
@@ -349,7 +345,7 @@ def study(
     recordings: Recorded | Iterable[Recorded],
     *,
     validate: Recorded | Iterable[Recorded] | None = None,
-    effects: Sequence[Effect] | None = None,
+    effects: Sequence[Effect | str] | None = None,
     progress: Progress = silent,
 ) -> Study:
     """Begin a study: a model fitted to recordings, to which effects are added and dropped by hand or by diagnosis.
@@ -363,8 +359,8 @@ def study(
         Recordings of one rig and tool, or their paths, which the models are fitted to.
     validate : Recording, str, Path or iterable of these, optional
         Held-out recordings of other motions, on which the biases alone are estimated.
-    effects : sequence of Effect, optional
-        The suspects; by default the whole catalogue.
+    effects : sequence of Effect or str, optional
+        The suspects, or their ids; by default the whole catalogue.
     progress : callable, optional
         Called with one line of text at each stage; by default silent.
 
@@ -401,7 +397,7 @@ def study(
     fitted = fit(given, several, start=model_initial_values(given, several) if given.effects else None)
     noise = initial_noise(fitted.model, others) if others else ()
     held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
-    return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects, progress)
+    return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects_of(effects), progress)
 
 
 def _recordings(given: Recorded | Iterable[Recorded] | None, rig: Rig | None) -> tuple[Recording, ...]:

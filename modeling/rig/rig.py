@@ -97,7 +97,7 @@ class Rig:
     tip_length : float, optional
         From the sensor origin to the end of the tool, m.
     gravity : float, optional
-        m/s², by default 9.80665.
+        m/s², by default 9.806.
     gravity_direction : tuple of float, optional
         Unit vector along gravity in base axes, (x, y) in the plane, (x, y, z) in six axes; by default along -y, -z. The
         world is then the base turned by the least angle that points gravity down.
