@@ -106,6 +106,19 @@ class Location(Tabular):
         return [f"{self.comparison.recording.name}:", self.comparison.table, *super().printed()]
 
 
+@dataclass(frozen=True, eq=False)
+class Stairs(Tabular):
+    """Error of each channel of each recording after every step of a study, with noise floor and tolerance."""
+
+    steps: tuple[StudyStep, ...]
+    tolerance: Mapping[str, float]
+
+    @property
+    def table(self) -> Table:
+        """The systematic error, marked `<` where it is an upper limit; without repeats the RMS, marked `~`."""
+        return error_table(self.steps, [step.label for step in self.steps], self.tolerance)
+
+
 class Study(Tabular):
     """Recordings, a model, and what was learnt: an effect is added or dropped, and every step is kept.
 
@@ -198,9 +211,9 @@ class Study(Tabular):
         excess = None if explained else self._candidate.excess
         return Suspects.of(tests, self.model.space, excess)
 
-    def stairs(self) -> Table:
+    def stairs(self) -> Stairs:
         """Error of each channel of each recording after every step."""
-        return error_table(self.steps, [step.label for step in self.steps], self.tolerance)
+        return Stairs(self.steps, self.tolerance)
 
     def compare(self, *steps: int | str) -> ModelComparison:
         """Compare steps, by number, model or what they changed: on the held-out recordings, else the fitted.
@@ -286,9 +299,11 @@ class Study(Tabular):
         rows = []
         for number, step in enumerate(self.steps):
             ratios = [_worst_ratio(step.training)] + ([_worst_ratio(step.validation)] if self._held_out else [])
-            rows.append((str(number), step.label, *ratios, step.training[0].misfit, step.training[0].lack_of_fit_cell))
+            rows.append((number, step.label, *ratios, step.training[0].misfit, step.training[0].lack_of_fit_cell))
         measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
-        return Table.of(("step", "model", *(Column(n, format=".3g") for n in names), *measures), rows)
+        return Table.of(
+            (Column("step", format="d"), "model", *(Column(n, format=".3g") for n in names), *measures), rows
+        )
 
     def remarks(self) -> list[str]:
         """What the current model is, and which recordings it does not fit."""

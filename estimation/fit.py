@@ -28,7 +28,7 @@ from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunk_information import RecordingOrChunk, require_channels
 from estimation.streaming.streamed_fit import StreamedFit, fit_streamed
 from modeling.chain.model import WrenchModel, require_model
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.parameter import Parameter
 from modeling.significance import LEVELS
@@ -202,7 +202,7 @@ class Fit(Estimates):
 def require_recording(given: object, where: str) -> None:
     """InputError, in a sentence, for what is neither a recording nor None."""
     if not isinstance(given, Recording | None):
-        what = f"a recording is needed, not a {type(given).__name__}"
+        what = f"a recording is needed, not {kind_of(given)}"
         raise InputError(what=what, where=where, remedy="read it: tw.read(path), tw.from_dataframe(frame)")
 
 

@@ -16,6 +16,12 @@ def quoted(text: object) -> str:
     return f"'{cut}'" if cut.isprintable() else ascii(cut)
 
 
+def kind_of(given: object) -> str:
+    """The class of what was given, with its article: `a str`, `an int`."""
+    name = type(given).__name__
+    return f"{'an' if name[0] in 'aeioAEIO' else 'a'} {name}"
+
+
 def suggestion(name: str, choices: Collection[str], shown: Callable[[str], str] = str, most: int = 12) -> str:
     """Remedy for an unknown name: the choices closest to it, or that contain it, else `most` of them, as `shown`.
 

@@ -38,7 +38,7 @@ ANY: Any = tw
 MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
     "fit of a data frame": (lambda r: ANY.fit(tw.planar(), FRAME), "a recording is needed, not a DataFrame"),
     "fit of a path": (lambda r: ANY.fit(tw.planar(), "train.csv"), "a recording is needed, not a str"),
-    "fit of a number": (lambda r: ANY.fit(tw.planar(), 3), "a recording is needed, not a int"),
+    "fit of a number": (lambda r: ANY.fit(tw.planar(), 3), "a recording is needed, not an int"),
     "diagnose a data frame": (lambda r: ANY.diagnose(tw.planar(), FRAME), "a recording is needed, not a DataFrame"),
     "diagnose with a rig": (lambda r: ANY.diagnose(tw.Rig.from_data({}), r), "a Rig is no model"),
     "validate with a path": (
@@ -75,7 +75,7 @@ def test_mistake_gets_a_sentence(recording: tw.Recording, mistake: str) -> None:
 
 
 def test_effects_by_their_ids() -> None:
-    given = ["viscous_drag", tw.effects.time_delay()]
+    given: list[str | tw.effects.Effect] = ["viscous_drag", tw.effects.time_delay()]
     several = tw.planar() + given
     assert several == tw.planar() + "viscous_drag" + "time_delay"
     assert several.without("viscous_drag") == several.without(tw.effects.viscous_drag()) == tw.planar() + "time_delay"
@@ -87,7 +87,7 @@ def test_effects_are_completed_by_their_ids() -> None:
     assert {e.id for e in tw.effects.catalogue()} == set(shown) - {"CATALOGUE", "Effect", "catalogue", "named"}
     assert all(hasattr(tw.effects, name) for name in shown)
     with pytest.raises(AttributeError, match="no effect is called 'com_ofset'; did you mean com_offset"):
-        _ = tw.effects.com_ofset  # type: ignore[attr-defined]
+        _ = tw.effects.com_ofset
     everything: dict[str, object] = {}
     exec("from modeling.effects import *; from modeling.effects import friction", everything)  # noqa: S102
     assert {"named", "catalogue", "friction"} <= set(everything)

@@ -6,6 +6,7 @@ import copy
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from inspect import isabstract
 from pathlib import Path
@@ -18,6 +19,7 @@ import pytest
 
 import truewrench as tw
 from diagnosis.comparison.band_error import BandError
+from diagnosis.study import Stairs, StudyStep
 from estimation.fit import Fit
 from estimation.least_squares.familiar_names import FAMILIAR_NAMES
 from estimation.recordings.recording import Recording
@@ -71,6 +73,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "chunk": lambda: next(iter(tw.chunks(simulated(1), 500))),
     "study": studied,
     "suspects": cache(lambda: studied().suspects()),
+    "stairs": lambda: studied().stairs(),
     "study step": lambda: studied().steps[0],
     "location": cache(lambda: studied().where()),
     "loaded model": loaded,
@@ -312,6 +315,20 @@ def test_arrays_have_names_and_units() -> None:
 
 def test_the_kind_of_a_figure_is_its_first_argument() -> None:
     assert fitted().plot("residual", backend="plotly") == fitted().plot(kind="residual", backend="plotly")
+
+
+def test_a_systematic_error_below_the_noise_is_its_upper_limit_everywhere() -> None:
+    """An estimate of zero is printed as the limit of `explainable_limit`, in every table alike."""
+    known = tw.compare(fitted())
+    assert known.explainable_rms is not None
+    zero = replace(known, explainable_rms=dict.fromkeys(known.explainable_rms, 0.0))
+    limit = zero.explainable_limit
+    assert limit is not None
+    step = StudyStep("", fitted(), (zero,), ())
+    texts = (str(zero), str(step.table), str(Stairs((step,), limit).table))
+    for text in texts:
+        assert all(re.search(rf"< {size:.3g}"[:7], text) for size in limit.values()), text
+    assert [*zero.to_frame()["systematic rms"]] == [*limit.values()]
 
 
 def test_a_wrong_figure_is_a_sentence() -> None:

@@ -98,7 +98,7 @@ def test_diagnosis_goes_on_from_where_one_is(begun: Study) -> None:
     assert found.verdict is RecordVerdict.EXPLAINED
     assert (found.given, found.added) == (("viscous_drag",), ("sensor_crosstalk",))
     assert [s.change for s in begun.steps] == ["rigid tool", "+ viscous_drag", "+ sensor_crosstalk"]
-    assert len(begun.stairs().rows) == 1 + 2 * (1 + 3)
+    assert len(begun.stairs().table.rows) == 1 + 2 * (1 + 3)
 
 
 def test_diagnosis_starts_from_no_worse_a_fit(begun: Study) -> None:

@@ -86,12 +86,22 @@ class Comparison(Tabular):
             return None
         return {c: float(np.sqrt(rms**2 + 2 * self.explainable_std[c])) for c, rms in self.explainable_rms.items()}
 
+    def systematic_cell(self, channel: str) -> Cell:
+        """Systematic error of a channel for a table: its upper limit, marked so, where it is estimated as zero.
+
+        The total RMS without repeats.
+        """
+        if self.explainable_rms is None:
+            return Cell(self.rms[channel])
+        size, limit = self.explainable_rms[channel], self.explainable_limit
+        return Cell(size) if size > 0 or limit is None else Cell(limit[channel], "< ")
+
     @property
     def table(self) -> Table:
-        """Channel, unit, noise floor, RMS and systematic RMS."""
-        explainable = self.explainable_rms or {}
+        """Channel, unit, noise floor, RMS and systematic RMS, or its upper limit."""
+        repeated = self.explainable_rms is not None
         rows = [
-            (c, unit, self.noise_floor[c], self.rms[c], explainable.get(c))
+            (c, unit, self.noise_floor[c], self.rms[c], self.systematic_cell(c) if repeated else None)
             for c, unit in self.space.channel_units.items()
         ]
         numbers = (Column(name, format=".4g") for name in ("noise floor", "rms", "systematic rms"))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 from modeling.parameter import Parameter, Role
 from modeling.space import Space
 
@@ -162,4 +162,4 @@ def _effect(one: object) -> Effect:
         named: Effect = import_module("modeling.effects").named(one)  # the catalogue is made of subclasses
         return named
     remedy = "take one of the catalogue, tw.effects.named('viscous_drag'), or write one"
-    raise InputError(what=f"a {type(one).__name__} is no effect", where="effects", remedy=remedy)
+    raise InputError(what=f"{kind_of(one)} is no effect", where="effects", remedy=remedy)

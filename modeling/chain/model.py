@@ -14,7 +14,7 @@ from modeling.chain.chain import Chain, rigid_chain
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.stages.bias_stage import Bias
 from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
-from modeling.errors import InputError, quoted, suggestion
+from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.evaluation.cache import PlainData, cached, canonical_data
 from modeling.expressions.intermediate_variables import Definitions, required_definitions
 from modeling.expressions.symbolic_vector import SymbolicVector
@@ -381,7 +381,7 @@ def require_model(given: object, where: str) -> None:
     """InputError, in a sentence, for what is no model."""
     if not isinstance(given, WrenchModel):
         remedy = f"give a model first: tw.{where}(tw.planar(rig), recording)"
-        raise InputError(what=f"a {type(given).__name__} is no model", where=where, remedy=remedy)
+        raise InputError(what=f"{kind_of(given)} is no model", where=where, remedy=remedy)
 
 
 def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
@@ -389,7 +389,7 @@ def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
         return WrenchModel(space=space, convention=default)
     given: object = rig
     if not isinstance(given, Rig):
-        what = f"a {type(given).__name__} is no rig"
+        what = f"{kind_of(given)} is no rig"
         raise InputError(what=what, where="model", remedy="read it: tw.Rig.read(path), or tw.Rig.from_data(tables)")
     sensor, arm = rig.sensor, rig.arm if rig.arm is not None and rig.arm.space is space else None
     stated = sensor.convention if sensor is not None and sensor.convention is not None else default

@@ -25,7 +25,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.effects import named
 from modeling.effects.point_effect import OFFSETS
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.number_format import finite
 from modeling.rig.rig import Convention, Rig
@@ -230,7 +230,7 @@ def as_model_file(given: Fitted, where: str) -> ModelFile:
     fitted: object = getattr(given, "fit", None)
     if not isinstance(fitted, Fit):
         remedy = f"give a fit: tw.{where}(tw.fit(model, recording), ..); or a study, a diagnosis or a loaded model"
-        raise InputError(what=f"a {type(given).__name__} is no fitted model", where=where, remedy=remedy)
+        raise InputError(what=f"{kind_of(given)} is no fitted model", where=where, remedy=remedy)
     return ModelFile.of(fitted, given.misfitting)
 
 
@@ -266,7 +266,7 @@ def save(fit: Fitted, path: str | Path) -> Path:
     saved = as_model_file(fit, "save")
     if not isinstance(file, str | Path):
         remedy = 'give the path of the file, such as "model.json"'
-        raise InputError(what=f"a {type(file).__name__} is no path", where="save", remedy=remedy)
+        raise InputError(what=f"{kind_of(file)} is no path", where="save", remedy=remedy)
     target = Path(path)
     with atomic_write(target) as temporary:
         temporary.write_text(saved.to_text(), encoding="utf-8")
@@ -307,7 +307,7 @@ def load(path: str | Path | Mapping[str, Any]) -> ModelFile:
         return ModelFile.from_data(given)
     if not isinstance(given, str | Path):
         remedy = "give the path of a model file, or what fit.to_dict() gave"
-        raise InputError(what=f"a {type(given).__name__} is no model file", where="load", remedy=remedy)
+        raise InputError(what=f"{kind_of(given)} is no model file", where="load", remedy=remedy)
     return ModelFile.read(given)
 
 

@@ -57,8 +57,8 @@ def _error_table(summary: FitSummary) -> Table:
 
 
 def _error_rows(comparison: Comparison, label: str) -> list[tuple[Any, ...]]:
-    systematic, name = comparison.explainable_rms or {}, comparison.recording.name
-    units = comparison.space.channel_units
+    name, units = comparison.recording.name, comparison.space.channel_units
+    systematic = {} if comparison.explainable_rms is None else {c: comparison.systematic_cell(c) for c in units}
     rows: list[tuple[Any, ...]] = [
         (f"{name} ({label})", f"{c} [{units[c]}]", rms, comparison.noise_floor[c], systematic.get(c), None, None)
         for c, rms in comparison.rms.items()

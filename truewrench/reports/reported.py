@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 
 if TYPE_CHECKING:
     from diagnosis.comparison.model_comparison import ModelComparison
@@ -72,4 +72,4 @@ def _texts(result: object) -> ReportTexts:
         case Fit():
             return fit_report(FitSummary(result, result.intervals()), made)
     remedy = "give what fit, study, diagnose, or compare of several models gave"
-    raise InputError(what=f"a {type(result).__name__} has no report", where="report", remedy=remedy)
+    raise InputError(what=f"{kind_of(result)} has no report", where="report", remedy=remedy)

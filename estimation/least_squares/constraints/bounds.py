@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Self
 
 from estimation.least_squares.constraints.parameter_file import is_real_number, read_parameter_file
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 
 BOUNDS_REMEDY = (
     "write name = [low, high], in the parameter's SI unit; inf leaves a side unbounded, one number alone fixes it"
@@ -52,7 +52,7 @@ class Bounds:
     def __post_init__(self) -> None:
         given: object = self.intervals  # whatever the caller's types say
         if not isinstance(given, Mapping):
-            what = f"a {type(given).__name__} has no intervals by parameter name"
+            what = f"{kind_of(given)} has no intervals by parameter name"
             raise InputError(what=what, where=self.where, remedy='give {"m": (0.1, 3.0)}, or {"m": 0.9} to fix it')
         _ = self.ends
 

@@ -13,7 +13,7 @@ from estimation.least_squares.constraints.parameter_file import require_known_na
 from estimation.least_squares.constraints.prior import Prior
 from estimation.parameter_layout import ParameterLayout
 from modeling.chain.pseudo_inertia import pseudo_inertia
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class Constraints:
             return other
         if isinstance(other, Bounds | Mapping):
             return cls(bounds=other)
-        what = f"a {type(other).__name__} is no set of constraints"
+        what = f"{kind_of(other)} is no set of constraints"
         remedy = 'give bounds by parameter, {"m": (0.1, 3.0)}, or tw.Constraints(bounds=.., physical=.., prior=..)'
         raise InputError(what=what, where="constraints", remedy=remedy)
 
