@@ -218,12 +218,15 @@ class Study(Tabular):
     def compare(self, *steps: int | str) -> ModelComparison:
         """Compare steps, by number, model or what they changed: on the held-out recordings, else the fitted.
 
-        By default the first and the last.
+        By default the first and the last; InputError for one step alone.
         """
         changes, labels = [step.change for step in self.steps], [step.label for step in self.steps]
         known = [labels if step in labels else changes for step in steps]
         chosen = [_number(s, names, "step") for s, names in zip(steps, known, strict=True)] or [0, len(labels) - 1]
         several = {f"{i}: {labels[i]}": self.steps[i].fit for i in dict.fromkeys(chosen)}
+        if len(several) == 1:
+            remedy = "add an effect first" if len(labels) == 1 else f"give different ones of 0 to {len(labels) - 1}"
+            raise InputError(what="one step has nothing to be compared with", where="compare", remedy=remedy)
         return compare_models(several, [h.recording for h in self._held_out] or list(self.fit.recordings))
 
     # --------------------------------------------------------------------------------------- what to do
@@ -402,6 +405,7 @@ def study(
     >>> study.diagnose().verdict.value
     'nothing_missing'
     """
+    _require_order(model, recordings)
     rig = Rig.read(model) if isinstance(model, str | Path) else model
     known = rig if isinstance(rig, Rig) else None
     several, others = _recordings(recordings, known), _recordings(validate, known)
@@ -413,6 +417,14 @@ def study(
     noise = initial_noise(fitted.model, others) if others else ()
     held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
     return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects_of(effects), progress)
+
+
+def _require_order(model: object, recordings: object) -> None:
+    """InputError for a recording where the rig belongs, or a rig or model where the recordings belong."""
+    paths = [Path(p).suffix.lower() == ".toml" for p in (model, recordings) if isinstance(p, str | Path)]
+    if isinstance(model, Recording) or isinstance(recordings, Rig | WrenchModel) or paths == [False, True]:
+        remedy = "swap them, the rig or model first: tw.study(rig, recordings)"
+        raise InputError(what="the rig and the recordings are swapped", where="study", remedy=remedy)
 
 
 def _recordings(given: Recorded | Iterable[Recorded] | None, rig: Rig | None) -> tuple[Recording, ...]:

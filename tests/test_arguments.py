@@ -58,6 +58,12 @@ MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
         "'com_ofset' is not in the model; did you mean com_offset?",
     ),
     "a class for an effect": (lambda r: ANY.planar() + dict, "a type is no effect"),
+    "a recording compensated by a fit": (lambda r: ANY.compensate(r, tw.fit(tw.planar(), r)), "are swapped"),
+    "a recording compensated by a path": (lambda r: ANY.compensate("model.json", r), "a str is no fitted model"),
+    "compensation of a path": (lambda r: ANY.compensate(tw.fit(tw.planar(), r), "r.csv"), "recording is needed, not a"),
+    "a study of a rig": (lambda r: ANY.study(r, r.rig), "the rig and the recordings are swapped; swap them"),
+    "a study of a rig's path": (lambda r: tw.study("cal.csv", "robot.toml"), "are swapped; swap them"),
+    "a step compared with itself": (lambda r: tw.study(None, r).compare(0, 0), "one step has nothing to be compared"),
     "unknown ids for candidates": (lambda r: tw.diagnose(tw.planar(), r, effects=["sensor_lg"]), "mean sensor_lag"),
     "read of a data frame": (lambda r: ANY.read(FRAME), "a DataFrame is no path"),
     "save of a model": (lambda r: ANY.save(tw.planar(), "model.json"), "a WrenchModel is no fitted model"),
@@ -72,6 +78,14 @@ def test_mistake_gets_a_sentence(recording: tw.Recording, mistake: str) -> None:
     with pytest.raises(tw.InputError) as caught:
         made(recording)
     assert said in str(caught.value)
+
+
+def test_a_recording_is_no_model_file(folder: Path) -> None:
+    with pytest.raises(tw.InputError, match="a recording where a model file belongs; give the JSON"):
+        tw.load(folder / "train.csv")
+    with pytest.raises(tw.InputError) as caught:
+        tw.load(folder / "missing.csv")
+    assert "where a model" not in str(caught.value)
 
 
 def test_effects_by_their_ids() -> None:

@@ -166,7 +166,7 @@ def test_paths_serve_as_recordings_and_rig(tmp_path: Path) -> None:
 
 
 def test_it_prints_in_a_few_lines(begun: Study) -> None:
-    for shown in (begun, begun.suspects(), begun.where(), begun.stairs(), begun.compare()):
+    for shown in (begun, begun.suspects(), begun.where(), begun.stairs()):
         assert len(str(shown).splitlines()) < 40
         assert shown._repr_html_()
     assert repr(begun) == str(begun)

@@ -15,6 +15,7 @@ from design.trajectory_design import DesignStage, design
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
 from tests.test_optimiser import ARM, LIMITS
+from truewrench.reports.reported import report
 
 RIG = Rig(name="reference", link_lengths=ARM.link_lengths, tip_length=0.2, limits=LIMITS)
 FEW = FreeSeries(joints=3, harmonics=(1, 2), period=5.0)

@@ -47,6 +47,8 @@ VERSION = 1
 BASES = {"planar": Space.PLANE, "spatial": Space.SPACE}
 ROUNDING = 1e-6
 """Relative tolerance of redundant numbers in one file, which may have been rounded by hand."""
+RECORDINGS = (".csv", ".parquet", ".bag", ".mcap", ".db3", ".mat", ".npz", ".h5", ".xlsx")
+"""Endings of files that hold recordings, not models."""
 REMEDY = "write the file again with `truewrench fit --out`, or correct it there"
 
 
@@ -145,8 +147,13 @@ class ModelFile(NamedEstimates, Tabular):
 
         Raises InputError, in one line, for an invalid file.
         """
-        where = str(path)
-        return cls.from_text(file_text(path, kind="a model file", syntax="JSON"), where=where)
+        try:
+            return cls.from_text(file_text(path, kind="a model file", syntax="JSON"), where=str(path))
+        except InputError:
+            if Path(path).suffix.lower() not in RECORDINGS or not Path(path).exists():
+                raise
+            what, remedy = "a recording where a model file belongs", "give the JSON that `truewrench fit --out` wrote"
+            raise InputError(what=what, where=str(path), remedy=remedy) from None
 
     @classmethod
     def from_text(cls, text: str, *, where: str = "model") -> Self:
