@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -179,6 +180,13 @@ def test_everything_has_a_report(begun: Study, tmp_path: Path) -> None:
         page, markdown = tw.report(result, tmp_path / str(number))
         assert page.read_text().startswith("<!doctype html>")
         assert "viscous" in markdown.read_text()
+    begun.drop("viscous_drag")
+    texts = [path.read_text() for path in tw.report(begun, tmp_path / "steps")]
+    for text in texts:
+        assert "Steps of the study" in text
+        rows = re.split(r"<tr>|\n", text.split("Steps of the study")[1])
+        assert sum(any(f"{sign} viscous" in row for sign in "+-") for row in rows) >= 2
+        assert "tolerance" in text
     results = [begun.fit.recordings[0]]
     with pytest.raises(InputError, match="a Recording has no report"):
         tw.report(results[0], tmp_path)

@@ -49,7 +49,7 @@ def pictured_reading(recording: Recording) -> ReadingReport:
     if recording.reading is not None and recording.reading.curves is not None:
         return recording.reading
     columns = {str(name): column.to_numpy(dtype=np.float64) for name, column in recording.to_frame().items()}
-    stamps = None if recording.dt is None else recording.dt * np.arange(recording.samples)
+    stamps: Array | None = columns.get("time")
     curves, _ = picture_of(columns, stamps, (), recording.name, None, recording.rig)
     motion = tuple(name for name in recording.columns if name not in recording.auxiliary)
     used = [

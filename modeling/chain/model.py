@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from html import escape
 from itertools import permutations, product
 from typing import Any, NoReturn, Self, TypeVar
 
@@ -24,6 +25,7 @@ from modeling.kinematics.perturbed_arm import PerturbedArm
 from modeling.parameter import Parameter
 from modeling.rig.rig import STANDARD_GRAVITY, Convention, Rig
 from modeling.space import Space
+from modeling.table import Column, Table
 from modeling.tool.rigid_body import inertial_parameters
 
 
@@ -148,6 +150,17 @@ class WrenchModel:
         tool = " + ".join(["rigid tool", *(effect.id for effect in self.effects)])
         parameters = ", ".join(parameter.name for parameter in self.parameters)
         return f"WrenchModel: {tool}, {kind}, {self.convention.value}, g = {self.gravity} m/s²; {parameters}"
+
+    @property
+    def table(self) -> Table:
+        """Every parameter with its unit and range, those of effects with the nominal value, without effect."""
+        numbers = (Column(name, format=".4g") for name in ("nominal", "low", "high"))
+        nominal = [None] * self.base_size + [p.nominal for p in self.parameters[self.base_size :]]
+        rows = [(p.name, p.unit, value, *p.bounds) for p, value in zip(self.parameters, nominal, strict=True)]
+        return Table.of(("parameter", "unit", *numbers), rows)
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self).partition(';')[0])}</p>\n{self.table.to_html()}"
 
     def __add__(self, effect: Effect | str | Iterable[Effect | str]) -> WrenchModel:
         """The model with one more effect (or several) in its chain, each itself or by its id."""
