@@ -166,10 +166,14 @@ class Fit(Estimates):
 
     @property
     def params(self) -> pd.DataFrame:
-        """Value, std, 95 % interval and unit of every parameter, by name, as a data frame."""
+        """Value, std, its degrees of freedom, 95 % interval and unit of every parameter, by name, as a data frame.
+
+        Few degrees of freedom, where little is known of the noise, make the interval wider than 1.96 std.
+        """
         found, ends = super().params, self.intervals()
-        found.insert(2, "low", ends.low)
-        found.insert(3, "high", ends.high)
+        found.insert(2, "freedom", ends.freedom)
+        found.insert(3, "low", ends.low)
+        found.insert(4, "high", ends.high)
         return found
 
     def predict(self, recording: Recording | None = None) -> pd.DataFrame:

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import t as student
 
 import truewrench as tw
 from diagnosis.comparison.band_error import BandError
@@ -169,7 +170,11 @@ def test_parameters_by_name() -> None:
     fit = fitted()
     assert abs(fit[f"{DRAG_ID}.c"].value - DRAG.c) < 5 * fit[f"{DRAG_ID}.c"].std
     frame = fit.params
-    assert list(frame.columns) == ["value", "std", "low", "high", "unit"]
+    assert list(frame.columns) == ["value", "std", "freedom", "low", "high", "unit"]
+    np.testing.assert_array_equal(frame["freedom"], fit.intervals().freedom)
+    half = (frame["high"] - frame["low"]) / 2
+    np.testing.assert_allclose(half / fit.intervals().std, student.ppf(0.975, frame["freedom"]))
+    assert "degrees of freedom" in fit.summary()
     assert ((frame["low"] < frame["value"]) & (frame["value"] < frame["high"])).all()
     correlation = fit.correlation
     np.testing.assert_allclose(np.diag(correlation), 1.0)
