@@ -24,9 +24,11 @@ from diagnosis.study import Stairs, StudyStep
 from estimation.fit import Fit
 from estimation.least_squares.familiar_names import FAMILIAR_NAMES
 from estimation.recordings.recording import Recording
+from modeling.number_format import NO_VALUE
 from modeling.table import Tabular
 from tests.test_given_effects import DRAG, simulated
 from tests.test_hidden_effects import RIG
+from truewrench.reports.parameter_changes import ParameterChanges
 
 pytest.importorskip("mujoco")
 
@@ -234,6 +236,9 @@ def test_a_parameter_at_a_bound_has_no_std_of_a_measurement() -> None:
         assert found.held == ("m",)
         frame = found.to_frame().set_index("parameter")
         assert np.isnan(frame["std"]["m"])
+        rows = {row[0]: row for row in ParameterChanges(None, found).table.rows}
+        assert f"({word})" in str(rows["m"][2])
+        assert rows["m"][3] == NO_VALUE
 
 
 def readings(recording: Recording) -> pd.DataFrame:
