@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from design.optimiser.local_optimum import LocalOptimum
 from design.trajectories.trajectory import Trajectory
 from modeling.number_format import finite
 from modeling.table import Table, Tabular
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -111,6 +114,12 @@ class ExcitingTrajectory(Tabular):
             "std": self._std(),
             "unbounded": self.no_bound_reason or None,
         }
+
+    def to_frame(self) -> pd.DataFrame:
+        """The trajectory at its samples, as in PLAN.csv: time (s), q1.., dq1.., ddq1.. (rad or m, and per s, s²)."""
+        import pandas as pd
+
+        return pd.DataFrame(self.motion.to_columns(self.samples))
 
     def _std(self) -> dict[str, float | None]:
         names = [p.name for p in self.experiment.parameters]

@@ -185,7 +185,7 @@ def diagnose(
     recordings: Recording | Iterable[Recording],
     *,
     validate: Recording | Iterable[Recording] | None = None,
-    effects: Sequence[Effect] | None = None,
+    effects: Sequence[Effect | str] | None = None,
     effect_rules: Sequence[EffectRule] = EFFECT_RULES,
     progress: Progress = silent,
     workers: int = 1,
@@ -200,8 +200,8 @@ def diagnose(
         Recordings of one rig and tool, which the models are fitted to.
     validate : Recording or iterable of Recording, optional
         Held-out recordings of other motions of the same rig and tool, never fitted; by default none.
-    effects : sequence of Effect, optional
-        The candidate effects; by default the whole catalogue.
+    effects : sequence of Effect or str, optional
+        The candidate effects, or their ids; by default the whole catalogue.
     effect_rules : sequence of EffectRule, optional
         Verdict rules on an effect, in order: the first that applies decides.
     progress : callable, optional

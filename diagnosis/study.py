@@ -37,7 +37,7 @@ from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.logs.log_reading import read
 from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording
-from modeling.chain.effect import Effect
+from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue, named
 from modeling.errors import InputError, quoted, suggestion
@@ -105,6 +105,19 @@ class Location(Tabular):
     def printed(self) -> list[Table | str]:
         """The errors by channel, then the maps."""
         return [f"{self.comparison.recording.name}:", self.comparison.table, *super().printed()]
+
+
+@dataclass(frozen=True, eq=False)
+class Stairs(Tabular):
+    """Error of each channel of each recording after every step of a study, with noise floor and tolerance."""
+
+    steps: tuple[StudyStep, ...]
+    tolerance: Mapping[str, float]
+
+    @property
+    def table(self) -> Table:
+        """The systematic error, marked `<` where it is an upper limit; without repeats the RMS, marked `~`."""
+        return error_table(self.steps, [step.label for step in self.steps], self.tolerance)
 
 
 class Study(Tabular):
@@ -199,19 +212,22 @@ class Study(Tabular):
         excess = None if explained else self._candidate.excess
         return Suspects.of(tests, self.model.space, excess)
 
-    def stairs(self) -> Table:
+    def stairs(self) -> Stairs:
         """Error of each channel of each recording after every step."""
-        return error_table(self.steps, [step.label for step in self.steps], self.tolerance)
+        return Stairs(self.steps, self.tolerance)
 
     def compare(self, *steps: int | str) -> ModelComparison:
         """Compare steps, by number, model or what they changed: on the held-out recordings, else the fitted.
 
-        By default the first and the last.
+        By default the first and the last; InputError for one step alone.
         """
         changes, labels = [step.change for step in self.steps], [step.label for step in self.steps]
         known = [labels if step in labels else changes for step in steps]
         chosen = [_number(s, names, "step") for s, names in zip(steps, known, strict=True)] or [0, len(labels) - 1]
         several = {f"{i}: {labels[i]}": self.steps[i].fit for i in dict.fromkeys(chosen)}
+        if len(several) == 1:
+            remedy = "add an effect first" if len(labels) == 1 else f"give different ones of 0 to {len(labels) - 1}"
+            raise InputError(what="one step has nothing to be compared with", where="compare", remedy=remedy)
         return compare_models(several, [h.recording for h in self._held_out] or list(self.fit.recordings))
 
     # --------------------------------------------------------------------------------------- what to do
@@ -240,11 +256,7 @@ class Study(Tabular):
 
     def drop(self, effect: str | Effect) -> StudyStep:
         """Drop an effect and refit; InputError when the model lacks it."""
-        effect_id = effect if isinstance(effect, str) else effect.id
-        if effect_id not in self.effects:
-            remedy = suggestion(effect_id, self.effects) if self.effects else "the model is the rigid tool alone"
-            raise InputError(what=f"{quoted(effect_id)} is not in the model", where="drop", remedy=remedy)
-        before = self.fit
+        effect_id, before = effect if isinstance(effect, str) else effect.id, self.fit
         after = refit(before.model.without(effect_id), before.recordings, noise=before.noise, start=before.values)
         if noise_from_residual(before):
             after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
@@ -293,9 +305,11 @@ class Study(Tabular):
         fitted, held_out = ([e for e in errors if e.fitted is kind] for kind in (True, False))
         for number, step in enumerate(self.steps):
             ratios = [_worst_ratio(of, number) for of in (fitted, held_out) if of]
-            rows.append((str(number), step.label, *ratios, step.training[0].misfit, step.training[0].lack_of_fit_cell))
+            rows.append((number, step.label, *ratios, step.training[0].misfit, step.training[0].lack_of_fit_cell))
         measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
-        return Table.of(("step", "model", *(Column(n, format=".3g") for n in names), *measures), rows)
+        return Table.of(
+            (Column("step", format="d"), "model", *(Column(n, format=".3g") for n in names), *measures), rows
+        )
 
     def remarks(self) -> list[str]:
         """What the current model is, and which recordings it does not fit."""
@@ -353,7 +367,7 @@ def study(
     recordings: Recorded | Iterable[Recorded],
     *,
     validate: Recorded | Iterable[Recorded] | None = None,
-    effects: Sequence[Effect] | None = None,
+    effects: Sequence[Effect | str] | None = None,
     progress: Progress = silent,
 ) -> Study:
     """Begin a study: a model fitted to recordings, to which effects are added and dropped by hand or by diagnosis.
@@ -367,8 +381,8 @@ def study(
         Recordings of one rig and tool, or their paths, which the models are fitted to.
     validate : Recording, str, Path or iterable of these, optional
         Held-out recordings of other motions, on which the biases alone are estimated.
-    effects : sequence of Effect, optional
-        The suspects; by default the whole catalogue.
+    effects : sequence of Effect or str, optional
+        The suspects, or their ids; by default the whole catalogue.
     progress : callable, optional
         Called with one line of text at each stage; by default silent.
 
@@ -395,6 +409,7 @@ def study(
     >>> study.diagnose().verdict.value
     'nothing_missing'
     """
+    _require_order(model, recordings)
     rig = Rig.read(model) if isinstance(model, str | Path) else model
     known = rig if isinstance(rig, Rig) else None
     several, others = _recordings(recordings, known), _recordings(validate, known)
@@ -405,7 +420,15 @@ def study(
     fitted = fit(given, several, start=model_initial_values(given, several) if given.effects else None)
     noise = initial_noise(fitted.model, others) if others else ()
     held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
-    return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects, progress)
+    return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects_of(effects), progress)
+
+
+def _require_order(model: object, recordings: object) -> None:
+    """InputError for a recording where the rig belongs, or a rig or model where the recordings belong."""
+    paths = [Path(p).suffix.lower() == ".toml" for p in (model, recordings) if isinstance(p, str | Path)]
+    if isinstance(model, Recording) or isinstance(recordings, Rig | WrenchModel) or paths == [False, True]:
+        remedy = "swap them, the rig or model first: tw.study(rig, recordings)"
+        raise InputError(what="the rig and the recordings are swapped", where="study", remedy=remedy)
 
 
 def _recordings(given: Recorded | Iterable[Recorded] | None, rig: Rig | None) -> tuple[Recording, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, NoReturn, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.initial_value_names import require_known_start
 from estimation.least_squares.estimates import Estimate, Estimates
+from estimation.least_squares.familiar_names import unknown_attribute
 from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
@@ -27,7 +28,7 @@ from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunk_information import RecordingOrChunk, require_channels
 from estimation.streaming.streamed_fit import StreamedFit, fit_streamed
 from modeling.chain.model import WrenchModel, require_model
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.parameter import Parameter
 from modeling.significance import LEVELS
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
     from estimation.confidence_intervals import Intervals
     from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
+    from estimation.least_squares.constraints.constraints import StatedConstraints
     from estimation.ordinary_estimate import OrdinaryEstimate
 
 __all__ = [
@@ -90,6 +92,14 @@ class Fit(Estimates):
         return self.layout.parameters
 
     @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the parameters that a bound holds, of their effect or of the constraints."""
+        if self.constrained is None:
+            return super().held
+        bounds = self.constrained.optimality.active_set
+        return tuple(p.name for p, held in zip(self.unknowns, bounds.low | bounds.high, strict=True) if held)
+
+    @property
     def problem(self) -> WhitenedProblem:
         """The whitened least-squares problem that was solved."""
         return WhitenedProblem(self.layout, self.recordings, self.noise)
@@ -111,16 +121,32 @@ class Fit(Estimates):
         return [*super().printed(), self._chi_square_remark()]
 
     def _chi_square_remark(self) -> str:
-        if all(noise.source is NoiseSource.RESIDUAL for noise in self.noise):
+        found = self.reduced_chi_square
+        if found is None:
             return "noise estimated from the residual itself; summary() tests whether the model fits"
+        return f"reduced chi-square {found:.3g}, 1 where the model fits; summary() tests it"
+
+    @property
+    def reduced_chi_square(self) -> float | None:
+        """Whitened chi-square over its degrees of freedom, over all recordings; 1 where the model fits.
+
+        None where the noise is estimated from the residual itself. `tw.compare(fit, recording)` has it by recording.
+        """
+        if all(noise.source is NoiseSource.RESIDUAL for noise in self.noise):
+            return None
         whitened, start, squares, excited = self.linearised().residual, 0, 0.0, 0
         for noise in self.noise:
             if noise.source is not NoiseSource.RESIDUAL:
                 rows = whitened[start : start + noise.whitener.periodic_rows]
                 squares, excited = squares + float(rows @ rows), excited + len(rows)
             start += noise.whitener.rows
-        found = squares / max(excited - int(self.identifiable.sum()), 1)
-        return f"reduced chi-square {found:.3g}, 1 where the model fits; summary() tests it"
+        return squares / max(excited - int(self.identifiable.sum()), 1)
+
+    if not TYPE_CHECKING:  # a type checker refuses every unknown name
+
+        def __getattr__(self, name: str) -> NoReturn:
+            """AttributeError; for an attribute of other packages' fits it names the one here."""
+            raise AttributeError(unknown_attribute(type(self).__name__, name), name=name, obj=self)
 
     @cached_property
     def information(self) -> SquareRootInformation:
@@ -140,10 +166,14 @@ class Fit(Estimates):
 
     @property
     def params(self) -> pd.DataFrame:
-        """Value, std, 95 % interval and unit of every parameter, by name, as a data frame."""
+        """Value, std, its degrees of freedom, 95 % interval and unit of every parameter, by name, as a data frame.
+
+        Few degrees of freedom, where little is known of the noise, make the interval wider than 1.96 std.
+        """
         found, ends = super().params, self.intervals()
-        found.insert(2, "low", ends.low)
-        found.insert(3, "high", ends.high)
+        found.insert(2, "freedom", ends.freedom)
+        found.insert(3, "low", ends.low)
+        found.insert(4, "high", ends.high)
         return found
 
     def predict(self, recording: Recording | None = None) -> pd.DataFrame:
@@ -176,7 +206,7 @@ class Fit(Estimates):
 def require_recording(given: object, where: str) -> None:
     """InputError, in a sentence, for what is neither a recording nor None."""
     if not isinstance(given, Recording | None):
-        what = f"a recording is needed, not a {type(given).__name__}"
+        what = f"a recording is needed, not {kind_of(given)}"
         raise InputError(what=what, where=where, remedy="read it: tw.read(path), tw.from_dataframe(frame)")
 
 
@@ -242,7 +272,7 @@ def fit(
     *,
     noise: Sequence[RecordingNoise] | None = None,
     start: Mapping[str, float] | None = None,
-    constraints: Constraints | None = None,
+    constraints: StatedConstraints | None = None,
 ) -> Fit: ...
 
 
@@ -264,7 +294,7 @@ def fit(
     noise: Sequence[RecordingNoise] | NoiseModel | None = None,
     start: Mapping[str, float] | None = None,
     executor: Executor | None = None,
-    constraints: Constraints | None = None,
+    constraints: StatedConstraints | None = None,
 ) -> Fit | StreamedFit:
     """Estimate a model's parameters from one recording or several of the same rig and tool.
 
@@ -284,8 +314,9 @@ def fit(
         Initial values of parameters by name, in their units; by default the parameters' own.
     executor : Executor, optional
         `concurrent.futures.Executor` or compatible that processes the parts under a `NoiseModel`; by default none.
-    constraints : Constraints, optional
-        Bounds, physical consistency of the tool and a prior; by default none, and not under a `NoiseModel`.
+    constraints : Constraints, Bounds, or mapping of str to (float, float) or float, optional
+        Bounds, physical consistency of the tool and a prior; or bounds alone, also as plain intervals by parameter
+        name, a number of which fixes the parameter. By default none, and none under a `NoiseModel`.
 
     Returns
     -------
@@ -320,14 +351,15 @@ def fit(
     'StreamedFit'
     """
     require_model(model, "fit")
+    stated = None if constraints is None else _constraints(constraints)
     if isinstance(noise, NoiseModel):
-        return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=constraints)
+        return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=stated)
     several = _whole_recordings(_each(recordings, "fit"), executor)
     check_channels(model, several)
     case = with_gravity_direction(model, several)
     decided, several = with_decided_convention(case.model, case.recordings), case.recordings
     require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
-    estimated = refit(decided, several, noise=noise, start=start, constraints=constraints)
+    estimated = refit(decided, several, noise=noise, start=start, constraints=stated)
     if noise is None and constraints is None:
         estimated = with_ordinary_estimate(estimated)
     require_positive_fitted_mass(estimated)
@@ -403,6 +435,12 @@ def refit(
         if not rounds or all(n.source is not NoiseSource.RESIDUAL for n in known):
             return estimated
         known = reestimated_noise(estimated)
+
+
+def _constraints(given: StatedConstraints) -> Constraints:
+    from estimation.least_squares.constrained import Constraints  # loads cone programs
+
+    return Constraints.of(given)
 
 
 def _constrained(problem: WhitenedProblem, theta: Array, constraints: Constraints) -> ConstrainedMinimum:

@@ -16,11 +16,21 @@ def quoted(text: object) -> str:
     return f"'{cut}'" if cut.isprintable() else ascii(cut)
 
 
+def kind_of(given: object) -> str:
+    """The class of what was given, with its article: `a str`, `an int`."""
+    name = type(given).__name__
+    return f"{'an' if name[0] in 'aeioAEIO' else 'a'} {name}"
+
+
 def suggestion(name: str, choices: Collection[str], shown: Callable[[str], str] = str, most: int = 12) -> str:
-    """Remedy for an unknown name: the choices closest to it, or that contain it, else `most` of them, as `shown`."""
+    """Remedy for an unknown name: the choices closest to it, or that contain it, else `most` of them, as `shown`.
+
+    Closest is a choice that qualifies the name: `com_offset.mlx` for `mlx`.
+    """
     from difflib import get_close_matches
 
-    close = get_close_matches(name, choices, n=2)
+    qualified = [choice for choice in choices if choice.endswith(f".{name}")] if name else []
+    close = qualified[:most] or get_close_matches(name, choices, n=2)
     close = close or ([c for c in choices if name.lower() in c.lower()][:most] if len(name) > 2 else [])
     if close:
         return f"did you mean {' or '.join(map(shown, close))}?"

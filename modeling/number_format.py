@@ -38,6 +38,12 @@ def plain_number(value: float, spec: str) -> str:
     return format_percentage(value) if spec == SHARE else f"{value:{spec}}"
 
 
+def p_value_text(p: float, relation: str = "=") -> str:
+    """A p-value with its name as plain text: `p = 0.02`, `p < 1e-300`."""
+    number = plain_number(p, P_VALUE)
+    return f"p {number}" if number.startswith("<") else f"p {relation} {number}"
+
+
 def typeset_number(value: float, spec: str) -> str:
     """A finite number for HTML, in a format of Python, `P_VALUE` or `SHARE`."""
     if spec == P_VALUE:

@@ -36,7 +36,7 @@ class Presented:
         return found
 
     def plot(
-        self, *, kind: str | None = None, channel: str | None = None, backend: str = "matplotlib", ax: Any = None
+        self, kind: str | None = None, *, channel: str | None = None, backend: str = "matplotlib", ax: Any = None
     ) -> Any:
         """The result as a figure, of matplotlib for print or of plotly for zooming; both show the same numbers.
 

@@ -28,7 +28,10 @@ NOTE_STYLE = ' style="display: block"'
 
 @dataclass(frozen=True)
 class Cell:
-    """A value with a mark before it (`<`, `~`), and what HTML alone shows: its kind (CSS class), a note below it."""
+    """A value with a mark before it (`<`, `~`), and what HTML alone shows: its kind (CSS class), a note below it.
+
+    The mark of no value stands alone, a word that says why there is none: `fixed`.
+    """
 
     value: float | str | None
     mark: str = ""
@@ -87,6 +90,8 @@ class Column:
         found, mark = (value.value, value.mark) if isinstance(value, Cell) else (value, "")
         if isinstance(found, str):
             return mark + found
+        if found is None and mark:
+            return mark
         return unknown if found is None or not isfinite(found) else mark + number(found, self.format)
 
     @property
@@ -167,11 +172,20 @@ class Table(Presented):
         return "\n".join("| " + " | ".join(t.replace("|", "\\|").replace("\n", " ") for t in r) + " |" for r in rows)
 
     def to_frame(self) -> pd.DataFrame:
-        """The values, numbers as numbers, under the headings."""
+        """The values under the headings, those of a column with a format as numbers, NaN for none.
+
+        Of an entry with a mark (`< 0.02`, an upper limit) the number alone.
+        """
         import pandas as pd
 
-        values = [[v.value if isinstance(v, Cell) else v for v in row] for row in self.rows]
-        return pd.DataFrame(values, columns=[c.heading for c in self.columns])
+        columns = [[v.value if isinstance(v, Cell) else v for v in column] for column in zip(*self.rows, strict=True)]
+        series = [
+            pd.to_numeric(pd.Series([None if v == "" else v for v in column])) if c.format else pd.Series(column)
+            for c, column in zip(self.columns, columns or [[] for _ in self.columns], strict=True)
+        ]
+        found = pd.DataFrame(dict(enumerate(series)))
+        found.columns = pd.Index([c.heading for c in self.columns])
+        return found
 
 
 def shortened(text: str) -> str:

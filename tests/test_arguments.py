@@ -38,7 +38,7 @@ ANY: Any = tw
 MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
     "fit of a data frame": (lambda r: ANY.fit(tw.planar(), FRAME), "a recording is needed, not a DataFrame"),
     "fit of a path": (lambda r: ANY.fit(tw.planar(), "train.csv"), "a recording is needed, not a str"),
-    "fit of a number": (lambda r: ANY.fit(tw.planar(), 3), "a recording is needed, not a int"),
+    "fit of a number": (lambda r: ANY.fit(tw.planar(), 3), "a recording is needed, not an int"),
     "diagnose a data frame": (lambda r: ANY.diagnose(tw.planar(), FRAME), "a recording is needed, not a DataFrame"),
     "diagnose with a rig": (lambda r: ANY.diagnose(tw.Rig.from_data({}), r), "a Rig is no model"),
     "validate with a path": (
@@ -47,9 +47,24 @@ MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
     ),
     "study of a data frame": (lambda r: ANY.study(None, FRAME), "a recording is needed, not a DataFrame"),
     "a model of a path": (lambda r: ANY.planar("rig.toml"), "a str is no rig; read it"),
-    "an id for an effect": (lambda r: ANY.planar() + "viscous_drag", "tw.effects.named('viscous_drag')"),
+    "an unknown id for an effect": (
+        lambda r: tw.planar() + "viscous",
+        "no effect is called 'viscous'; did you mean visc",
+    ),
+    "an effect taken off": (lambda r: tw.planar() - "viscous_drag", "model.without('viscous_drag')"),
+    "without what is not there": (lambda r: tw.planar().without("time_delay"), "the model is the rigid tool alone"),
+    "without what is misspelt": (
+        lambda r: (tw.planar() + "time_delay" + "com_offset").without("com_ofset"),
+        "'com_ofset' is not in the model; did you mean com_offset?",
+    ),
     "a class for an effect": (lambda r: ANY.planar() + dict, "a type is no effect"),
-    "ids for candidates": (lambda r: ANY.diagnose(tw.planar(), r, effects=["sensor_lag"]), "named('sensor_lag')"),
+    "a recording compensated by a fit": (lambda r: ANY.compensate(r, tw.fit(tw.planar(), r)), "are swapped"),
+    "a recording compensated by a path": (lambda r: ANY.compensate("model.json", r), "a str is no fitted model"),
+    "compensation of a path": (lambda r: ANY.compensate(tw.fit(tw.planar(), r), "r.csv"), "recording is needed, not a"),
+    "a study of a rig": (lambda r: ANY.study(r, r.rig), "the rig and the recordings are swapped; swap them"),
+    "a study of a rig's path": (lambda r: tw.study("cal.csv", "robot.toml"), "are swapped; swap them"),
+    "a step compared with itself": (lambda r: tw.study(None, r).compare(0, 0), "one step has nothing to be compared"),
+    "unknown ids for candidates": (lambda r: tw.diagnose(tw.planar(), r, effects=["sensor_lg"]), "mean sensor_lag"),
     "read of a data frame": (lambda r: ANY.read(FRAME), "a DataFrame is no path"),
     "save of a model": (lambda r: ANY.save(tw.planar(), "model.json"), "a WrenchModel is no fitted model"),
     "emit of a recording": (lambda r: ANY.emit(r, "numpy"), "a Recording is no fitted model"),
@@ -63,6 +78,33 @@ def test_mistake_gets_a_sentence(recording: tw.Recording, mistake: str) -> None:
     with pytest.raises(tw.InputError) as caught:
         made(recording)
     assert said in str(caught.value)
+
+
+def test_a_recording_is_no_model_file(folder: Path) -> None:
+    with pytest.raises(tw.InputError, match="a recording where a model file belongs; give the JSON"):
+        tw.load(folder / "train.csv")
+    with pytest.raises(tw.InputError) as caught:
+        tw.load(folder / "missing.csv")
+    assert "where a model" not in str(caught.value)
+
+
+def test_effects_by_their_ids() -> None:
+    given: list[str | tw.effects.Effect] = ["viscous_drag", tw.effects.time_delay()]
+    several = tw.planar() + given
+    assert several == tw.planar() + "viscous_drag" + "time_delay"
+    assert several.without("viscous_drag") == several.without(tw.effects.viscous_drag()) == tw.planar() + "time_delay"
+
+
+def test_effects_are_completed_by_their_ids() -> None:
+    """And nothing else; what is imported from the package stays importable."""
+    shown = dir(tw.effects)
+    assert {e.id for e in tw.effects.catalogue()} == set(shown) - {"CATALOGUE", "Effect", "catalogue", "named"}
+    assert all(hasattr(tw.effects, name) for name in shown)
+    with pytest.raises(AttributeError, match="no effect is called 'com_ofset'; did you mean com_offset"):
+        _ = tw.effects.com_ofset
+    everything: dict[str, object] = {}
+    exec("from modeling.effects import *; from modeling.effects import friction", everything)  # noqa: S102
+    assert {"named", "catalogue", "friction"} <= set(everything)
 
 
 def test_rig_by_its_path(folder: Path) -> None:

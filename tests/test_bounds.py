@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,6 +45,31 @@ def test_a_file_of_bounds(tmp_path: Path) -> None:
     assert numbers.low[names.index("I")] == -inf
 
 
+def test_a_number_fixes_a_parameter(tmp_path: Path) -> None:
+    path = tmp_path / "bounds.toml"
+    path.write_text("m = 0.9")
+    expected = {"m": (0.9, 0.9)}
+    assert Bounds.read(path).ends == Bounds({"m": 0.9}).ends == Bounds({"m": (0.9, 0.9)}).ends == expected
+    assert Constraints.of({"m": 0.9}).region(unknowns(DRAGGED)).fixed.sum() == 1
+    assert Constraints.of(Bounds({"m": 0.9})) == Constraints(bounds=Bounds({"m": 0.9}))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["m"], "constraints: a list is no set of constraints; give bounds by parameter"),
+        ("bounds.toml", "constraints: a str is no set of constraints"),
+        ({"m": "heavy"}, "bounds: m: one or two numbers were expected, and 'heavy' came"),
+        ({"m": (2, 1)}, r"bounds: m: \[2, 1\] contains no finite value"),
+    ],
+)
+def test_what_constrains_nothing_is_said_in_one_line(given: Any, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Constraints.of(given)
+    with pytest.raises(InputError, match="a list has no intervals by parameter name"):
+        Bounds([("m", 1.0)])  # type: ignore[arg-type]
+
+
 def test_an_effects_own_range_stays(tmp_path: Path) -> None:
     names = [p.name for p in DRAGGED.parameters]
     drag = names.index("viscous_drag.c")
@@ -59,14 +85,13 @@ def test_an_effects_own_range_stays(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("m = 1.0", "m: two numbers were expected, and 1.0 came"),
-        ("m = [1.0]", "m: two numbers were expected"),
-        ("m = [0, 1, 2]", "m: two numbers were expected"),
+        ("m = [1.0]", "m: one or two numbers were expected"),
+        ("m = [0, 1, 2]", "m: one or two numbers were expected"),
         ("m = [2, 1]", r"m: \[2, 1\] contains no finite value"),
         ("m = [inf, inf]", "m: .* contains no finite value"),
-        ("m = [nan, 1]", "m: two numbers were expected"),
-        ("m = [true, 2]", "m: two numbers were expected"),
-        ('m = ["0", "1"]', "m: two numbers were expected"),
+        ("m = [nan, 1]", "m: one or two numbers were expected"),
+        ("m = [true, 2]", "m: one or two numbers were expected"),
+        ('m = ["0", "1"]', "m: one or two numbers were expected"),
         ("m = [0, 1", "not a TOML file"),
         ("a.b = [0, 1]\n'a.b' = [0, 2]", "'a.b' appears twice"),
     ],

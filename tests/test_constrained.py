@@ -445,6 +445,31 @@ def test_one_end_by_the_book() -> None:
     assert "mlg = " in fixed.active[0].sentence
 
 
+@pytest.mark.parametrize(
+    ("width", "expected"),
+    [(0.5, ConstraintInterpretation.WITHIN_NOISE), (2.0, ConstraintInterpretation.UNDETERMINED)],
+)
+def test_agreement_is_not_ignorance(width: float, expected: ConstraintInterpretation) -> None:
+    """A bound one std from the estimate, of a quantity whose std is half or twice the bound."""
+    posed = problem(planar(), 0, points=5)
+    free = posed.minimise(np.zeros(6))
+    place = posed.names.index("bias_fx")
+    std = float(np.sqrt(free.covariance[place, place]))
+    shift = std / width - std - float(free.theta[place])
+    shifted = Straight(posed.model, posed.A, posed.b + posed.A[:, place] * shift)
+    (active,) = shifted.solved(Constraints.of({"bias_fx": std / width})).active
+    assert active.distance == pytest.approx(1.0, rel=1e-6)
+    assert active.pressure is expected
+
+
+def test_an_impossible_chance_is_printed_with_one_sign() -> None:
+    posed = problem(planar(), 0, points=5)
+    free = posed.minimise(np.zeros(6))
+    place = posed.names.index("mlg")
+    far = float(free.theta[place] + 60 * np.sqrt(free.covariance[place, place]))
+    assert "(p < 1e-300)" in str(posed.solved(Constraints.of({"mlg": far})))
+
+
 def test_what_the_data_do_not_show_stays_not_shown() -> None:
     """I without a column: the cone holds it where it starts, at no cost, and it gets no std."""
     posed = problem(planar(), 0, points=5)

@@ -42,6 +42,12 @@ NAMES = [
 """A study has every kind of figure that a fit has; the long tier draws those of the others."""
 
 
+def test_the_stairs_of_a_study_are_drawn_as_those_of_the_study() -> None:
+    study = RESULTS["study"]()
+    drawn = study.stairs().plot(backend="plotly")
+    assert drawn.to_json() == study.plot("stairs", backend="plotly").to_json()
+
+
 def kinds(name: str) -> list[str]:
     """The kinds of figures of a result."""
     result = RESULTS[name]()

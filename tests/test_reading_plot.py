@@ -216,8 +216,19 @@ def _texts(figure: Figure) -> list[Text]:
 def test_a_recording_is_drawn_by_what_it_was_read_from(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     original().to_csv(path, index=False)
-    with pytest.raises(tw.InputError, match="read as it stands"):
-        tw.plot_reading(tw.read(path))
+    known = tw.read(path)
+    assert known.reading is None
+    figure = tw.plot_reading(known)
+    assert f"{known.name}: {known.samples} samples" in words(figure)
+    labels = {label.split()[0] for axes in figure.axes if (label := axes.get_ylabel())}
+    assert {*known.channels, *known.columns} - {"temperature"} <= labels
+    assert "nothing was mended" in words(figure)
+    stuck = original()
+    stuck.loc[:, "fx"] = np.where(np.arange(len(stuck)) > 400, stuck["fx"].to_numpy()[400], stuck["fx"])
+    stuck.to_csv(path, index=False)
+    assert "nothing is suspicious" not in words(tw.plot_reading(tw.read(path)))
+    with pytest.raises(tw.InputError, match="a str is no recording"):
+        tw.plot_reading(str(path))  # type: ignore[arg-type]
     assert "log.csv: 2100 samples" in words(tw.plot_reading(reading("spoiled").recording()))
 
 

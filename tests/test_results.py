@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from inspect import isabstract
 from pathlib import Path
@@ -13,14 +16,19 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import t as student
 
 import truewrench as tw
 from diagnosis.comparison.band_error import BandError
+from diagnosis.study import Stairs, StudyStep
 from estimation.fit import Fit
+from estimation.least_squares.familiar_names import FAMILIAR_NAMES
 from estimation.recordings.recording import Recording
+from modeling.number_format import NO_VALUE
 from modeling.table import Tabular
 from tests.test_given_effects import DRAG, simulated
 from tests.test_hidden_effects import RIG
+from truewrench.reports.parameter_changes import ParameterChanges
 
 pytest.importorskip("mujoco")
 
@@ -68,6 +76,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "chunk": lambda: next(iter(tw.chunks(simulated(1), 500))),
     "study": studied,
     "suspects": cache(lambda: studied().suspects()),
+    "stairs": lambda: studied().stairs(),
     "study step": lambda: studied().steps[0],
     "location": cache(lambda: studied().where()),
     "loaded model": loaded,
@@ -98,6 +107,15 @@ def test_results_have_a_table_a_frame_and_words(name: str) -> None:
     assert any("".join(cell.itertext()).strip() for cell in shown.iter())
     assert isinstance(result.to_frame(), pd.DataFrame)
     assert len(result.summary()) > 10
+
+
+@pytest.mark.parametrize("name", ["model", "rig"])
+def test_a_model_and_a_rig_show_themselves_as_tables(name: str) -> None:
+    thing = RESULTS[name]()
+    shown = "".join(ElementTree.fromstring(f"<div>{thing._repr_html_()}</div>").itertext())
+    stated = {"model": ("viscous_drag.c", "N s/m"), "rig": ("robot.link_lengths", "[1, 0.97, 0.4]", "m/s²")}[name]
+    assert all(text in shown for text in stated)
+    assert type(thing).__name__ in repr(thing).splitlines()[0]
 
 
 @pytest.mark.parametrize("name", PRESENTED)
@@ -154,13 +172,73 @@ def test_parameters_by_name() -> None:
     fit = fitted()
     assert abs(fit[f"{DRAG_ID}.c"].value - DRAG.c) < 5 * fit[f"{DRAG_ID}.c"].std
     frame = fit.params
-    assert list(frame.columns) == ["value", "std", "low", "high", "unit"]
+    assert list(frame.columns) == ["value", "std", "freedom", "low", "high", "unit"]
+    np.testing.assert_array_equal(frame["freedom"], fit.intervals().freedom)
+    half = (frame["high"] - frame["low"]) / 2
+    np.testing.assert_allclose(half / fit.intervals().std, student.ppf(0.975, frame["freedom"]))
+    assert "degrees of freedom" in fit.summary()
     assert ((frame["low"] < frame["value"]) & (frame["value"] < frame["high"])).all()
     correlation = fit.correlation
     np.testing.assert_allclose(np.diag(correlation), 1.0)
     assert (np.abs(correlation.to_numpy()) <= 1 + 1e-12).all()
     with pytest.raises(tw.InputError, match="no parameter is called 'mass'"):
         _ = fit["mass"]
+
+
+@pytest.mark.parametrize("name", ["fit", "loaded model", "streamed"])
+def test_a_fit_is_iterated_as_a_mapping_of_its_parameters(name: str) -> None:
+    fit = RESULTS[name]()
+    assert list(fit) == list(fit.values) == list(fit.params.index)
+    assert len(fit) == len(fit.params)
+    assert [fit[p].name for p in fit] == list(fit)
+    assert "m" in fit
+    assert "mass" not in fit
+    assert 3 not in fit
+
+
+def test_a_short_name_suggests_the_parameter_of_the_effect() -> None:
+    with pytest.raises(tw.InputError, match=rf"did you mean {DRAG_ID}\.d\?"):
+        _ = fitted()["d"]
+
+
+def test_printed_names_are_attributes() -> None:
+    fit, comparison = fitted(), tw.compare(fitted())
+    assert comparison.reduced_chi_square == comparison.misfit
+    assert comparison.systematic_rms == comparison.explainable_rms
+    assert f"reduced chi-square {fit.reduced_chi_square:.3g}" in str(fit)
+    streamed = RESULTS["streamed"]()
+    assert streamed.reduced_chi_square == streamed.misfit
+
+
+@pytest.mark.parametrize("name", FAMILIAR_NAMES)
+def test_a_habit_of_other_packages_is_told_the_name_here(name: str) -> None:
+    """The attribute that the message names exists."""
+    with pytest.raises(AttributeError, match=r"a Fit has no attribute .*; see ") as caught:
+        getattr(fitted(), name)
+    named = re.match(r"\w+", str(caught.value).split("; see ")[1])
+    assert named is not None
+    assert hasattr(fitted(), named[0])
+
+
+def test_an_unknown_attribute_stays_one() -> None:
+    assert not hasattr(fitted(), "nonsense")
+    assert copy.copy(fitted()).values == fitted().values
+    assert copy.deepcopy(fitted()).values == fitted().values
+
+
+def test_a_parameter_at_a_bound_has_no_std_of_a_measurement() -> None:
+    free = fitted()["m"]
+    for bound, word in ((free.value + free.std, "fixed"), ((free.value + free.std, 9.0), "held at its bound")):
+        found = tw.fit(fitted().model, simulated(1), constraints={"m": bound})
+        (row,) = (line for line in str(found).splitlines() if line.startswith("m "))
+        assert row.split() == ["m", *row.split()[1:2], *word.split(), "kg"]
+        assert f"kg, {word}" in found.summary()
+        assert found.held == ("m",)
+        frame = found.to_frame().set_index("parameter")
+        assert np.isnan(frame["std"]["m"])
+        rows = {row[0]: row for row in ParameterChanges(None, found).table.rows}
+        assert f"({word})" in str(rows["m"][2])
+        assert rows["m"][3] == NO_VALUE
 
 
 def readings(recording: Recording) -> pd.DataFrame:
@@ -252,6 +330,24 @@ def test_arrays_have_names_and_units() -> None:
     assert found.value.sel(parameter="m").item() == fitted()["m"].value
     for name in ("recording", "comparison", "contact", "diagnosis", "location", "loaded model", "streamed"):
         assert RESULTS[name]().to_xarray().sizes
+
+
+def test_the_kind_of_a_figure_is_its_first_argument() -> None:
+    assert fitted().plot("residual", backend="plotly") == fitted().plot(kind="residual", backend="plotly")
+
+
+def test_a_systematic_error_below_the_noise_is_its_upper_limit_everywhere() -> None:
+    """An estimate of zero is printed as the limit of `explainable_limit`, in every table alike."""
+    known = tw.compare(fitted())
+    assert known.explainable_rms is not None
+    zero = replace(known, explainable_rms=dict.fromkeys(known.explainable_rms, 0.0))
+    limit = zero.explainable_limit
+    assert limit is not None
+    step = StudyStep("", fitted(), (zero,), ())
+    texts = (str(zero), str(step.table), str(Stairs((step,), limit).table))
+    for text in texts:
+        assert all(re.search(rf"< {size:.3g}"[:7], text) for size in limit.values()), text
+    assert [*zero.to_frame()["systematic rms"]] == [*limit.values()]
 
 
 def test_a_wrong_figure_is_a_sentence() -> None:

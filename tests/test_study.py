@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,7 @@ def test_diagnosis_goes_on_from_where_one_is(begun: Study) -> None:
     assert found.verdict is RecordVerdict.EXPLAINED
     assert (found.given, found.added) == (("viscous_drag",), ("sensor_crosstalk",))
     assert [s.change for s in begun.steps] == ["rigid tool", "+ viscous_drag", "+ sensor_crosstalk"]
-    assert len(begun.stairs().rows) == 1 + 2 * (1 + 3)
+    assert len(begun.stairs().table.rows) == 1 + 2 * (1 + 3)
 
 
 def test_diagnosis_starts_from_no_worse_a_fit(begun: Study) -> None:
@@ -166,7 +167,7 @@ def test_paths_serve_as_recordings_and_rig(tmp_path: Path) -> None:
 
 
 def test_it_prints_in_a_few_lines(begun: Study) -> None:
-    for shown in (begun, begun.suspects(), begun.where(), begun.stairs(), begun.compare()):
+    for shown in (begun, begun.suspects(), begun.where(), begun.stairs()):
         assert len(str(shown).splitlines()) < 40
         assert shown._repr_html_()
     assert repr(begun) == str(begun)
@@ -179,6 +180,13 @@ def test_everything_has_a_report(begun: Study, tmp_path: Path) -> None:
         page, markdown = tw.report(result, tmp_path / str(number))
         assert page.read_text().startswith("<!doctype html>")
         assert "viscous" in markdown.read_text()
+    begun.drop("viscous_drag")
+    texts = [path.read_text() for path in tw.report(begun, tmp_path / "steps")]
+    for text in texts:
+        assert "Steps of the study" in text
+        rows = re.split(r"<tr>|\n", text.split("Steps of the study")[1])
+        assert sum(any(f"{sign} viscous" in row for sign in "+-") for row in rows) >= 2
+        assert "tolerance" in text
     results = [begun.fit.recordings[0]]
     with pytest.raises(InputError, match="a Recording has no report"):
         tw.report(results[0], tmp_path)

@@ -117,6 +117,17 @@ def test_frame_has_numbers() -> None:
     np.testing.assert_array_equal(frame["std"].to_numpy(dtype=float), [1.25e-7, np.inf, 1.0])
 
 
+def test_columns_of_numbers_are_numeric_whatever_is_missing() -> None:
+    columns = (Column("step", format="d"), Column("p", format="p"), Column("p", format=".2g"), "note")
+    table = Table.of(columns, [(0, "", Cell(0.5, "< "), ""), (1, None, Cell(None, "fixed"), "x")])
+    frame = table.to_frame()
+    assert list(frame.columns) == ["step", "p", "p", "note"]
+    assert [dtype.kind for dtype in frame.dtypes[:3]] == ["i", "f", "f"]
+    np.testing.assert_array_equal(frame.iloc[:, 1:3].to_numpy(), [[np.nan, 0.5], [np.nan, np.nan]])
+    assert Table.of(columns[:3], []).to_frame().shape == (0, 3)
+    assert "fixed" in str(table)
+
+
 def test_wide_text_is_wrapped_between_rules() -> None:
     lines = str(Table.of((Column("claim", width=10), "by"), [("one two three four", "x")])).splitlines()
     assert lines == ["claim       by", "----------  --", "one two     x", "  three", "  four", "----------  --"]

@@ -15,6 +15,7 @@ from design.trajectory_design import DesignStage, design
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
 from tests.test_optimiser import ARM, LIMITS
+from truewrench.reports.reported import report
 
 RIG = Rig(name="reference", link_lengths=ARM.link_lengths, tip_length=0.2, limits=LIMITS)
 FEW = FreeSeries(joints=3, harmonics=(1, 2), period=5.0)
@@ -34,6 +35,11 @@ def test_a_step_says_how_much_is_done_and_how_long_it_may_take() -> None:
 def test_every_start_is_told_of_and_the_best_motion_is_within_its_limits(series: TrajectorySeries) -> None:
     told: list[DesignStage] = []
     plan = design(RIG, series=series, starts=4, samples=60, bounded=False, progress=told.append)
+    frame = plan.to_frame()
+    assert list(frame.columns) == ["time", *(f"{p}{j}" for p in ("q", "dq", "ddq") for j in (1, 2, 3))]
+    np.testing.assert_array_equal(frame["q2"], plan.motion.evaluate(frame["time"])[0][:, 1])
+    with pytest.raises(InputError, match="an ExcitingTrajectory has no report"):
+        report(plan, "unwritten")  # type: ignore[arg-type]
     stages = {step.stage: [s for s in told if s.stage == step.stage] for step in told}
     for steps in stages.values():
         assert [step.done for step in steps] == list(range(steps[0].total + 1))

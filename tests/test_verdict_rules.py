@@ -72,7 +72,11 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         EffectVerdict.NOT_SUPPORTED,
         "rejected, because there are too few repeats to know the low-frequency noise",
     ),
-    "not significant": (screened(p_value=2e-3, statistic=15.0), EffectVerdict.NOT_SUPPORTED, ""),
+    "not significant": (
+        screened(p_value=2e-3, statistic=15.0),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because it is not significant: what it would explain is within the noise",
+    ),
 }
 
 FITS, MISFITS = RecordEvidence(lack_of_fit=0.01), RecordEvidence(lack_of_fit=0.0099)
@@ -215,3 +219,9 @@ def test_the_first_rule_decides_and_a_list_without_one_is_an_error() -> None:
     assert [judge(rules, np.float64(e))[0] for e in (3, 1.5)] == ["2", "1"]
     with pytest.raises(InputError, match="none of 2 rules applies"):
         judge(rules, 0.5)
+
+
+def test_every_rejection_has_a_reason() -> None:
+    rejecting = [rule for rule in EFFECT_RULES if rule.verdict is EffectVerdict.NOT_SUPPORTED]
+    assert rejecting
+    assert all(rule.sentence for rule in rejecting)

@@ -18,7 +18,7 @@ from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate, Estimates
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording, numbered_names
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 from truewrench.files.model_file import ModelFile
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def labelled_arrays(result: Any) -> xr.Dataset:
             return xr.Dataset(variables, coords=coordinates, attrs={"result": type(result).__name__})
     names = ", ".join(known.__name__ for known in ARRAYS)
     remedy = f"use to_frame(); {names} have dimensions"
-    raise InputError(what=f"a {type(result).__name__} has no dimensions", where="to_xarray", remedy=remedy)
+    raise InputError(what=f"{kind_of(result)} has no dimensions", where="to_xarray", remedy=remedy)
 
 
 Arrays = tuple[Variables, Variables]

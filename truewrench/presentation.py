@@ -10,8 +10,8 @@ from estimation.fit import Fit
 
 def plot(
     result: Any,
-    *,
     kind: str | None = None,
+    *,
     channel: str | None = None,
     backend: str = "matplotlib",
     ax: Any = None,

@@ -69,7 +69,8 @@ def rival_models(model: WrenchModel, one: Effect, other: Effect) -> tuple[Wrench
         raise InputError(what=what, where="effects to be discriminated", remedy="name two effects")
     known, rival = (one, other) if one.id in {e.id for e in model.effects} else (other, one)
     _require(model, (known.id, rival.id))
-    return model.without(rival.id), model.without(rival.id).without(known.id) + rival
+    alone = model.without(rival.id) if rival.id in {e.id for e in model.effects} else model
+    return alone, alone.without(known.id) + rival
 
 
 def _require(model: WrenchModel, ids: tuple[str, ...]) -> None:

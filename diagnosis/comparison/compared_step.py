@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.error_table import systematic_error
 from diagnosis.comparison.slow_residual import slow_residuals
 from estimation.fit import Fit
 from modeling.number_format import P_VALUE
@@ -38,7 +37,10 @@ class ComparedFit(Tabular):
 
     @property
     def table(self) -> Table:
-        """Error of each channel (systematic with repeats, else RMS), reduced chi-square, lack of fit, by recording."""
+        """Error of each channel, reduced chi-square and lack of fit, by recording.
+
+        The error is the systematic RMS, or its upper limit, with repeats, the RMS of the whole residual without.
+        """
         units = self.training[0].space.channel_units.items()
         sizes = (Column(channel, unit, format=".3g") for channel, unit in units)
         measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
@@ -51,6 +53,6 @@ class ComparedFit(Tabular):
 
 
 def _row(comparison: Comparison, kind: str) -> tuple[Value, ...]:
-    errors = systematic_error(comparison)
+    errors = (comparison.systematic_cell(c) for c in comparison.recording.channels)
     name = f"{comparison.recording.name} ({kind})"
-    return (name, *errors.values(), comparison.misfit, comparison.lack_of_fit_cell)
+    return (name, *errors, comparison.misfit, comparison.lack_of_fit_cell)

@@ -19,7 +19,7 @@ from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
 from estimation.recordings.recording import Recording
 from estimation.run_spectrum import run_spectrum
-from modeling.number_format import P_VALUE, plain_number
+from modeling.number_format import p_value_text
 from modeling.space import Space
 from modeling.table import Cell, Column, Table, Tabular
 
@@ -60,10 +60,19 @@ class Comparison(Tabular):
     @property
     def lack_of_fit_text(self) -> str:
         """The p-value of the lack of fit in words."""
-        cell, number = self.lack_of_fit_cell, plain_number(self.lack_of_fit, P_VALUE)
-        if cell.mark:
-            return f"p ≤ {number}, the smallest that this test can give"
-        return f"p = {number}".replace("= <", "<")
+        if self.lack_of_fit_cell.mark:
+            return f"{p_value_text(self.lack_of_fit, '≤')}, the smallest that this test can give"
+        return p_value_text(self.lack_of_fit)
+
+    @property
+    def reduced_chi_square(self) -> float | None:
+        """The same as `misfit`, the name that it has in result.json."""
+        return self.misfit
+
+    @property
+    def systematic_rms(self) -> Mapping[str, float] | None:
+        """The same as `explainable_rms`, the name that it has in result.json."""
+        return self.explainable_rms
 
     @property
     def space(self) -> Space:
@@ -77,12 +86,22 @@ class Comparison(Tabular):
             return None
         return {c: float(np.sqrt(rms**2 + 2 * self.explainable_std[c])) for c, rms in self.explainable_rms.items()}
 
+    def systematic_cell(self, channel: str) -> Cell:
+        """Systematic error of a channel for a table: its upper limit, marked so, where it is estimated as zero.
+
+        The total RMS without repeats.
+        """
+        if self.explainable_rms is None:
+            return Cell(self.rms[channel])
+        size, limit = self.explainable_rms[channel], self.explainable_limit
+        return Cell(size) if size > 0 or limit is None else Cell(limit[channel], "< ")
+
     @property
     def table(self) -> Table:
-        """Channel, unit, noise floor, RMS and systematic RMS."""
-        explainable = self.explainable_rms or {}
+        """Channel, unit, noise floor, RMS and systematic RMS, or its upper limit."""
+        repeated = self.explainable_rms is not None
         rows = [
-            (c, unit, self.noise_floor[c], self.rms[c], explainable.get(c))
+            (c, unit, self.noise_floor[c], self.rms[c], self.systematic_cell(c) if repeated else None)
             for c, unit in self.space.channel_units.items()
         ]
         numbers = (Column(name, format=".4g") for name in ("noise floor", "rms", "systematic rms"))

@@ -64,7 +64,7 @@ def systematic_error(comparison: Comparison) -> Mapping[str, float]:
 
 def systematic_error_text(comparison: Comparison, channel: str, digits: int = 3) -> str:
     """Systematic error of a channel; its upper limit where it is not significant."""
-    cell = _systematic_error_cell(comparison, channel)
+    cell = comparison.systematic_cell(channel)
     return cell.mark + format_number(float(cell.value or 0.0), 2 if cell.mark else digits)
 
 
@@ -95,10 +95,5 @@ def _error_cell(comparison: Comparison, channel: str, tolerance: float) -> Cell:
         return Cell(whole, mark="~")
     size = comparison.explainable_rms[channel]
     kind = "within" if size <= tolerance else "above_noise" if size > comparison.noise_floor[channel] else ""
-    found = _systematic_error_cell(comparison, channel)
+    found = comparison.systematic_cell(channel)
     return Cell(found.value, found.mark, kind, f"({format_number(whole)})")
-
-
-def _systematic_error_cell(comparison: Comparison, channel: str) -> Cell:
-    size, limit = systematic_error(comparison)[channel], comparison.explainable_limit
-    return Cell(size) if size > 0 or limit is None else Cell(limit[channel], "< ")

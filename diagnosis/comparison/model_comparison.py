@@ -22,8 +22,8 @@ from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.recordings.readings_digest import readings_digest
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
-from modeling.errors import InputError
-from modeling.number_format import P_VALUE, SMALLEST_P_VALUE, finite
+from modeling.errors import InputError, kind_of
+from modeling.number_format import P_VALUE, finite, p_value_text
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 
@@ -103,7 +103,7 @@ class ModelDifference:
     @property
     def sentence(self) -> str:
         """The result in words."""
-        p_value = f"p = {self.p_value:.2g}" if self.p_value > SMALLEST_P_VALUE else f"p < {SMALLEST_P_VALUE:g}"
+        p_value = p_value_text(self.p_value)
         if self.p_value < LEVELS.effect:
             verb = "describes these recordings, which were fitted," if self.fitted else "predicts"
             return f"{self.better} {verb} better than {self.worse} ({p_value})"
@@ -138,7 +138,7 @@ class ModelComparison(Tabular):
     def table(self) -> Table:
         """Error of each channel, reduced chi-square and lack of fit of each model on each recording.
 
-        The error is the systematic RMS with repeats, the RMS of the whole residual without.
+        The error is the systematic RMS, or its upper limit, with repeats, the RMS of the whole residual without.
         """
         units = self.models[0].predictions[0].comparison.space.channel_units.items()
         numbers = (Column(c, unit, format=".3g") for c, unit in units)
@@ -147,7 +147,7 @@ class ModelComparison(Tabular):
             (
                 _recording_label(p),
                 model.name,
-                *(_error(p.comparison).values()),
+                *(p.comparison.systematic_cell(c) for c in p.comparison.recording.channels),
                 p.comparison.misfit,
                 p.comparison.lack_of_fit_cell,
             )
@@ -297,7 +297,7 @@ def _require_fits_and_recordings(fit: object, recording: object, more: tuple[obj
     fits = fit.values() if isinstance(fit, Mapping) else fit if isinstance(fit, list | tuple) else (fit,)
     for one in fits:
         if not isinstance(one, EstimatedModel):
-            raise InputError(what=f"a {type(one).__name__} is no fit", where="compare", remedy=remedy)
+            raise InputError(what=f"{kind_of(one)} is no fit", where="compare", remedy=remedy)
     given = recording if isinstance(recording, list | tuple) else (recording,)
     for part in given:
         require_recording(part, "compare")
@@ -413,10 +413,6 @@ def _estimates(model: ComparedModel) -> dict[str, Estimate]:
 def _change(first: Estimate, other: Estimate) -> float:
     """Change of a parameter, in the std of the first model."""
     return (other.value - first.value) / first.std if first.std > 0 else np.nan
-
-
-def _error(comparison: Comparison) -> Mapping[str, float]:
-    return comparison.explainable_rms if comparison.explainable_rms is not None else comparison.rms
 
 
 def _recording_label(prediction: ModelOnRecording) -> str:

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import isclose
+from math import isclose, isinf, nan
+from typing import TYPE_CHECKING
 
 from diagnosis.screening.score_test import ScoreTest, adjusted_p_values
 from modeling.number_format import P_VALUE, SHARE, estimate_text, format_number, format_unit
+from modeling.parameter import Parameter
 from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Column, Table, Tabular
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+SIZE_COLUMNS = ("parameter", "size", "std", "detectable", "unit")
+"""Of the data frame, for the most significant amplitude."""
 MOST_AMOUNTS = 2
 """Amplitudes of an effect that a row lists, the most significant first."""
 
@@ -54,20 +61,47 @@ class Suspects(Tabular):
 
     @property
     def table(self) -> Table:
-        """Effect, Holm-adjusted p-value, share of the excess chi-square it removes, size, detectable amount, reason."""
+        """Effect, Holm-adjusted p-value, share of the excess chi-square, parameters, size, detectable amount, reason.
+
+        An effect of many parameters removes much without being there: compare it with one of few.
+        """
         rows = [
             (
                 test.effect.id,
                 self.p_values.get(test.effect.id),
                 self.share(test),
+                self._parameters(test),
                 self._amounts(test),
                 self._detectable(test),
                 test.reason,
             )
             for test in self.tests
         ]
-        numbers = (Column("p", format=P_VALUE), Column("error removed", format=SHARE))
+        numbers = (Column("p", format=P_VALUE), Column("error removed", format=SHARE), Column("parameters", format="d"))
         return Table.of(("effect", *numbers, "size", "detectable", "not tested, because"), rows)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table with numbers alone: of each effect its most significant amplitude, in its unit.
+
+        `size` is its estimated change from nominal with `std`, `detectable` the change that is detected with 80 %
+        power. An amplitude that is nominally infinite (a stiffness, a level of saturation) has no std, and no size
+        where it is not significant: it is then above `detectable`.
+        """
+        import pandas as pd
+
+        known = self.table.to_frame()
+        sizes = pd.DataFrame([self._size(test) for test in self.tests], columns=SIZE_COLUMNS)
+        return pd.concat([known.iloc[:, :4], sizes, known.iloc[:, -1:]], axis=1)
+
+    def _size(self, test: ScoreTest) -> tuple[str, float, float, float, str]:
+        """Name, size, std, detectable change and unit of the most significant amplitude."""
+        if not test.amounts:
+            return "", nan, nan, nan, ""
+        (name, (size, std)), *_ = self._ranked(test)
+        found = self._qualified(test)[name]
+        if isinf(found.nominal):
+            size, std = size if self._significant(test) else nan, nan
+        return _own_name(name), size, std, test.detectable.get(name, nan), found.unit
 
     def remarks(self) -> list[str]:
         """What to do with it."""
@@ -88,13 +122,44 @@ class Suspects(Tabular):
         return min(1.0, test.statistic / self.excess) if self.excess and test.excited else None
 
     def _amounts(self, test: ScoreTest) -> str:
-        units = {p.name: p.unit for p in test.effect.qualified(self.space)}
-        ranked = sorted(test.amounts.items(), key=lambda a: -abs(a[1][0]) / max(a[1][1], 1e-300))[:MOST_AMOUNTS]
-        found = [f"{n.split('.', 1)[1]} = {estimate_text(*v, units[n])}" for n, v in ranked]
+        found = [self._amount(test, name) for name, _ in self._ranked(test)[:MOST_AMOUNTS]]
         return ", ".join(found) + ", .." * (len(test.amounts) > MOST_AMOUNTS)
 
+    def _amount(self, test: ScoreTest, name: str) -> str:
+        """An amplitude in words.
+
+        One that is nominally infinite is a point of the search, no estimate with a std; where it is not significant it
+        is above what is detectable.
+        """
+        found, (size, std) = self._qualified(test)[name], test.amounts[name]
+        if not isinf(found.nominal):
+            return f"{_own_name(name)} = {estimate_text(size, std, found.unit)}"
+        if self._significant(test):
+            return f"{_own_name(name)} = {_number(size, found.unit)}"
+        return f"{_own_name(name)} > {_number(test.detectable[name], found.unit)}" if name in test.detectable else ""
+
     def _detectable(self, test: ScoreTest) -> str:
-        units = {p.name: p.unit for p in test.effect.qualified(self.space)}
-        found = list(test.detectable.items())[:MOST_AMOUNTS]
-        texts = (f"{n.split('.', 1)[1]} {format_number(v, 2)} {format_unit(units[n])}".rstrip() for n, v in found)
-        return ", ".join(texts).replace("−", "-")
+        found, known = list(test.detectable.items())[:MOST_AMOUNTS], self._qualified(test)
+        return ", ".join(f"{_own_name(name)} {_number(v, format_unit(known[name].unit))}" for name, v in found)
+
+    def _ranked(self, test: ScoreTest) -> list[tuple[str, tuple[float, float]]]:
+        """The amplitudes, the most significant first."""
+        return sorted(test.amounts.items(), key=lambda a: -abs(a[1][0]) / max(a[1][1], 1e-300))
+
+    def _qualified(self, test: ScoreTest) -> dict[str, Parameter]:
+        return {p.name: p for p in test.effect.qualified(self.space)}
+
+    def _parameters(self, test: ScoreTest) -> int:
+        return sum(not p.fixed for p in test.effect.parameters(self.space))
+
+    def _significant(self, test: ScoreTest) -> bool:
+        return self.p_values.get(test.effect.id, 1.0) < LEVELS.effect
+
+
+def _own_name(name: str) -> str:
+    """The name of a parameter without its effect."""
+    return name.split(".", 1)[1]
+
+
+def _number(value: float, unit: str) -> str:
+    return f"{format_number(value, 2)} {format_unit(unit)}".rstrip().replace("−", "-")

@@ -23,6 +23,7 @@ REPLACEMENT_SENTENCE = (
     " {e.replacement[1].excess:.3g}; beside it, it is collinear"
 )
 RANGE_SENTENCE = "{e.beyond_range} is not excited: detectable only beyond its physical range"
+NOT_SIGNIFICANT_SENTENCE = "rejected, because it is not significant: what it would explain is within the noise"
 LIMIT_SENTENCE = "the upper 95 % limit of its contribution is below tolerance"
 
 
@@ -91,6 +92,6 @@ EFFECT_RULES: tuple[EffectRule, ...] = (
         V.NOT_SUPPORTED,
         "rejected, because there are too few repeats to know the low-frequency noise",
     ),
-    VerdictRule("not significant", lambda e: True, V.NOT_SUPPORTED),
+    VerdictRule("not significant", lambda e: True, V.NOT_SUPPORTED, NOT_SIGNIFICANT_SENTENCE),
 )
 """In order; `diagnose(..., effect_rules=(rule, *EFFECT_RULES))` asks another one first."""

@@ -27,9 +27,9 @@ from diagnosis.verdict.upper_limit import contribution_upper_limit, within_toler
 from diagnosis.verdict.verdict import EffectVerdict
 from diagnosis.verdict_rule import judge
 from estimation.fit import Estimate
-from estimation.least_squares.estimates import PARAMETER_COLUMNS, estimates_data
+from estimation.least_squares.estimates import estimates_data, parameter_table
 from modeling.chain.effect import Effect
-from modeling.number_format import P_VALUE, finite, plain_number
+from modeling.number_format import finite, p_value_text
 from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Table, Tabular
@@ -62,11 +62,11 @@ class Finding(Tabular):
     @property
     def table(self) -> Table:
         """Name, value, std and unit of its parameters."""
-        return Table.of(PARAMETER_COLUMNS, [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()])
+        return parameter_table(self.parameters)
 
     def printed(self) -> list[Table | str]:
         """Verdict with p-value and reason, then the parameters."""
-        p_value = "" if self.p_value is None else f", p = {plain_number(self.p_value, P_VALUE)}".replace("= <", "<")
+        p_value = "" if self.p_value is None else f", {p_value_text(self.p_value)}"
         head = f"{self.effect.id}: {self.verdict.value}{p_value}" + (f"; {self.reason}" if self.reason else "")
         return [head, *([self.table] if self.parameters else [])]
 

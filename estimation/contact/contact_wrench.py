@@ -18,12 +18,13 @@ from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_detection import ContactDetection, ContactInterval, detect_contacts
 from estimation.contact.contact_mean import ContactMean, ContactSeries
 from estimation.contact.point_force import PointForce, std_along
-from estimation.fit import Fit, check_channels
+from estimation.fit import Fit, check_channels, require_recording
 from estimation.gravity.gravity_direction import mounted_recording
 from estimation.model_response import model_response
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.contact_gain import contact_gain_at, group_delay
+from modeling.errors import InputError, kind_of
 from modeling.number_format import P_VALUE, plain_number
 from modeling.significance import LEVELS
 from modeling.space import FORCE_UNIT, Space
@@ -249,6 +250,16 @@ def _calibration(fitted: Fit | StreamedFit | CalibratedModel | SavedModel) -> Ca
     return CalibratedModel.of(fitted) if isinstance(fitted, Fit | StreamedFit) else fitted.calibration
 
 
+def _require_order(fitted: object, recording: object) -> None:
+    """InputError, in a sentence, for arguments that are swapped, or of other kinds."""
+    remedy = "give the fit first: tw.compensate(fit, recording)"
+    if isinstance(fitted, Recording) and not isinstance(recording, Recording):
+        raise InputError(what="the fit and the recording are swapped", where="compensate", remedy=remedy)
+    if not isinstance(fitted, Fit | StreamedFit | CalibratedModel) and not hasattr(fitted, "calibration"):
+        raise InputError(what=f"{kind_of(fitted)} is no fitted model", where="compensate", remedy=remedy)
+    require_recording(recording, "compensate")
+
+
 def compensate(
     fitted: Fit | StreamedFit | CalibratedModel | SavedModel,
     recording: Recording,
@@ -281,7 +292,7 @@ def compensate(
     Raises
     ------
     InputError
-        When the channels differ or a signal that the model needs is missing.
+        When the channels differ, a signal that the model needs is missing, or the arguments are swapped.
 
     Notes
     -----
@@ -302,6 +313,7 @@ def compensate(
     >>> [(round(contact.time_of(i.first), 1), round(contact.time_of(i.last), 1)) for i in contact.intervals]
     [(1.5, 2.5), (6.5, 7.5), (11.5, 12.5), (16.5, 17.5)]
     """
+    _require_order(fitted, recording)
     known = _calibration(fitted).without_recording_specific
     check_channels(known.model, (recording,))
     recording = mounted_recording(recording, known.model.gravity_direction)

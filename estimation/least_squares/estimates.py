@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,15 @@ from modeling.identifiability import (
     unidentifiable_directions,
 )
 from modeling.parameter import Parameter
-from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
+from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular, Value
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
 
+FIXED, HELD = "fixed", "held at its bound"
+"""Printed for the std of a parameter that is not free, and of one that a bound holds."""
 ILL_CONDITIONED = 1e3
 """Condition number above which a table remarks on it: one direction is a thousand times less certain than another."""
 
@@ -61,7 +63,42 @@ def fixed_parameters(parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
     return np.array([p.fixed for p in parameters])
 
 
-class Estimates(Tabular):
+class HasParameters(Protocol):
+    """What has estimates by name."""
+
+    @property
+    def parameters(self) -> Mapping[str, Estimate]: ...
+
+
+class NamedEstimates:
+    """Estimates by parameter name, as `fit["m"]`; iteration, `in` and `len` are over the names, as of a mapping."""
+
+    def __getitem__(self: HasParameters, name: str) -> Estimate:
+        """The estimate of that full name; InputError, with what was meant, for none.
+
+        `mlx` is not `com_offset.mlx`: the short name is ambiguous as soon as another effect has such a parameter.
+        """
+        if name not in self.parameters:
+            remedy = suggestion(str(name), self.parameters)
+            raise InputError(what=f"no parameter is called {quoted(name)}", where="fit", remedy=remedy)
+        return self.parameters[name]
+
+    def __iter__(self: HasParameters) -> Iterator[str]:
+        return iter(self.parameters)
+
+    def __contains__(self: HasParameters, name: object) -> bool:
+        return name in self.parameters
+
+    def __len__(self: HasParameters) -> int:
+        return len(self.parameters)
+
+    @property
+    def values(self: HasParameters) -> dict[str, float]:
+        """The value of every parameter by name."""
+        return {name: estimate.value for name, estimate in self.parameters.items()}
+
+
+class Estimates(NamedEstimates, Tabular):
     """Parameters estimated by least squares, from recordings or a stream.
 
     theta        (k,), its covariance (k, k), and `identifiable` (k,), whether a parameter is identifiable
@@ -93,13 +130,6 @@ class Estimates(Tabular):
             for p, value, s in zip(self.unknowns, self.theta, std, strict=True)
         }
 
-    def __getitem__(self, name: str) -> Estimate:
-        """The estimate of that name; InputError, with what was meant, for none."""
-        if name not in self.parameters:
-            remedy = suggestion(str(name), self.parameters)
-            raise InputError(what=f"no parameter is called {quoted(name)}", where="fit", remedy=remedy)
-        return self.parameters[name]
-
     @property
     def params(self) -> pd.DataFrame:
         """Value, std and unit of every parameter, by name, as a data frame."""
@@ -109,11 +139,6 @@ class Estimates(Tabular):
     def correlation(self) -> pd.DataFrame:
         """Correlation coefficients (k, k) of the estimates; missing for an unidentifiable parameter."""
         return correlation_frame(list(self.parameters), self.covariance, self.identifiable)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The value of every parameter by name."""
-        return {name: estimate.value for name, estimate in self.parameters.items()}
 
     @cached_property
     def scaled_svd(self) -> ScaledSVD:
@@ -138,8 +163,14 @@ class Estimates(Tabular):
 
     @property
     def table(self) -> Table:
-        """Name, value, std and unit of every parameter."""
-        return Table.of(PARAMETER_COLUMNS, [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()])
+        """Name, value, std and unit of every parameter; of one that is fixed or held at a bound this, for its std."""
+        return parameter_table(self.parameters, self.held)
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Names of the parameters that a bound holds: their std is not that of a measurement."""
+        ends = zip(self.unknowns, self.theta, self.identifiable, strict=True)
+        return tuple(p.name for p, value, known in ends if known and not p.fixed and value in p.bounds)
 
     def remarks(self) -> list[str]:
         """Remarks on the estimate: ill-conditioning, unidentifiable combinations, missing convergence."""
@@ -151,6 +182,18 @@ class Estimates(Tabular):
         return (
             found if self.converged else [*found, f"not converged after {MAX_STEPS} steps: the estimates are not final"]
         )
+
+
+def parameter_table(estimates: Mapping[str, Estimate], held: Collection[str] = ()) -> Table:
+    """Name, value, std and unit by name; for the std of a fixed parameter, and one `held` at a bound, that it is."""
+    rows = [(e.name, e.known, _std_cell(e, held), e.unit) for e in estimates.values()]
+    return Table.of(PARAMETER_COLUMNS, rows)
+
+
+def _std_cell(estimate: Estimate, held: Collection[str]) -> Value:
+    if estimate.std == 0:
+        return Cell(None, FIXED)
+    return Cell(None, HELD) if estimate.name in held else estimate.std
 
 
 def parameter_frame(estimates: Mapping[str, Estimate]) -> pd.DataFrame:

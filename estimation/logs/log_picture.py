@@ -10,8 +10,9 @@ import numpy as np
 from estimation.logs.log_table import Array
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import MIN_POSES, recording_from_table
+from estimation.recordings.recording import Recording
 from estimation.recordings.reports.reading_curves import ReadingCurves
-from estimation.recordings.reports.reading_report import OffsetReading, ReadingStep
+from estimation.recordings.reports.reading_report import OffsetReading, ReadingReport, ReadingStep, UsedColumns
 from estimation.recordings.signal_unit import signal_unit
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
@@ -41,6 +42,31 @@ def picture_of(
         for step in steps
     )
     return ReadingCurves.of(columns, _units(columns, rig), stamps, gravity_directions(columns, rig)), moved
+
+
+def pictured_reading(recording: Recording) -> ReadingReport:
+    """The report of a recording's reading with the curves of a picture, also of one that was read as it stands."""
+    if recording.reading is not None and recording.reading.curves is not None:
+        return recording.reading
+    columns = {str(name): column.to_numpy(dtype=np.float64) for name, column in recording.to_frame().items()}
+    stamps: Array | None = columns.get("time")
+    curves, _ = picture_of(columns, stamps, (), recording.name, None, recording.rig)
+    motion = tuple(name for name in recording.columns if name not in recording.auxiliary)
+    used = [
+        UsedColumns(quantity=quantity, source=recording.name, columns=names, targets=names, how="as it stands")
+        for quantity, names in (("wrench", recording.channels), ("motion", motion))
+    ]
+    return ReadingReport(
+        sources=((recording.name, "recording", recording.samples, len(columns)),),
+        used=tuple(used),
+        clocks=(),
+        offset=None,
+        steps=() if recording.reading is None else recording.reading.steps,
+        samples=recording.samples,
+        rate=None if recording.dt is None else 1 / recording.dt,
+        columns=tuple(columns),
+        curves=curves,
+    )
 
 
 def _units(columns: Mapping[str, Array], rig: Rig | None) -> dict[str, str]:

@@ -16,7 +16,7 @@ from estimation.recordings.reading import read as read_recording
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.recording import QUATERNION, Recording
 from estimation.recordings.reports.reading_report import ReadingReport
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 
 HEADER_BYTES = 1 << 16
@@ -119,7 +119,7 @@ def require_path(given: object) -> None:
     """InputError, in a sentence, for what is no path of a file."""
     if not isinstance(given, str | Path):
         remedy = "give the path of a file; a data frame goes to tw.from_dataframe(frame), arrays to tw.from_arrays"
-        raise InputError(what=f"a {type(given).__name__} is no path", where="read", remedy=remedy)
+        raise InputError(what=f"{kind_of(given)} is no path", where="read", remedy=remedy)
 
 
 def is_recording(path: Path) -> bool:

@@ -77,6 +77,11 @@ class StreamedFit(Estimates):
         remaining = self.triangle.shifted(self.theta)
         return remaining.cost / max(remaining.rows - int(self.scaled_svd.regular.sum()), 1)
 
+    @property
+    def reduced_chi_square(self) -> float:
+        """The same as `misfit`."""
+        return self.misfit
+
 
 class InformationSum:
     """Sum of the information of parts. Every run has its own zero, eliminated for all but the first.

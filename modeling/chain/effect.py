@@ -5,11 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
-from modeling.errors import InputError, quoted
+from modeling.errors import InputError, kind_of
 from modeling.parameter import Parameter, Role
 from modeling.space import Space
 
@@ -145,16 +146,20 @@ def _number(value: float) -> sp.Expr:
     return sp.Float(value) if value else sp.S.Zero
 
 
-def effects_of(given: Effect | Iterable[Effect]) -> tuple[Effect, ...]:
-    """The effects of an argument that is one or several; InputError, in a sentence, for what is none."""
+def effects_of(given: Effect | str | Iterable[Effect | str]) -> tuple[Effect, ...]:
+    """The effects of an argument that is one or several, or their ids; InputError, in a sentence, for what is none."""
     whole: object = given
     several: tuple[object, ...] = (
         tuple(whole) if isinstance(whole, Iterable) and not isinstance(whole, str) else (whole,)
     )
-    for one in several:
-        if not isinstance(one, Effect):
-            name = one if isinstance(one, str) else "viscous_drag"
-            what = f"{quoted(one) if isinstance(one, str) else f'a {type(one).__name__}'} is no effect"
-            remedy = f"take one of the catalogue, tw.effects.named({name!r}), or write one"
-            raise InputError(what=what, where="effects", remedy=remedy)
-    return tuple(one for one in several if isinstance(one, Effect))
+    return tuple(_effect(one) for one in several)
+
+
+def _effect(one: object) -> Effect:
+    if isinstance(one, Effect):
+        return one
+    if isinstance(one, str):
+        named: Effect = import_module("modeling.effects").named(one)  # the catalogue is made of subclasses
+        return named
+    remedy = "take one of the catalogue, tw.effects.named('viscous_drag'), or write one"
+    raise InputError(what=f"{kind_of(one)} is no effect", where="effects", remedy=remedy)

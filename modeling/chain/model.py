@@ -6,15 +6,16 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from html import escape
 from itertools import permutations, product
-from typing import Any, Self, TypeVar
+from typing import Any, NoReturn, Self, TypeVar
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, rigid_chain
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.stages.bias_stage import Bias
 from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.evaluation.cache import PlainData, cached, canonical_data
 from modeling.expressions.intermediate_variables import Definitions, required_definitions
 from modeling.expressions.symbolic_vector import SymbolicVector
@@ -24,6 +25,7 @@ from modeling.kinematics.perturbed_arm import PerturbedArm
 from modeling.parameter import Parameter
 from modeling.rig.rig import STANDARD_GRAVITY, Convention, Rig
 from modeling.space import Space
+from modeling.table import Column, Table
 from modeling.tool.rigid_body import inertial_parameters
 
 
@@ -105,7 +107,7 @@ class WrenchModel:
     space : Space
         Plane or six axes.
     gravity : float, optional
-        m/s², by default 9.80665.
+        m/s², by default 9.806.
     gravity_direction : tuple of float, optional
         Unit vector along gravity in base axes, as the rig has it; the world of the recordings is then the base turned
         by the least angle that points gravity down. By default not stated.
@@ -129,7 +131,7 @@ class WrenchModel:
     Examples
     --------
     >>> import truewrench as tw
-    >>> model = tw.planar() + tw.effects.viscous_drag()
+    >>> model = tw.planar() + "viscous_drag"  # or an effect: + tw.effects.viscous_drag()
     >>> [p.name for p in model.parameters][-2:]
     ['viscous_drag.c', 'viscous_drag.d']
     """
@@ -149,8 +151,19 @@ class WrenchModel:
         parameters = ", ".join(parameter.name for parameter in self.parameters)
         return f"WrenchModel: {tool}, {kind}, {self.convention.value}, g = {self.gravity} m/s²; {parameters}"
 
-    def __add__(self, effect: Effect | Iterable[Effect]) -> WrenchModel:
-        """The model with one more effect (or several) in its chain."""
+    @property
+    def table(self) -> Table:
+        """Every parameter with its unit and range, those of effects with the nominal value, without effect."""
+        numbers = (Column(name, format=".4g") for name in ("nominal", "low", "high"))
+        nominal = [None] * self.base_size + [p.nominal for p in self.parameters[self.base_size :]]
+        rows = [(p.name, p.unit, value, *p.bounds) for p, value in zip(self.parameters, nominal, strict=True)]
+        return Table.of(("parameter", "unit", *numbers), rows)
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self).partition(';')[0])}</p>\n{self.table.to_html()}"
+
+    def __add__(self, effect: Effect | str | Iterable[Effect | str]) -> WrenchModel:
+        """The model with one more effect (or several) in its chain, each itself or by its id."""
         added = effects_of(effect)
         for place, new in enumerate(added):
             if self.space not in new.spaces:
@@ -167,8 +180,16 @@ class WrenchModel:
                 )
         return replace(self, effects=self.effects + tuple(new.fitting(self.arm) for new in added))
 
-    def without(self, effect_id: str) -> WrenchModel:
-        """The model without that effect."""
+    def __sub__(self, effect: object) -> NoReturn:
+        remedy = "leave an effect out by its id: model.without('viscous_drag')"
+        raise InputError(what="nothing is subtracted from a model", where="model", remedy=remedy)
+
+    def without(self, effect: str | Effect) -> WrenchModel:
+        """The model without that effect, by its id or itself; InputError when the model lacks it."""
+        effect_id, known = effect if isinstance(effect, str) else effect.id, [e.id for e in self.effects]
+        if effect_id not in known:
+            remedy = suggestion(effect_id, known) if known else "the model is the rigid tool alone"
+            raise InputError(what=f"{quoted(effect_id)} is not in the model", where="effect id", remedy=remedy)
         return replace(self, effects=tuple(e for e in self.effects if e.id != effect_id))
 
     def with_arm(self, arm: Arm | None) -> WrenchModel:
@@ -373,7 +394,7 @@ def require_model(given: object, where: str) -> None:
     """InputError, in a sentence, for what is no model."""
     if not isinstance(given, WrenchModel):
         remedy = f"give a model first: tw.{where}(tw.planar(rig), recording)"
-        raise InputError(what=f"a {type(given).__name__} is no model", where=where, remedy=remedy)
+        raise InputError(what=f"{kind_of(given)} is no model", where=where, remedy=remedy)
 
 
 def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
@@ -381,7 +402,7 @@ def _of_rig(space: Space, rig: Rig | None, default: Convention) -> WrenchModel:
         return WrenchModel(space=space, convention=default)
     given: object = rig
     if not isinstance(given, Rig):
-        what = f"a {type(given).__name__} is no rig"
+        what = f"{kind_of(given)} is no rig"
         raise InputError(what=what, where="model", remedy="read it: tw.Rig.read(path), or tw.Rig.from_data(tables)")
     sensor, arm = rig.sensor, rig.arm if rig.arm is not None and rig.arm.space is space else None
     stated = sensor.convention if sensor is not None and sensor.convention is not None else default

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NoReturn
+
 from modeling.chain.effect import Effect
 from modeling.effects.bias import BiasDrift, LineInterference, ThermalDrift
 from modeling.effects.cable import CableSpring
@@ -69,6 +71,16 @@ CATALOGUE: tuple[type[Effect], ...] = (
     ThermalDrift,
     LineInterference,
 )
+
+
+def __getattr__(name: str) -> NoReturn:
+    """AttributeError with the effect that was meant."""
+    raise AttributeError(f"no effect is called {quoted(name)}; {suggestion(name, __dir__())}", name=name)
+
+
+def __dir__() -> list[str]:
+    """What one takes from here, for completion: the ids of the effects, and what finds them."""
+    return sorted([*(effect.id for effect in CATALOGUE), "CATALOGUE", "Effect", "catalogue", "named"])
 
 
 def catalogue(space: Space | None = None) -> tuple[Effect, ...]:

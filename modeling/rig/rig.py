@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any, Self, TypeAlias
 
@@ -18,6 +19,8 @@ from modeling.kinematics.arm import Arm
 from modeling.kinematics.base_mounting import Direction, unit_direction
 from modeling.kinematics.planar_arm import PlanarArm
 from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.rig.rig_table import rig_table
+from modeling.table import Table, shortened
 from modeling.text_file import file_text, toml_data
 
 RigTables: TypeAlias = dict[str, Any]
@@ -78,7 +81,7 @@ class SensorDescription:
     mirror_y: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Rig:
     """A robot with a wrist sensor, as a rig file describes it; a rig without a robot is valid.
 
@@ -97,7 +100,7 @@ class Rig:
     tip_length : float, optional
         From the sensor origin to the end of the tool, m.
     gravity : float, optional
-        m/s², by default 9.80665.
+        m/s², by default 9.806.
     gravity_direction : tuple of float, optional
         Unit vector along gravity in base axes, (x, y) in the plane, (x, y, z) in six axes; by default along -y, -z. The
         world is then the base turned by the least angle that points gravity down.
@@ -171,6 +174,22 @@ class Rig:
         arm = self.spatial_arm if self.link_lengths is None else PlanarArm(self.link_lengths)
         direction = self.gravity_direction
         return arm if arm is None or direction is None else arm.mounted(direction)
+
+    @property
+    def table(self) -> Table:
+        """What the rig file states, by its names."""
+        units = ("rad",) if self.arm is None else self.arm.units
+        return rig_table(self.to_data(), " or ".join(sorted(set(units), reverse=True)))
+
+    def __repr__(self) -> str:
+        return f"{self._title}\n{shortened(str(self.table))}"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(self._title)}</p>\n{self.table.to_html()}"
+
+    @property
+    def _title(self) -> str:
+        return f"Rig {self.name!r}" if self.name else "Rig"
 
     @property
     def position_limits(self) -> NDArray[np.float64] | None:

@@ -116,12 +116,13 @@ def error_table(before: Comparison, after: Comparison) -> Table:
     errors = zip(before.explainable_rms or {}, before.space.units, strict=True)
     for channel, unit in errors:
         floor = after.noise_floor[channel]
-        first, last = (dict(c.explainable_rms or {})[channel] for c in (before, after))
+        last = dict(after.explainable_rms or {})[channel]
         allowed = ((floor / 10) ** 2 + 2 * dict(after.explainable_std or {})[channel]) ** 0.5
         reached = "reached" if last <= allowed else "not reached"
-        rows.append((channel, unit, floor, first, last, allowed, reached))
-    sizes = ("noise floor", "rigid tool", "final model", "limit (floor / 10, 2 s.e.)")
-    return Table.of(("channel", "unit", *(Column(name, format=".3g") for name in sizes), "success"), rows)
+        sizes = (c.systematic_cell(channel) for c in (before, after))
+        rows.append((channel, unit, floor, *sizes, allowed, reached))
+    names = ("noise floor", "rigid tool", "final model", "limit (floor / 10, 2 s.e.)")
+    return Table.of(("channel", "unit", *(Column(name, format=".3g") for name in names), "success"), rows)
 
 
 # --------------------------------------------------------------------------------------- contact wrench

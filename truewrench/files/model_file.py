@@ -17,7 +17,7 @@ from pydantic import Field
 
 from estimation.contact.calibrated_model import CalibratedModel
 from estimation.fit import Estimate, Fit, predicted_frame, require_recording
-from estimation.least_squares.estimates import PARAMETER_COLUMNS, correlation_frame, parameter_frame
+from estimation.least_squares.estimates import NamedEstimates, correlation_frame, parameter_frame, parameter_table
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.readings_digest import readings_digest
 from estimation.streaming.streamed_fit import StreamedFit
@@ -25,7 +25,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.effects import named
 from modeling.effects.point_effect import OFFSETS
-from modeling.errors import InputError, quoted, suggestion
+from modeling.errors import InputError, kind_of
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.number_format import finite
 from modeling.rig.rig import Convention, Rig
@@ -47,11 +47,13 @@ VERSION = 1
 BASES = {"planar": Space.PLANE, "spatial": Space.SPACE}
 ROUNDING = 1e-6
 """Relative tolerance of redundant numbers in one file, which may have been rounded by hand."""
+RECORDINGS = (".csv", ".parquet", ".bag", ".mcap", ".db3", ".mat", ".npz", ".h5", ".xlsx")
+"""Endings of files that hold recordings, not models."""
 REMEDY = "write the file again with `truewrench fit --out`, or correct it there"
 
 
 @dataclass(frozen=True, eq=False)
-class ModelFile(Tabular):
+class ModelFile(NamedEstimates, Tabular):
     """A fitted model: estimates, covariance, noise and systematic residual.
 
     parameters    in the model's order; biases are those of the first recording
@@ -94,28 +96,16 @@ class ModelFile(Tabular):
     @property
     def table(self) -> Table:
         """Name, value, std and unit of every parameter."""
-        return Table.of(PARAMETER_COLUMNS, [(e.name, e.known, e.std, e.unit) for e in self.parameters.values()])
+        return parameter_table(self.parameters)
 
     def printed(self) -> list[Table | str]:
         """The model, then its parameters."""
         return [repr(self.model), self.table]
 
-    def __getitem__(self, name: str) -> Estimate:
-        """The estimate of that name; InputError, with what was meant, for none."""
-        if name not in self.parameters:
-            remedy = suggestion(str(name), self.parameters)
-            raise InputError(what=f"no parameter is called {quoted(name)}", where="model", remedy=remedy)
-        return self.parameters[name]
-
     @property
     def params(self) -> pd.DataFrame:
         """Value, std and unit of every parameter, by name, as a data frame; a fit knows intervals too."""
         return parameter_frame(self.parameters)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The value of every parameter by name."""
-        return {name: estimate.value for name, estimate in self.parameters.items()}
 
     @property
     def theta(self) -> Array:
@@ -157,8 +147,13 @@ class ModelFile(Tabular):
 
         Raises InputError, in one line, for an invalid file.
         """
-        where = str(path)
-        return cls.from_text(file_text(path, kind="a model file", syntax="JSON"), where=where)
+        try:
+            return cls.from_text(file_text(path, kind="a model file", syntax="JSON"), where=str(path))
+        except InputError:
+            if Path(path).suffix.lower() not in RECORDINGS or not Path(path).exists():
+                raise
+            what, remedy = "a recording where a model file belongs", "give the JSON that `truewrench fit --out` wrote"
+            raise InputError(what=what, where=str(path), remedy=remedy) from None
 
     @classmethod
     def from_text(cls, text: str, *, where: str = "model") -> Self:
@@ -242,7 +237,7 @@ def as_model_file(given: Fitted, where: str) -> ModelFile:
     fitted: object = getattr(given, "fit", None)
     if not isinstance(fitted, Fit):
         remedy = f"give a fit: tw.{where}(tw.fit(model, recording), ..); or a study, a diagnosis or a loaded model"
-        raise InputError(what=f"a {type(given).__name__} is no fitted model", where=where, remedy=remedy)
+        raise InputError(what=f"{kind_of(given)} is no fitted model", where=where, remedy=remedy)
     return ModelFile.of(fitted, given.misfitting)
 
 
@@ -278,7 +273,7 @@ def save(fit: Fitted, path: str | Path) -> Path:
     saved = as_model_file(fit, "save")
     if not isinstance(file, str | Path):
         remedy = 'give the path of the file, such as "model.json"'
-        raise InputError(what=f"a {type(file).__name__} is no path", where="save", remedy=remedy)
+        raise InputError(what=f"{kind_of(file)} is no path", where="save", remedy=remedy)
     target = Path(path)
     with atomic_write(target) as temporary:
         temporary.write_text(saved.to_text(), encoding="utf-8")
@@ -319,7 +314,7 @@ def load(path: str | Path | Mapping[str, Any]) -> ModelFile:
         return ModelFile.from_data(given)
     if not isinstance(given, str | Path):
         remedy = "give the path of a model file, or what fit.to_dict() gave"
-        raise InputError(what=f"a {type(given).__name__} is no model file", where="load", remedy=remedy)
+        raise InputError(what=f"{kind_of(given)} is no model file", where="load", remedy=remedy)
     return ModelFile.read(given)
 
 

@@ -12,7 +12,7 @@ from diagnosis.comparison.model_comparison import ModelComparison, compare
 from diagnosis.comparison.residual_map import residual_maps
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.screening.suspects import Suspects
-from diagnosis.study import Location, Study
+from diagnosis.study import Location, Stairs, Study
 from estimation.confidence_intervals import Intervals
 from estimation.contact.contact_wrench import ContactWrench
 from estimation.fit import Fit
@@ -20,7 +20,7 @@ from estimation.least_squares.estimates import Estimates
 from estimation.recordings.recording import Recording
 from estimation.recordings.reports.reading_report import ReadingReport
 from estimation.robust.robust_fit import RobustFit
-from modeling.errors import InputError, quoted, suggestion
+from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.significance import LEVELS
 from modeling.table import Table, Tabular
 from truewrench.files.model_file import ModelFile
@@ -118,7 +118,7 @@ def _figures(result: Any) -> Mapping[str, Draw]:
     if isinstance(result, Tabular | Table):
         return {"table": lambda found, _: table_chart(found if isinstance(found, Table) else found.table)}
     remedy = f"plot one of {', '.join(known.__name__ for known in FIGURES)}"
-    raise InputError(what=f"a {type(result).__name__} has no figure", where="plot", remedy=remedy)
+    raise InputError(what=f"{kind_of(result)} has no figure", where="plot", remedy=remedy)
 
 
 def _chosen(figures: Mapping[str, Draw], kind: str | None) -> Draw:
@@ -197,7 +197,7 @@ def _map(result: Any, channel: str | None) -> Chart:
     return residual_map_chart([(side.label, row) for side, row in zip(sides, rows, strict=True)])
 
 
-def _stairs(result: Study | Diagnosis, channel: str | None) -> Chart:
+def _stairs(result: Study | Stairs | Diagnosis, channel: str | None) -> Chart:
     names = step_names(result) if isinstance(result, Diagnosis) else [step.change for step in result.steps]
     first = result.steps[0].training[0].recording
     if channel is not None and channel not in first.channels:
@@ -275,6 +275,7 @@ FIGURES: dict[type, dict[str, Draw]] = {
     Location: {"map": _map, **RESIDUALS},
     ModelComparison: {**RESIDUALS, "parameters": _parameters},
     Diagnosis: {"stairs": _stairs, **RESIDUALS, **PARAMETERS, "motion": _motion},
+    Stairs: {"stairs": _stairs},
     Study: {"stairs": _stairs, **RESIDUALS, **PARAMETERS, "motion": _motion},
     RobustFit: PARAMETERS,
     Estimates: PARAMETERS,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 from diagnosis.comparison.comparison import Comparison
+from diagnosis.study import Study
 from diagnosis.verdict.upper_limit import channel_tolerance
 from modeling.number_format import axis_label
 from modeling.significance import LEVELS
@@ -22,9 +24,32 @@ from truewrench.reports.zoom.zoomable_figure import points_of_line
 from truewrench.text.fit_summary import FitSummary
 
 
-def fit_report(summary: FitSummary, provenance: Provenance, frames: Sequence[str] = ()) -> ReportTexts:
+@dataclass(frozen=True)
+class StudySteps:
+    """The steps of a study, each with what changed, and the error of each channel after each."""
+
+    steps: Table
+    stairs: Table
+
+    @classmethod
+    def of(cls, study: Study) -> Self:
+        """The steps up to the current one."""
+        first, *others = study.table.columns
+        rows = [(row[0], s.change, *row[1:]) for row, s in zip(study.table.rows, study.steps, strict=True)]
+        return cls(Table.of((first, "change", *others), rows), study.stairs().table)
+
+
+def study_report(study: Study, provenance: Provenance) -> ReportTexts:
+    """The report of a study's current model, with the steps that led to it."""
+    summary = FitSummary(study.fit, study.fit.intervals(), validation=study.steps[-1].validation)
+    return fit_report(summary, provenance, steps=StudySteps.of(study))
+
+
+def fit_report(
+    summary: FitSummary, provenance: Provenance, frames: Sequence[str] = (), steps: StudySteps | None = None
+) -> ReportTexts:
     """The report as HTML and as Markdown; `frames` are sentences on what the data decided of frames."""
-    values = _values(summary, provenance) | {"notes": [*frames, *summary.fit.remarks()]}
+    values = _values(summary, provenance) | {"notes": [*frames, *summary.fit.remarks()], "study": steps}
     return ReportTexts(html_page("fit.html", values), markdown_page("fit.md", values))
 
 
@@ -58,8 +83,8 @@ def _error_table(summary: FitSummary) -> Table:
 
 
 def _error_rows(comparison: Comparison, label: str) -> list[tuple[Any, ...]]:
-    systematic, name = comparison.explainable_rms or {}, comparison.recording.name
-    units = comparison.space.channel_units
+    name, units = comparison.recording.name, comparison.space.channel_units
+    systematic = {} if comparison.explainable_rms is None else {c: comparison.systematic_cell(c) for c in units}
     rows: list[tuple[Any, ...]] = [
         (f"{name} ({label})", axis_label(c, units[c]), rms, comparison.noise_floor[c], systematic.get(c), None, None)
         for c, rms in comparison.rms.items()

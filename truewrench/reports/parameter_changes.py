@@ -9,7 +9,7 @@ from math import isfinite
 import numpy as np
 
 from estimation.fit import Fit
-from estimation.least_squares.estimates import Estimate
+from estimation.least_squares.estimates import HELD, Estimate
 from modeling.number_format import NO_VALUE, format_number, format_unit, format_with_std
 from modeling.table import Column, Table
 
@@ -37,9 +37,11 @@ class ParameterChanges:
         for name in dict.fromkeys((*self.after.parameters, *earlier)):
             first, last = earlier.get(name), self.after.parameters.get(name)
             unit = format_unit(next(e.unit for e in (last, first) if e is not None))
-            cells = [_text(last), _interval(*ends[name]) if last else NO_VALUE, partners.get(name, "")]
+            measured = last is not None and name not in self.after.held
+            interval = _interval(*ends[name]) if measured else NO_VALUE
+            cells = [_text(last, self.after), interval, partners.get(name, "")]
             if self.before is not None:
-                cells = [_text(first), cells[0], _change(first, last), *cells[1:]]
+                cells = [_text(first, self.before), cells[0], _change(first, last), *cells[1:]]
             rows.append((name, unit, *cells))
         shown = ("estimate",) if self.before is None else ("before", "after", "change / std")
         level = f"{intervals.level:.0%} interval".replace("%", " %")
@@ -75,9 +77,11 @@ class ParameterChanges:
         return names, matrix
 
 
-def _text(estimate: Estimate | None) -> str:
+def _text(estimate: Estimate | None, fit: Fit) -> str:
     if estimate is None:
         return NO_VALUE
+    if estimate.std > 0 and estimate.name in fit.held:
+        return f"{format_number(estimate.value, 4)} ({HELD})"
     return format_with_std(estimate.value, estimate.std) + (" (fixed)" if estimate.std == 0 else "")
 
 

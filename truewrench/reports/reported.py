@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 
 if TYPE_CHECKING:
     from diagnosis.comparison.model_comparison import ModelComparison
@@ -21,7 +21,8 @@ def report(result: Fit | Study | Diagnosis | ModelComparison, folder: str | Path
     Parameters
     ----------
     result : Fit, Study, Diagnosis or ModelComparison
-        What `fit`, `study`, `diagnose` or `compare` gave; of a study, its current model with the held-out recordings.
+        What `fit`, `study`, `diagnose` or `compare` gave; of a study, its steps, and its
+        current model with the held-out recordings.
     folder : str or Path
         Where `report.html` and `report.md` go; it is made if there is none.
 
@@ -54,7 +55,7 @@ def _texts(result: object) -> ReportTexts:
     from diagnosis.study import Study
     from estimation.fit import Fit
     from truewrench.reports.comparison_report import comparison_report
-    from truewrench.reports.fit_report import fit_report
+    from truewrench.reports.fit_report import fit_report, study_report
     from truewrench.reports.provenance import Provenance
     from truewrench.reports.report_html import diagnosis_report
     from truewrench.text.fit_summary import FitSummary
@@ -66,10 +67,8 @@ def _texts(result: object) -> ReportTexts:
         case ModelComparison():
             return comparison_report(result, made)
         case Study():
-            return fit_report(
-                FitSummary(result.fit, result.fit.intervals(), validation=result.steps[-1].validation), made
-            )
+            return study_report(result, made)
         case Fit():
             return fit_report(FitSummary(result, result.intervals()), made)
     remedy = "give what fit, study, diagnose, or compare of several models gave"
-    raise InputError(what=f"a {type(result).__name__} has no report", where="report", remedy=remedy)
+    raise InputError(what=f"{kind_of(result)} has no report", where="report", remedy=remedy)

@@ -11,9 +11,10 @@ from typing import Any
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share, motion_notes
-from estimation.confidence_intervals import Intervals
+from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
 from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
+from estimation.least_squares.estimates import HELD, Estimate
 from estimation.noise.recording_noise import NoiseSource
 from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import RobustFit
@@ -101,16 +102,30 @@ class FitSummary:
         return [*motion_notes(self.comparisons, self.fit.parameters), *slow]
 
     def parameters(self) -> str:
-        """Every estimate with std and 95 % interval, and remarks on identifiability."""
-        rows = [
-            (e.name, estimate_text(e.value, e.std, e.unit), f"{low:.6g} to {high:.6g}" if isfinite(low) else "")
-            for e, low, high in zip(self.fit.parameters.values(), self.intervals.low, self.intervals.high, strict=True)
-        ]
-        found = Table.of(("parameter", "value", f"{self.intervals.level:.0%} interval"), rows)
+        """Every estimate with std, 95 % interval and its degrees of freedom, and remarks on identifiability."""
+        names = ("parameter", "value", f"{self.intervals.level:.0%} interval", "degrees of freedom")
+        found = Table.of(names, self._parameter_rows())
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
         tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting))) else []
         tool += [text] if (text := tool_extent_text(self.fit)) else []
         return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
+
+    def _parameter_rows(self) -> Iterator[tuple[str, ...]]:
+        known = self.intervals
+        ends = zip(known.low, known.high, known.freedom, strict=True)
+        for estimate, (low, high, freedom) in zip(self.fit.parameters.values(), ends, strict=True):
+            row = (estimate.name, self._estimate(estimate))
+            if estimate.std == 0 or not isfinite(low) or estimate.name in self.fit.held:
+                yield (*row, "", "")
+            else:
+                count = f"{freedom:.3g}" if freedom < MAX_DEGREES_OF_FREEDOM else "many"
+                yield (*row, f"{low:.6g} to {high:.6g}", count)
+
+    def _estimate(self, found: Estimate) -> str:
+        """Value and std; of one that a bound holds the value alone."""
+        if found.std > 0 and found.name in self.fit.held:
+            return " ".join([f"{found.value:.6g}", *([] if found.unit == "1" else [found.unit])]) + f", {HELD}"
+        return estimate_text(found.value, found.std, found.unit)
 
     def _effect_sizes(self) -> Iterator[str]:
         """How large each effect of the model is in these recordings."""

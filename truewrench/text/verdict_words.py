@@ -71,11 +71,7 @@ def _on_held_out_alone(diagnosis: Diagnosis) -> str:
 
 def finding_sentence(finding: Finding) -> str:
     """Why an effect has its verdict, as a sentence; empty for an added one."""
-    if finding.reason:
-        return f"{finding.reason[0].upper()}{finding.reason[1:]}."
-    if finding.verdict is EffectVerdict.NOT_SUPPORTED:
-        return "Rejected, because it is not significant: what it would explain is within the noise."
-    return ""
+    return f"{finding.reason[0].upper()}{finding.reason[1:]}." if finding.reason else ""
 
 
 def closest_sentence(finding: Finding) -> str:

@@ -27,7 +27,8 @@ class ConstraintInterpretation(Enum):
     CONTRADICTED = "rejected by the data: the constraint is wrong, or the model lacks an effect"
     NEGATIVE_MASS = "the readings have the sign convention opposite to the stated one, or the model lacks an effect"
     IMPOSSIBLE = "no mass distribution has these moments: the model lacks an effect, or the noise is larger than stated"
-    WITHIN_NOISE = "not significant: the data agree with it, and hardly determine this quantity"
+    WITHIN_NOISE = "not significant: the data agree with it"
+    UNDETERMINED = "not significant: the data alone hardly determine this quantity, with a std above the bound itself"
     IDLE = "zero multiplier: not determined by the data, or already implied by another constraint"
 
 
@@ -167,7 +168,10 @@ def _active_inertia(found: KKTConditions, lifted: NullSpaceStep | None) -> Activ
 def _tested(
     idle: ActiveConstraint, wanted: float, std: float, cost: float, p_value: float, against: ConstraintInterpretation
 ) -> ActiveConstraint:
-    pressure = against if p_value < LEVELS.constraint else ConstraintInterpretation.WITHIN_NOISE
+    pressure = against
+    if p_value >= LEVELS.constraint:
+        vague = std > abs(idle.held) > 0
+        pressure = ConstraintInterpretation.UNDETERMINED if vague else ConstraintInterpretation.WITHIN_NOISE
     return replace(idle, wanted=wanted, std=std, chi_square=cost, p_value=p_value, pressure=pressure)
 
 

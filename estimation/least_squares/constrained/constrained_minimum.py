@@ -23,7 +23,7 @@ from estimation.least_squares.constrained.sequential_cone_programs import sequen
 from estimation.least_squares.constraints.constraints import Constraints
 from estimation.least_squares.constraints.feasible_region import FeasibleRegion
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
-from modeling.number_format import P_VALUE, plain_number
+from modeling.number_format import p_value_text
 from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ class ConstrainedMinimum(Tabular):
         )
         lines: list[Table | str] = [self.table if self.active else inactive]
         if self.rise:
-            chance = "" if self.p_value is None else f" (p <= {plain_number(self.p_value, P_VALUE)})"
+            chance = "" if self.p_value is None else f" ({p_value_text(self.p_value, '<=')})"
             lines.append(f"chi-square {self.cost:.6g}, {self.rise:.4g} above the unconstrained minimum{chance}")
         if self.region.prior is not None:
             lines.append(f"the prior adds {self.pulled:.4g} to the chi-square")

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 from pathlib import Path
 from typing import Self
 
 from estimation.least_squares.constraints.parameter_file import is_real_number, read_parameter_file
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 
-BOUNDS_REMEDY = "write name = [low, high], in the parameter's SI unit; inf leaves a side unbounded"
+BOUNDS_REMEDY = (
+    "write name = [low, high], in the parameter's SI unit; inf leaves a side unbounded, one number alone fixes it"
+)
+
+Interval = float | tuple[float, float]
+"""Lower and upper bound; a number fixes the parameter."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +28,9 @@ class Bounds:
 
     Parameters
     ----------
-    intervals : mapping of str to (float, float)
-        Lower and upper bound in the parameter's unit, infinite for none; equal bounds fix a parameter. With several
-        recordings `bias_fx` is the first one's, `bias_fx@name` another's.
+    intervals : mapping of str to (float, float) or float
+        Lower and upper bound in the parameter's unit, infinite for none; equal bounds fix a parameter, and so does a
+        number. With several recordings `bias_fx` is the first one's, `bias_fx@name` another's.
     where : str, optional
         Their source in an InputError, by default "bounds".
 
@@ -40,12 +46,24 @@ class Bounds:
     0.9
     """
 
-    intervals: Mapping[str, tuple[float, float]]
+    intervals: Mapping[str, Interval]
     where: str = "bounds"
+
+    def __post_init__(self) -> None:
+        given: object = self.intervals  # whatever the caller's types say
+        if not isinstance(given, Mapping):
+            what = f"{kind_of(given)} has no intervals by parameter name"
+            raise InputError(what=what, where=self.where, remedy='give {"m": (0.1, 3.0)}, or {"m": 0.9} to fix it')
+        _ = self.ends
+
+    @cached_property
+    def ends(self) -> Mapping[str, tuple[float, float]]:
+        """Lower and upper bound by name; InputError for what is no interval."""
+        return {str(name): _ends(name, value, self.where) for name, value in self.intervals.items()}
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """The bounds of a TOML file: `m = [0.1, 3.0]`, `"viscous_drag.c" = [0, inf]`.
+        """The bounds of a TOML file: `m = [0.1, 3.0]`, `m = 0.9`, `"viscous_drag.c" = [0, inf]`.
 
         Raises InputError, in one line with file and key, for an invalid interval.
         """
@@ -54,14 +72,18 @@ class Bounds:
     @classmethod
     def from_data(cls, data: Mapping[str, object], *, where: str = "bounds") -> Self:
         """The bounds of a plain dictionary with the file's layout."""
-        return cls({name: _interval(name, value, where) for name, value in data.items()}, where)
+        return cls({name: _ends(name, value, where) for name, value in data.items()}, where)
 
 
-def _interval(name: str, value: object, where: str) -> tuple[float, float]:
+def _ends(name: str, value: object, where: str) -> tuple[float, float]:
+    if is_real_number(value):
+        value = (value, value)
     if not isinstance(value, list | tuple) or len(value) != 2 or not all(map(is_real_number, value)):
         text = repr(value)
         given = text if len(text) <= 60 else text[:57] + "..."
-        raise InputError(what=f"{name}: two numbers were expected, and {given} came", where=where, remedy=BOUNDS_REMEDY)
+        raise InputError(
+            what=f"{name}: one or two numbers were expected, and {given} came", where=where, remedy=BOUNDS_REMEDY
+        )
     low, high = map(float, value)
     if low > high or low == inf or high == -inf:
         raise InputError(

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 from matplotlib.ticker import FuncFormatter
 
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 from truewrench.plots.charts.chart import Band, Bars, Chart, Heat, Level, Line, Panel, Points, Span, legend_labels
 from truewrench.plots.charts.line_decimation import decimated
 from truewrench.plots.charts.note_placement import AROUND_POINT, CORNERS, Note, along_level, place_notes
@@ -101,7 +101,7 @@ def draw_on(axes: Any, chart: Chart) -> Figure:
     given = [axes] if isinstance(axes, Axes) else list(np.ravel(np.asarray(axes, dtype=object)))
     if not given or not all(isinstance(a, Axes) for a in given):
         remedy = "give one of matplotlib.pyplot.subplots(), or as many as the figure has panels"
-        raise InputError(what=f"ax is a {type(axes).__name__}, not axes of matplotlib", where="plot", remedy=remedy)
+        raise InputError(what=f"ax is {kind_of(axes)}, not axes of matplotlib", where="plot", remedy=remedy)
     panels = (chart.main_panel,) if len(given) == 1 else chart.panels
     if len(given) != len(panels):
         remedy = f"give {len(chart.panels)} axes, or one for the main panel"

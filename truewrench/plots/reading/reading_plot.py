@@ -5,10 +5,11 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from estimation.logs.log_picture import pictured_reading
 from estimation.recordings.recording import Recording
 from estimation.recordings.reports.reading_curves import ReadingCurves
 from estimation.recordings.reports.reading_report import ReadingReport
-from modeling.errors import InputError
+from modeling.errors import InputError, kind_of
 from truewrench.plots.reading.alignment_plot import draw_alignment, draw_chi_square, draw_scan
 from truewrench.plots.reading.channel_plot import channel_columns, draw_channels, draw_colour_key, time_limits
 from truewrench.plots.reading.gravity_direction_plot import draw_gravity_directions
@@ -30,7 +31,7 @@ MOST_CLOCKS, MOST_NAMES = 2, 3
 
 
 def plot_reading(reading: Recording | ReadingReport) -> Figure:
-    """Picture of how logs became a recording.
+    """Picture of a recording, and of how logs became it.
 
     Panels: every step that mended something or is suspicious, over time; every channel with what was mended marked, and
     the cuts between repeats; wrench and motion by their stamps and by the clock offset, with the offset's scan and 95 %
@@ -39,7 +40,8 @@ def plot_reading(reading: Recording | ReadingReport) -> Figure:
     Parameters
     ----------
     reading : Recording or ReadingReport
-        A recording that `tw.read` made of logs, or its `reading`.
+        A recording, or the `reading` of one that `tw.read` made of logs. Of one that was read as it stands, nothing was
+        mended: channels over time, what is suspicious, the cuts between repeats, and the directions of gravity.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def plot_reading(reading: Recording | ReadingReport) -> Figure:
     Raises
     ------
     InputError
-        When the recording was read as it stands, without an import.
+        For what is no recording, and a report without curves.
 
     Examples
     --------
@@ -60,11 +62,12 @@ def plot_reading(reading: Recording | ReadingReport) -> Figure:
     >>> recording.reading.curves.cuts
     (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
     """
-    report = reading.reading if isinstance(reading, Recording) else reading
-    if report is None or report.curves is None:
-        remedy = "draw what `tw.read` makes of a log, or run truewrench import FILE --plot PICTURE"
-        raise InputError(what="the recording was read as it stands, not imported", where="plot_reading", remedy=remedy)
-    return _Page(report, report.curves).drawn()
+    report = pictured_reading(reading) if isinstance(reading, Recording) else reading
+    given: object = report  # whatever the caller's types say
+    if not isinstance(given, ReadingReport) or given.curves is None:
+        what = f"{kind_of(given)} {'has no curves' if isinstance(given, ReadingReport) else 'is no recording'}"
+        raise InputError(what=what, where="plot_reading", remedy="give a recording: tw.plot_reading(tw.read(path))")
+    return _Page(given, given.curves).drawn()
 
 
 class _Page:

@@ -201,8 +201,8 @@ def _suspect_row(test: ScoreTest, cells: Sequence[Any], suspects: Suspects, stud
         p_value=texts[1],
         removed="" if share is None else texts[2],
         share=round(100 * width, 1) if suspects.ids else 0.0,
-        size=texts[3],
-        detectable=texts[4],
+        size=texts[4],
+        detectable=texts[5],
         reason=test.reason,
     )
 
