@@ -40,6 +40,7 @@ from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import RecordingNoise
+from estimation.recordings.readings_digest import require_different_readings
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.effect import Effect, effects_of
@@ -216,8 +217,8 @@ def diagnose(
     Raises
     ------
     InputError
-        When a signal of the model is not recorded, the sign convention cannot be decided, or the
-        estimated mass is negative.
+        When a signal of the model is not recorded, the sign convention cannot be decided, the estimated mass is
+        negative, or a recording is given twice.
 
     Examples
     --------
@@ -234,6 +235,7 @@ def diagnose(
 
     require_model(model, "diagnose")
     training, others = recordings_of(recordings, "diagnose"), recordings_of(validate, "validate")
+    require_different_readings((*training, *others), "diagnose")
     candidates = None if effects is None else effects_of(effects)
     with threadpool_limits(1):  # tall, thin matrices: multithreaded linear algebra only slows down
         return run_spmd(

@@ -440,6 +440,18 @@ def test_bad_usage_is_refused(name: str, bench: Bench, run: Runner) -> None:
     assert sorted(bench.folder.iterdir()) == before
 
 
+@pytest.mark.parametrize(
+    "line", ["fit {train} --validate {copy}", "diagnose {train} --validate {copy}", "fit {train} {copy}"]
+)
+def test_a_recording_under_another_name_is_one_given_twice(
+    line: str, bench: Bench, run: Runner, tmp_path: Path
+) -> None:
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(Path(bench.training).read_bytes())
+    argv = line.format(train=bench.training, copy=copy).split()
+    refused(run(*argv, "--rig", bench.rig), "copy.csv has the same readings as train.csv")
+
+
 def test_recordings_of_two_sensors_are_refused(bench: Bench, run: Runner, tmp_path: Path) -> None:
     path = write_recording(static_poses(SpatialRig(), 24), tmp_path / "poses.csv")
     refused(run("fit", bench.training, path, "--rig", bench.rig), "poses.csv: its channels are fx, fy, fz")

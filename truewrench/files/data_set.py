@@ -15,6 +15,7 @@ from diagnosis.parallel.workers import Workers, run_spmd
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.logs.log_reading import read_with_rig
+from estimation.recordings.readings_digest import require_different_readings
 from estimation.recordings.recording import MotionForm, Recording
 from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
 from modeling.chain.model import WrenchModel, planar, spatial
@@ -109,7 +110,9 @@ def read_recordings(
             meanwhile()
         return team.map(recording, sources, shared=[] if rig is None else [rig, rig.arm])
 
-    return run_spmd(min(workers, len(sources)), program)
+    recordings = run_spmd(min(workers, len(sources)), program)
+    require_different_readings(recordings, "REC")
+    return recordings
 
 
 def file_labels(paths: Sequence[Path]) -> list[str]:
