@@ -133,9 +133,9 @@ class Diagnosis(Tabular):
 
     @property
     def table(self) -> Table:
-        """Effect, verdict, p-value, share of the systematic error removed and reason."""
+        """Effect, verdict, p-value, share of the systematic error removed where it is significant, and reason."""
         numbers = (Column("p", format=P_VALUE), Column("error removed", format=SHARE))
-        rows = [(f.effect.id, f.verdict.value, f.p_value, f.error_removed, f.reason) for f in self.findings]
+        rows = [(f.effect.id, f.verdict.value, f.p_value, f.significant_share, f.reason) for f in self.findings]
         return Table.of(("effect", "verdict", *numbers, "reason"), rows)
 
     def remarks(self) -> list[str]:
