@@ -103,7 +103,7 @@ class Location(Tabular):
 
     def printed(self) -> list[Table | str]:
         """The errors by channel, then the maps."""
-        return [f"{self.comparison.recording.name}:", self.comparison.table, *super().printed()]
+        return [f"{self.comparison.recording.name}:", self.comparison.printed()[0], *super().printed()]
 
 
 class Study(Tabular):

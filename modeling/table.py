@@ -106,6 +106,15 @@ class Table(Presented):
         named = tuple(Column(c) if isinstance(c, str) else c for c in columns)
         return cls(named, tuple(tuple(row) for row in rows))
 
+    def without_unknown(self, *names: str) -> Table:
+        """Without those columns of these names in which no row has a value."""
+        kept = [
+            i
+            for i, column in enumerate(self.columns)
+            if column.name not in names or any(row[i] not in (None, "") for row in self.rows)
+        ]
+        return Table(tuple(self.columns[i] for i in kept), tuple(tuple(row[i] for i in kept) for row in self.rows))
+
     def __str__(self) -> str:
         cells = [[c.lines(v) for c, v in zip(self.columns, row, strict=True)] for row in self.rows]
         if any(c.heading for c in self.columns):
