@@ -115,6 +115,14 @@ class Diagnosis(Tabular):
         return replace(self, calibration=calibration, findings=findings)
 
     @property
+    def calibration_sentences(self) -> list[str]:
+        """What a verdict page quotes of the calibration, and whether it was made with other candidate effects."""
+        if self.calibration is None:
+            return []
+        remark = self.calibration.other_candidates(finding.effect.id for finding in self.findings)
+        return [*self.calibration.sentences, *([remark] if remark else [])]
+
+    @property
     def misfitting(self) -> tuple[str, ...]:
         """The recordings that the final model does not explain; all fitted ones, if the verdict names none."""
         if self.verdict in (RecordVerdict.NOTHING_MISSING, RecordVerdict.EXPLAINED):

@@ -114,7 +114,7 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
         texts = ", ".join(f"{c} {s:.3g} {u}" for (c, s), u in shifts)
         lines.append(f"Zero shift of the validation recording: {texts}.")
     if diagnosis.calibration is not None:
-        lines.append(f"Calibration: {'; '.join(diagnosis.calibration.sentences)}.")
+        lines.append(f"Calibration: {'; '.join(diagnosis.calibration_sentences)}.")
     return lines + disturbance_sentences(diagnosis)
 
 
