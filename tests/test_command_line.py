@@ -411,7 +411,7 @@ BAD_USAGE: dict[str, tuple[str, str]] = {
     "no command": ("", "COMMAND"),
     "unknown command": ("guess", "guess"),
     "no recording": ("diagnose", "REC"),
-    "unknown option": ("diagnose {train} --rig {rig} --loud", "--loud"),
+    "unknown option": ("diagnose {train} --rig {rig} --loud", "--loud; see `truewrench diagnose --help`"),
     "option without value": ("diagnose {train} --rig", "--rig"),
     "no such recording": ("diagnose {folder}/none.csv --rig {rig}", "none.csv"),
     "a folder as recording": ("fit {folder} --rig {rig}", "{folder}"),
@@ -623,6 +623,9 @@ def test_every_help_states_the_exit_codes(command: tuple[str, ...], capsys: pyte
     [
         (["--add", "a", "b", "--json"], ["--add", "a", "--add", "b", "--json"]),
         (["--add", "a", "run.csv"], ["--add", "a", "run.csv"]),
+        (["--add", "a,b", "--json"], ["--add", "a", "--add", "b", "--json"]),
+        (["--add", "a,", "b,c", "run.csv"], ["--add", "a", "--add", "b", "--add", "c", "run.csv"]),
+        (["--add", ",", "run.csv"], ["--add", ",", "run.csv"]),
         (
             ["x.csv", "--add", "a", "b", "--drop", "c", "d"],
             ["x.csv", "--add", "a", "--add", "b", "--drop", "c", "--drop", "d"],

@@ -10,7 +10,7 @@ import pytest
 from estimation.logs.log_import import ImportedRecording, import_recording
 from estimation.recordings.reports.reading_report import StepKind
 from modeling.errors import InputError
-from tests.log_files import original, plotjuggler, two_clocks
+from tests.log_files import original, plotjuggler, ros_messages, ros_types, two_clocks, write_messages
 
 pytest.importorskip("mujoco")
 
@@ -52,3 +52,37 @@ def test_unused_sheets_of_a_file_are_named(tmp_path: Path) -> None:
     found = import_recording([path])
     assert f"{path}: not used: scales" in said(found, StepKind.TAKEN)
     assert "not used: run" not in said(found, StepKind.TAKEN)
+
+
+def bag_of(frame: pd.DataFrame, folder: Path, left_out: str) -> Path:
+    """A ROS 2 bag without a topic, and one of another type beside the others."""
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Bag
+
+    store = ros_types()[0]
+    text = store.types["std_msgs/msg/String"]
+    path = folder / "bag"
+    with Bag(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        kept = [message for message in ros_messages(store.types, frame) if left_out not in message[0]]
+        write_messages(writer, store, [*kept, ("/status", "std_msgs/msg/String", kept[0][2], text(data="on"))])
+    return path
+
+
+def test_a_bag_without_a_wrench_names_its_topics(tmp_path: Path) -> None:
+    path = bag_of(original().iloc[:50], tmp_path, "/ft/wrench")
+    with pytest.raises(InputError, match="no topic of geometry_msgs/WrenchStamped; its topics are /arm/pose, /status"):
+        import_recording([path])
+
+
+def test_a_folder_of_bags_is_answered_with_their_names(tmp_path: Path) -> None:
+    path = bag_of(original().iloc[:50], tmp_path, "nothing")
+    with pytest.raises(InputError, match=f"a folder without a ROS 2 bag; give the folder of a bag: {path}"):
+        import_recording([tmp_path])
+
+
+def test_a_truncated_bag_is_told_how_to_be_repaired(tmp_path: Path) -> None:
+    (file,) = bag_of(original().iloc[:50], tmp_path, "nothing").glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"[^.]; repair it \(`mcap recover`") as raised:
+        import_recording([file])
+    assert ".;" not in str(raised.value)
