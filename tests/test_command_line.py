@@ -28,9 +28,9 @@ from truewrench.command_line import COMMANDS, main
 from truewrench.command_options.effect_choice import ids_apart
 from truewrench.commands import diagnose as diagnose_command
 from truewrench.commands import effects
-from truewrench.files import demonstration
+from truewrench.files import demonstration, output
 from truewrench.files.model_file import ModelFile
-from truewrench.files.output import ERASE_LINE, atomic_write
+from truewrench.files.output import ERASE_LINE, ProgressStyle, atomic_write, progress_line, progress_style
 from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, SpatialRig, simulate, static_poses, write_recording
 from truewrench.text.diagnosis_text import diagnosis_text, error_reduction_text, verdict_sentence
 
@@ -594,8 +594,26 @@ def test_a_terminal_sees_progress_and_a_clean_line_after_it(bench: Bench, monkey
 def test_a_log_sees_progress_as_lines(run: Runner, bench: Bench) -> None:
     done = run("fit", bench.training, "--rig", bench.rig, "--progress")
     assert done.code == 0
-    assert [line.split() for line in done.err.splitlines()] == [["0.0", "s", "fit"]]
+    (line,) = done.err.splitlines()
+    assert re.fullmatch(r" +\d+\.\d s  fit", line)
     assert run("fit", bench.training, "--rig", bench.rig).err == ""
+
+
+def test_all_stages_of_a_command_are_timed_by_one_clock(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    instants = iter([0.0, 1.0, 2.0, 3.0, 9.0, 20.0, 21.0])
+    monkeypatch.setattr(output, "monotonic", lambda: next(instants))
+    with progress_style(ProgressStyle.LINES):
+        with progress_line() as progress:
+            for message in ("score tests: 1 of 3", "score tests: 2 of 3", "score tests: 3 of 3"):
+                progress(message)
+        with progress_line() as progress:
+            progress("write the report")
+    said = [line.split(maxsplit=2) for line in capsys.readouterr().err.splitlines()]
+    assert said == [
+        ["2.0", "s", "score tests: 1 of 3"], ["9.0", "s", "score tests: 3 of 3"], ["21.0", "s", "write the report"],
+    ]  # fmt: skip
 
 
 def test_quiet_writes_files_and_prints_nothing_but_json(run: Runner, bench: Bench, tmp_path: Path) -> None:
