@@ -45,8 +45,9 @@ WEAKER = {
 
 
 def verdict_headline(diagnosis: Diagnosis) -> str:
-    """The verdict as one sentence, with the titles of the effects added."""
-    missing = "; ".join(f.effect.title for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
+    """The verdict as one sentence, with ids and titles of the effects added."""
+    added = (f.effect for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
+    missing = ", ".join(f"{effect.id} ({effect.title})" for effect in added)
     if diagnosis.verdict is RecordVerdict.NOTHING_MISSING:
         what = f"Nothing {'more ' if diagnosis.given else ''}is missing"
         return f"{what}: the residual of the {base_name(diagnosis)} is consistent with the noise"
