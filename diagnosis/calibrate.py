@@ -155,6 +155,7 @@ def _calibrated(
         refused=draws - len(diagnosed),
         named=Counter(effect for _, added in diagnosed for effect in added),
         power=_power(source, power_draws, progress, workers) if power_draws else (),
+        candidates=tuple(f.effect.id for f in found.findings),
     )
 
 

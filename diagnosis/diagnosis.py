@@ -41,6 +41,7 @@ from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import RecordingNoise
+from estimation.recordings.readings_digest import require_different_readings
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.effect import Effect, effects_of
@@ -115,6 +116,14 @@ class Diagnosis(Tabular):
         return replace(self, calibration=calibration, findings=findings)
 
     @property
+    def calibration_sentences(self) -> list[str]:
+        """What a verdict page quotes of the calibration, and whether it was made with other candidate effects."""
+        if self.calibration is None:
+            return []
+        remark = self.calibration.other_candidates(finding.effect.id for finding in self.findings)
+        return [*self.calibration.sentences, *([remark] if remark else [])]
+
+    @property
     def misfitting(self) -> tuple[str, ...]:
         """The recordings that the final model does not explain; all fitted ones, if the verdict names none."""
         if self.verdict in (RecordVerdict.NOTHING_MISSING, RecordVerdict.EXPLAINED):
@@ -133,9 +142,9 @@ class Diagnosis(Tabular):
 
     @property
     def table(self) -> Table:
-        """Effect, verdict, p-value, share of the systematic error removed and reason."""
+        """Effect, verdict, p-value, share of the systematic error removed where it is significant, and reason."""
         numbers = (Column("p", format=P_VALUE), Column("error removed", format=SHARE))
-        rows = [(f.effect.id, f.verdict.value, f.p_value, f.error_removed, f.reason) for f in self.findings]
+        rows = [(f.effect.id, f.verdict.value, f.p_value, f.significant_share, f.reason) for f in self.findings]
         return Table.of(("effect", "verdict", *numbers, "reason"), rows)
 
     def remarks(self) -> list[str]:
@@ -217,8 +226,8 @@ def diagnose(
     Raises
     ------
     InputError
-        When a signal of the model is not recorded, the sign convention cannot be decided, or the
-        estimated mass is negative.
+        When a signal of the model is not recorded, the sign convention cannot be decided, the estimated mass is
+        negative, or a recording is given twice.
 
     Examples
     --------
@@ -235,6 +244,7 @@ def diagnose(
 
     require_model(model, "diagnose")
     training, others = recordings_of(recordings, "diagnose"), recordings_of(validate, "validate")
+    require_different_readings((*training, *others), "diagnose")
     candidates = None if effects is None else effects_of(effects)
     with threadpool_limits(1):  # tall, thin matrices: multithreaded linear algebra only slows down
         return run_spmd(

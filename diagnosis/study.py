@@ -35,7 +35,7 @@ from estimation.fit import (
 )
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.logs.log_reading import read
-from estimation.recordings.readings_digest import readings_digest
+from estimation.recordings.readings_digest import require_different_readings
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, planar, spatial
@@ -104,7 +104,7 @@ class Location(Tabular):
 
     def printed(self) -> list[Table | str]:
         """The errors by channel, then the maps."""
-        return [f"{self.comparison.recording.name}:", self.comparison.table, *super().printed()]
+        return [f"{self.comparison.recording.name}:", self.comparison.printed()[0], *super().printed()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,7 +413,7 @@ def study(
     rig = Rig.read(model) if isinstance(model, str | Path) else model
     known = rig if isinstance(rig, Rig) else None
     several, others = _recordings(recordings, known), _recordings(validate, known)
-    _require_different((*several, *others))
+    require_different_readings((*several, *others), "study")
     check_channels(given := _model(rig, several), several)
     case = with_gravity_direction(given, (*several, *others))
     given, several, others = case.model, case.recordings[: len(several)], case.recordings[len(several) :]
@@ -438,17 +438,6 @@ def _recordings(given: Recorded | Iterable[Recorded] | None, rig: Rig | None) ->
         require_recording(given, "study")
     several = (given,) if isinstance(given, Recorded) else tuple(given)
     return recordings_of(tuple(read(r, rig=rig) if isinstance(r, str | Path) else r for r in several), "study")
-
-
-def _require_different(recordings: Sequence[Recording]) -> None:
-    """InputError for readings that were given twice: their agreement with themselves would count as evidence."""
-    known: dict[str, str] = {}
-    for recording in recordings:
-        digest = readings_digest(recording)
-        if digest in known:
-            what = f"{recording.name} has the readings of {known[digest]}"
-            raise InputError(what=what, where="study", remedy="give each recording once, and another one to validate")
-        known[digest] = recording.name
 
 
 def _model(rig: WrenchModel | Rig | None, recordings: Sequence[Recording]) -> WrenchModel:

@@ -115,7 +115,7 @@ def test_rig_by_its_path(folder: Path) -> None:
 
 
 def test_study_refuses_a_recording_given_twice(recording: tw.Recording) -> None:
-    with pytest.raises(tw.InputError, match="has the readings of"):
+    with pytest.raises(tw.InputError, match="has the same readings as"):
         tw.study(None, recording, validate=recording)
 
 

@@ -139,7 +139,11 @@ def test_p_values_are_withheld_where_false_alarms_are_too_many() -> None:
     assert not bad.holds
     assert withheld.to_data()["lack_of_fit_p"] is None
     assert all(f.p_value is None for f in withheld.findings)
-    assert found.calibrated(calibrated(4)).findings == found.findings
+    same = found.calibrated(calibrated(4))
+    assert same.findings == found.findings
+    assert same.calibration_sentences == calibrated(4).sentences
+    wider = found.calibrated(replace(calibrated(4), candidates=("viscous_drag", "sensor_lag", "sensor_gain")))
+    assert "made with 3 candidate effects, and this diagnosis has" in wider.calibration_sentences[-1]
     with pytest.raises(InputError, match="other readings"):
         diagnose(planar(RIG), with_readings(whole, whole.wrench + 1e-3), effects=CANDIDATES).calibrated(bad)
 

@@ -157,3 +157,25 @@ def test_a_bad_recording_leaves_the_old_file(bench: Bench, tmp_path: Path, capsy
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert out.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize("line", ["compensate {rec} {model}", "compare {rec} --on {model}", "emit {rec} --to c"])
+def test_a_recording_in_the_place_of_the_model_file(
+    line: str, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.format(rec=bench.quiet, model=bench.model).split()) == 2
+    said = capsys.readouterr().err
+    assert "quiet.csv: a recording, where a model file belongs; the model file comes first" in said
+    assert said.count("\n") == 1
+
+
+def test_a_model_that_does_not_fit_is_a_warning(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    saved = json.loads(Path(bench.model).read_text())
+    path = tmp_path / "rigid.json"
+    path.write_text(json.dumps(saved | {"misfitting": ["train.csv"]}))
+    assert main(["compensate", str(path), bench.quiet]) == 0
+    assert capsys.readouterr().err.startswith("warning: the model does not fit train.csv: what it lacks is in the")
+    assert main(["compensate", bench.model, bench.quiet]) == 0
+    assert capsys.readouterr().err == ""

@@ -208,6 +208,8 @@ def test_fit_says_first_whether_the_model_fits(bench: Bench) -> None:
     assert good.startswith("The model fits: the residual is consistent with the noise.")
     _, bad = bench.fit(recording=other)
     assert bad.startswith("The model does not fit lagging.csv")
+    assert "Where the model fails" not in good
+    assert "\nWhere the model fails:\n  lagging.csv: " in bad
     _, held_out = bench.fit("--validate", other)
     assert held_out.startswith("The model does not fit lagging.csv")
     assert "lagging.csv (held out, its biases estimated there):" in held_out

@@ -33,7 +33,7 @@ def test_the_recording_that_it_writes_is_read(suffix: str, tmp_path: Path, capsy
     code, text, _ = run(capsys, "import", *FORMATS["ur_rtde"](frame, tmp_path), "--out", out)
     assert code == 0
     assert text.startswith("Recording: 2500 samples, 10 s at 250 Hz")
-    assert text.endswith(f"Written: {out}\n")
+    assert text.endswith(f"Written: {out}\nNext: truewrench diagnose {out}\n")
     recording = tw.read(out)
     assert recording.reading is None  # a recording as it stands
     np.testing.assert_allclose(recording.wrench, frame[CHANNELS], atol=1e-9)

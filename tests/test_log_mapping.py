@@ -261,6 +261,10 @@ MAPS: dict[str, tuple[str, str]] = {
     "no rate": ("rate = -5", "rate"),
     "no text": ("fx = 3", "not the name of a column"),
     "too few": ('wrench = ["fx", "fy"]', "has 2 columns"),
+    "a list under another name": (
+        'wrnch = ["a", "b", "c", "d", "e", "f"]',
+        "no name of a list of columns; did you mean wrench",
+    ),
     "bad count": ('orientation_columns = ["qx", "qy", "qz"]', "3 columns of orientation"),
 }
 
@@ -322,3 +326,15 @@ def test_a_time_that_decreases_is_named(tmp_path: Path) -> None:
     original().iloc[99::-1].rename(columns={"time": "stamp"}).to_csv(path, index=False)
     with pytest.raises(InputError, match="column stamp decreases from row to row"):
         imported(path)
+
+
+@pytest.mark.parametrize(("unit", "doubted"), [("deg", True), ("rad", False)])
+def test_radians_stated_as_degrees_are_suspicious(unit: str, doubted: bool, tmp_path: Path) -> None:
+    frame = original().iloc[:400]
+    angles = dict(zip(("a", "b", "c"), rotations(frame).as_euler("ZYX").T, strict=True))
+    path, stated = tmp_path / "log.csv", tmp_path / "map.toml"
+    frame.drop(columns=QUATERNION).assign(**angles).to_csv(path, index=False)
+    text = 'orientation = "euler ZYX"\norientation_columns = ["a", "b", "c"]\nunits = { angle = "%s" }\n'
+    stated.write_text(text % unit)
+    said = "\n".join(map(str, imported(path, map=stated).report.of(StepKind.SUSPICIOUS)))
+    assert ("stated as degrees, hardly move the sensor: radians?" in said) is doubted

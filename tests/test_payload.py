@@ -23,6 +23,7 @@ from estimation.noise.recording_noise import NoiseSource
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.codegen.payload.payload_format import FORMATS, payload_format
 from modeling.codegen.payload.tool_inertia import ToolInertia
+from modeling.effects import named
 from modeling.rig.rig import Convention
 from tests.emitted import module
 from truewrench.command_line import main
@@ -251,6 +252,25 @@ def test_what_cannot_be_written_is_one_line(message: str, tmp_path: Path, capsys
 def test_a_pose_in_degrees_is_refused(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["emit", str(saved), "--to", "ur", "--sensor-pose", "0", "0", "0.05", "0", "0", "90"]) == 2
     assert "more than a turn: degrees?" in capsys.readouterr().err
+
+
+def test_a_pose_in_millimetres_is_refused(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["emit", str(saved), "--to", "ur", "--sensor-pose", "0", "0", "50", "0", "0", "0"]) == 2
+    assert "an offset of 50 m is longer than any flange: millimetres?; give metres" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_effects_that_are_left_out_are_said(name: str, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    model = WrenchModel(space=spatial().space, convention=Convention.ON_TOOL, gravity=10.0) + named("gravity_tilt")
+    model = model + named("sensor_lag")
+    path, out = tmp_path / "model.json", tmp_path / "tool"
+    path.write_text(model_file(np.array([*theta(), 0.1, 0.0, 0.02]), model=model).to_text())
+    assert main(["emit", str(path), "--to", name, "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    for text in (out.read_text(), said):
+        assert "effects of the model beside the rigid tool: gravity_tilt, sensor_lag" in " ".join(text.split())
+        # the base leans to its +y: gravity, 10 m/s² down the world, has a part 10 sin 0.1 along it
+        assert "[0, 0.9983, -9.95] m/s²" in text
 
 
 def test_mass_and_centre_do_without_inertia(tmp_path: Path) -> None:

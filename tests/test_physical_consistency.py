@@ -18,7 +18,7 @@ BODY = {"m": 1.2, "mz": 0.1, "Ixx": 0.02, "Iyy": 0.02, "Izz": 0.004}
 
 def sentence(**changed: float) -> str:
     theta = np.array([(BODY | changed).get(name, 0.0) for name in NAMES])
-    return impossible_body(spatial(), NAMES, theta, np.diag(np.full(len(NAMES), 1e-6)))
+    return impossible_body(spatial(), NAMES, theta, np.diag(np.full(len(NAMES), 1e-10)))
 
 
 def test_a_possible_body_needs_no_remark() -> None:
@@ -29,6 +29,14 @@ def test_a_possible_body_needs_no_remark() -> None:
 def test_an_impossible_one_is_named(changed: dict[str, float]) -> None:
     """A negative moment, the triangle inequality, a negative mass, a first moment too large for the second."""
     assert "no body has these inertial parameters" in sentence(**changed)
+
+
+def test_what_is_within_its_std_is_not_determined() -> None:
+    """An eigenvalue of -0.5 is five std of 0.1, and one of 0.5; 3.09 are significant."""
+    theta = np.array([{"m": -0.5}.get(name, 0.0) for name in NAMES])
+    for std, said in ((0.1, "no body has"), (0.5, "the motion does not determine the inertia")):
+        covariance = np.diag([std**2 if name == "m" else 1e-12 for name in NAMES])
+        assert impossible_body(spatial(), NAMES, theta, covariance).startswith(said)
 
 
 def test_std_of_the_eigenvalue() -> None:

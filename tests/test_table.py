@@ -168,3 +168,9 @@ def test_every_public_name_is_there() -> None:
     assert all(getattr(truewrench, name) is not None for name in names)
     with pytest.raises(AttributeError, match="nothing"):
         truewrench.nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_a_column_that_nothing_is_known_of_is_left_out_where_asked() -> None:
+    table = Table.of(("a", "b", "c"), [("x", None, None), ("y", "", 1.0)])
+    assert [c.name for c in table.without_unknown("b", "c").columns] == ["a", "c"]
+    assert [c.name for c in table.without_unknown("a").columns] == ["a", "b", "c"]

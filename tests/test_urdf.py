@@ -222,5 +222,5 @@ def test_limits_that_nobody_states_are_asked_for(tmp_path: Path) -> None:
 
 def test_a_rig_whose_urdf_is_wrong_is_one_line(tmp_path: Path) -> None:
     assert "robot.sensor_frame is missing" in rig_message(tmp_path, '[robot]\nurdf = "elbow.urdf"\n')
-    assert str(tmp_path / "other.urdf") in rig_message(tmp_path, RIG.replace("elbow", "other"))
+    assert f"there is no file other.urdf in {tmp_path}" in rig_message(tmp_path, RIG.replace("elbow", "other"))
     assert "got both" in rig_message(tmp_path, RIG + "link_lengths = [1.0]\n")

@@ -7,12 +7,21 @@ from typing import Any
 
 import pytest
 
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from truewrench.text.verdict_words import verdict_headline
 
 
 def judged(name: str, lack_of_fit: float) -> Any:
     return SimpleNamespace(recording=SimpleNamespace(name=name), lack_of_fit=lack_of_fit)
+
+
+def test_effects_that_could_not_be_tested_are_named() -> None:
+    step = SimpleNamespace(training=[judged("train.csv", 1e-9)], validation=[])
+    effect = SimpleNamespace(id="joint_offset")
+    finding = SimpleNamespace(effect=effect, verdict=EffectVerdict.NOT_EXCITED, reason="train.csv has no q1")
+    diagnosis: Any = SimpleNamespace(verdict=RecordVerdict.UNEXPLAINED, findings=(finding,), steps=(step,))
+    said = "Significant residual, and no candidate effect could be tested (joint_offset: train.csv has no q1)"
+    assert verdict_headline(diagnosis) == said
 
 
 @pytest.mark.parametrize(

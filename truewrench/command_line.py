@@ -48,6 +48,7 @@ EXIT_CODES = (
     f"Exit code: 0 done, {EXIT_BAD_INPUT} bad input (one line on stderr, nothing half-written),"
     f" {EXIT_INTERRUPTED} interrupted."
 )
+COMPLETED_BY = 'eval "$(register-python-argcomplete truewrench)" completes commands, options and effects in the shell.'
 COMPLETION = "_ARGCOMPLETE"
 """Variable of the environment in which a shell asks for completions."""
 GC_THRESHOLDS = (50_000, 20, 50)
@@ -61,6 +62,15 @@ class Parser(argparse.ArgumentParser):
         """Parse, each option of effects by as many ids as follow it."""
         options = {option for action in self._actions if action.metavar == "ID" for option in action.option_strings}
         return super().parse_known_args(ids_apart(list(sys.argv[1:] if args is None else args), options), namespace)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Parse; InputError, with the help of the subcommand, for what it does not know."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            prog = getattr(found, "prog", self.prog)
+            what = f"unrecognized arguments: {' '.join(unknown)}"
+            raise InputError(what=what, where=prog, remedy=f"see `{prog} --help`")
+        return found
 
     def error(self, message: str) -> NoReturn:
         """Raise InputError with argparse's message."""
@@ -83,7 +93,7 @@ def parser() -> Parser:
     top = Parser(
         prog="truewrench",
         description="Identification, residual diagnosis and experiment design for force/torque sensors of robots.",
-        epilog=f"See `truewrench COMMAND --help` for the options of a command. {EXIT_CODES}",
+        epilog=f"See `truewrench COMMAND --help` for the options of a command. {COMPLETED_BY} {EXIT_CODES}",
         allow_abbrev=False,
     )
     top.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
@@ -91,6 +101,7 @@ def parser() -> Parser:
     for command in COMMANDS:
         command.add_to(commands)
         added = list(commands.choices.values())[-1]
+        added.set_defaults(prog=added.prog)
         added.epilog = " ".join(filter(None, (added.epilog, EXIT_CODES)))
         if command not in PRINTING:
             add_verbosity(added)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from truewrench.files.model_file import Fitted, ModelFile
 
 BASES = ("planar", "spatial")
+BIASED = "its values are biased by what it lacks, and their standard deviations are too small"
+"""What follows for whoever uses the values of a model that does not fit."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +113,9 @@ def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | No
     known = saved.calibration
     tool = ToolInertia.of(known.model, known.theta, known.covariance, _sensor_link(saved))
     tool = tool if sensor_pose is None else tool.seen_from(sensor_pose)
-    said = f"Written in the {tool.frame}. {_convention_sentence(saved)}"
-    return Emitted(payload_format(to).text(tool, _source()), None, said, _warning(saved))
+    left_out = f" {tool.left_out[0].upper()}{tool.left_out[1:]}." if tool.left_out else ""
+    said = f"Written in the {tool.frame}. {_convention_sentence(saved)}{left_out}"
+    return Emitted(payload_format(to).text(tool, _source()), None, said, saved.misfit_warning(BIASED))
 
 
 def _sensor_link(saved: ModelFile) -> str:
@@ -124,16 +127,6 @@ def _convention_sentence(saved: ModelFile) -> str:
     from truewrench.files.data_set import MEANINGS
 
     return f"The readings that it was identified from are {MEANINGS[saved.model.convention]}."
-
-
-def _warning(saved: ModelFile) -> str:
-    if not saved.misfitting:
-        return ""
-    names = ", ".join(saved.misfitting)
-    return (
-        f"the model does not fit {names}: its values are biased by what it lacks, and their standard deviations are"
-        " too small; `truewrench diagnose` or `tw.diagnose` searches for what is missing"
-    )
 
 
 def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
@@ -153,7 +146,7 @@ def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
     code = GeneratedCode.of_fitted(fitted, target, _source())
     link = _sensor_link(saved)
     said = f"Wrench in the sensor frame{f', link {link}' if link else ''}. {_convention_sentence(saved)}"
-    return Emitted(code.text, code.table, said, _warning(saved))
+    return Emitted(code.text, code.table, said, saved.misfit_warning(BIASED))
 
 
 def _model_file(model: Fitted | str | Path) -> ModelFile:

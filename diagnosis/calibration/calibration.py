@@ -42,6 +42,7 @@ class Calibration(Tabular):
     refused     surrogates on which the diagnosis ended in an error
     named       how often each effect was named among the alarms
     power       of each effect that is identifiable
+    candidates  ids of the candidate effects; None where an old file does not say
     """
 
     recording: str
@@ -53,6 +54,7 @@ class Calibration(Tabular):
     refused: int
     named: Mapping[str, int]
     power: tuple[EffectPower, ...]
+    candidates: tuple[str, ...] | None = None
 
     @property
     def holds(self) -> bool:
@@ -91,6 +93,16 @@ class Calibration(Tabular):
             lines.append(f"the recording itself is {self.verdict.value}: its residual is no noise alone")
         return lines
 
+    def other_candidates(self, candidates: Iterable[str]) -> str:
+        """A sentence where a diagnosis had other candidate effects than the calibration; empty where it had the same.
+
+        Fewer candidates give fewer false alarms, and a higher power.
+        """
+        own, theirs = set(self.candidates or ()), set(candidates)
+        if self.candidates is None or own == theirs:
+            return ""
+        return f"it was made with {len(own)} candidate effects, and this diagnosis has {len(theirs)}: its rates differ"
+
     def require_of(self, recordings: Iterable[Recording]) -> None:
         """Raise InputError unless it is a calibration of one of these recordings, by its readings."""
         if self.digest not in map(readings_digest, recordings):
@@ -111,4 +123,5 @@ class Calibration(Tabular):
             "named": dict(self.named),
             "holds": self.holds,
             "power": {p.effect: p.to_data() for p in self.power},
+            **({} if self.candidates is None else {"candidates": list(self.candidates)}),
         }

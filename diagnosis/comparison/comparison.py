@@ -107,6 +107,10 @@ class Comparison(Tabular):
         numbers = (Column(name, format=".4g") for name in ("noise floor", "rms", "systematic rms"))
         return Table.of(("channel", "unit", *numbers), rows)
 
+    def printed(self) -> list[Table | str]:
+        """The table, without the systematic RMS of a single run, then the remarks."""
+        return [self.table.without_unknown("systematic rms"), *self.remarks()]
+
     def remarks(self) -> list[str]:
         """Reduced chi-square and lack of fit; where the noise is taken from the residual, that it is."""
         if self.noise.source is NoiseSource.RESIDUAL:

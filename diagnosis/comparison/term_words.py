@@ -27,16 +27,15 @@ AXIS_WORDS = {
 POWERS = {"²": " squared", "³": " cubed"}
 
 
-def term_with_words(term: str) -> str:
-    """A generic term with its meaning in brackets.
+def term_in_words(term: str) -> str:
+    """The meaning of a generic term; itself where it is a recorded signal of the user's.
 
     Examples
     --------
-    >>> term_with_words("px")
-    "px (position along the world's x)"
+    >>> term_in_words("px")
+    "position along the world's x"
     """
-    words = _words(term)
-    return f"{term} ({words})" if words else term
+    return _words(term) or term
 
 
 def _words(term: str) -> str:

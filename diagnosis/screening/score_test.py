@@ -40,6 +40,7 @@ class ScoreTest:
     detectable  changes of the amplitudes that are detected with 80 % power
     point       grid point of the best score, None when not excited
     reason      why it is not excited, empty when it is
+    searched    effective number of grid points tested
     """
 
     effect: Effect
@@ -50,6 +51,7 @@ class ScoreTest:
     detectable: Mapping[str, float]
     point: GridPoint | None = None
     reason: str = ""
+    searched: float = 1.0
 
     @property
     def excited(self) -> bool:
@@ -169,6 +171,7 @@ def _score_test(search: GridSearch, candidates: int, fit: Fit, cache: ScreeningC
         amounts=search.amounts(),
         detectable=search.detectable(level),
         point=search.point,
+        searched=search.number_of_tests,
     )
 
 

@@ -37,6 +37,7 @@ class EffectEvidence:
     replacement the added effect's id and itself fitted in its place, where it is separated from that one
     rejection   why it was not accepted, None unless it was tried for acceptance
     negligible  whether the upper 95 % limit of its contribution is within tolerance
+    one_run     whether no recording has repeats
     """
 
     screening: ScoreTest
@@ -46,6 +47,7 @@ class EffectEvidence:
     replacement: tuple[str, Alias] | None = None
     rejection: str | None = None
     negligible: bool = False
+    one_run: bool = False
 
     @property
     def beyond_range(self) -> str | None:
@@ -54,8 +56,16 @@ class EffectEvidence:
 
     @property
     def chi_square_p_value(self) -> float:
-        """P-value of its score by chi-square: as if the noise were known."""
-        return float(chi2_sf(self.screening.statistic, max(1, len(self.screening.amounts))))
+        """P-value of its score by chi-square, as if the noise were known, corrected for the grid points tested."""
+        alone = float(chi2_sf(self.screening.statistic, max(1, len(self.screening.amounts))))
+        return min(1.0, self.screening.searched * alone)
+
+    @property
+    def unknown_noise(self) -> str:
+        """What does not suffice to know the noise at low frequencies."""
+        if self.one_run:
+            return "one run does not tell the low-frequency noise well enough"
+        return "there are too few repeats to know the low-frequency noise"
 
 
 def beyond_range(screening: ScoreTest, space: Space) -> str | None:
@@ -90,7 +100,7 @@ EFFECT_RULES: tuple[EffectRule, ...] = (
         "significant only in noise that is known",
         lambda e: e.chi_square_p_value < LEVELS.poorly_known_noise,
         V.NOT_SUPPORTED,
-        "rejected, because there are too few repeats to know the low-frequency noise",
+        "rejected, because {e.unknown_noise}",
     ),
     VerdictRule("not significant", lambda e: True, V.NOT_SUPPORTED, NOT_SIGNIFICANT_SENTENCE),
 )

@@ -60,6 +60,12 @@ class Finding(Tabular):
     closest: Alias | None = None
 
     @property
+    def significant_share(self) -> float | None:
+        """`error_removed` of an effect that is added, or significant in its score test; else None."""
+        significant = self.p_value is not None and self.p_value < LEVELS.effect
+        return self.error_removed if significant or self.verdict is EffectVerdict.SUPPORTED else None
+
+    @property
     def table(self) -> Table:
         """Name, value, std and unit of its parameters."""
         return parameter_table(self.parameters)
@@ -153,6 +159,7 @@ def judge_effects(
     screenings = final.screened(candidates)
     adjusted = adjusted_p_values(screenings)
     excess = None if selection.base.adequate else selection.base.excess
+    one_run = all(recording.repeats == 1 for recording in fit.recordings)
     others = []
     for screening in screenings:
         effect_id = screening.effect.id
@@ -164,6 +171,7 @@ def judge_effects(
             replacement=separated.get(effect_id),
             rejection=evidence.rejections.get(effect_id),
             negligible=limit is not None and within_tolerance(limit, tolerance),
+            one_run=one_run,
         )
         others.append(
             _finding(

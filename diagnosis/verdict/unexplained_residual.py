@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.generic_terms import generic_terms, standardised_columns
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
-from diagnosis.comparison.term_words import term_with_words
+from diagnosis.comparison.term_words import term_in_words
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ class UnexplainedResidual:
 
     @property
     def resembles(self) -> str:
-        """The generic terms with their meaning, one sentence's worth."""
-        return ", ".join(map(term_with_words, self.looks_like))
+        """The generic terms in words, one sentence's worth."""
+        return ", ".join(map(term_in_words, self.looks_like))
 
 
 def describe_residual(

@@ -14,6 +14,7 @@ import estimation.logs.readers  # registers the readers  # noqa: F401
 from estimation.logs.checks.ambiguity import require_plausible_speed
 from estimation.logs.checks.frame_check import FrameCheck
 from estimation.logs.checks.recording_check import note_columns
+from estimation.logs.checks.source_use import Source, note_unused, require_one_recording
 from estimation.logs.clocks.one_clock import have_same_stamps, on_one_clock
 from estimation.logs.clocks.sample_mending import STAMP, Stream, mended, mended_runs
 from estimation.logs.clocks.suspicious_channels import note_suspicious_channels
@@ -117,7 +118,8 @@ class _Reading:
         self.one_clock = True
 
     def imported(self) -> ImportedRecording:
-        tables = self._tables()
+        given = self._sources()
+        tables = [table for source in given for table in source.tables]
         sources = tuple((t.name, t.kind, t.rows, len(t.columns) + len(t.texts)) for t in tables)
         if self.options.preset is not None:
             require_preset(tables, self.options.preset)
@@ -126,6 +128,8 @@ class _Reading:
         arm = None if self.rig is None else self.rig.arm
         names = None if arm is None else _joint_names(self.rig, arm.joints)
         mapping = column_mapping(tables, self.stated, names)
+        require_one_recording(given, mapping, self.stated, names, self._time)
+        note_unused(given, tables, mapping, self.log)
         si = SiColumns(mapping, self.stated, self.log)
         groups = [(mapping.wrench, si.wrench())]
         groups += [(group, si.motion(group)) for group in mapping.groups[1:]]
@@ -154,22 +158,26 @@ class _Reading:
 
     # ------------------------------------------------------------------------------------- sources
 
-    def _tables(self) -> list[LogTable]:
-        found = [table for path in self.paths for table in tables_of(SourceFile(path))]
+    def _sources(self) -> list[Source]:
+        """Each source with its tables, of which no two have one name."""
         counts: dict[str, int] = {}
-        tables = []
-        for table in found:
-            counts[table.name] = counts.get(table.name, 0) + 1
-            named = table if counts[table.name] == 1 else replace(table, name=f"{table.name}#{counts[table.name]}")
-            tables.append(named)
-            for what, count, is_mended in table.notes:
-                (self.log.mended if is_mended else self.log.taken)(what, named.name, count)
-            if table.texts:
-                shown = ", ".join(
-                    f"{name} ({', '.join(map(quoted, texts[:2]))})" for name, texts in [*table.texts.items()][:4]
-                )
-                self.log.taken(f"columns of text are not used: {shown}", named.name, len(table.texts))
-        return tables
+        return [
+            Source(str(path), tuple(self._named(table, counts) for table in tables_of(SourceFile(path))))
+            for path in self.paths
+        ]
+
+    def _named(self, table: LogTable, counts: dict[str, int]) -> LogTable:
+        """The table, numbered where its name occurs again; what its reader had to do is logged."""
+        counts[table.name] = counts.get(table.name, 0) + 1
+        named = table if counts[table.name] == 1 else replace(table, name=f"{table.name}#{counts[table.name]}")
+        for what, count, is_mended in table.notes:
+            (self.log.mended if is_mended else self.log.taken)(what, named.name, count)
+        if table.texts:
+            shown = ", ".join(
+                f"{name} ({', '.join(map(quoted, texts[:2]))})" for name, texts in [*table.texts.items()][:4]
+            )
+            self.log.taken(f"columns of text are not used: {shown}", named.name, len(table.texts))
+        return named
 
     def _time(self, table: LogTable) -> TimeColumn | None:
         """The time of a table, found once."""

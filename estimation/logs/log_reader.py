@@ -12,6 +12,8 @@ from modeling.errors import InputError, TruewrenchError
 MAX_CELLS = 250_000_000
 """Numbers that a source may hold: two GB in memory."""
 MAX_COLUMNS = 20_000
+MOST_BAGS = 6
+"""Bags below a folder that are named."""
 
 
 class LogReader(ABC):
@@ -19,6 +21,7 @@ class LogReader(ABC):
 
     title: ClassVar[str]
     rank: ClassVar[int] = 0
+    repair: ClassVar[str] = "give a file that is whole"
     members: ClassVar[list[type[LogReader]]] = []
 
     def __init_subclass__(cls) -> None:
@@ -41,7 +44,9 @@ def tables_of(source: SourceFile) -> list[LogTable]:
     reader = next((member() for member in LogReader.members if member().recognises(source)), None)
     if reader is None:
         titles = ", ".join(member.title for member in LogReader.members)
-        raise source.error(_strangeness(source), f"give one of: {titles}")
+        bags = [str(path.parent) for path in sorted(source.path.glob("*/metadata.yaml"))[:MOST_BAGS]]
+        remedy = f"give one of: {titles}" if not bags else f"give the folder of a bag: {', '.join(bags)}"
+        raise source.error(_strangeness(source), remedy)
     try:
         found = [table for table in reader.tables(source) if table.columns and table.rows]
     except (TruewrenchError, KeyboardInterrupt):
@@ -49,8 +54,8 @@ def tables_of(source: SourceFile) -> list[LogTable]:
     except MemoryError:
         raise source.error("larger than the memory that is free", "cut the log into parts") from None
     except Exception as error:  # a library's own, of a damaged file: there is no common base class
-        reason = " ".join(str(error).split())[:160] or "it is damaged"
-        raise source.error(f"cannot be read as {reader.title}: {reason}", "give a file that is whole") from None
+        reason = " ".join(str(error).split())[:160].rstrip(".") or "it is damaged"
+        raise source.error(f"cannot be read as {reader.title}: {reason}", reader.repair) from None
     if not found:
         raise source.error(f"{reader.title} without samples", "give a log with rows of numbers")
     return found

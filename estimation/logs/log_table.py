@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+ROS_TOPIC, TF_CHAIN = "ROS topic", "tf chain"
+"""Kinds of the tables of a ROS bag."""
+NO_WRENCH = "no topic of geometry_msgs/WrenchStamped"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -18,6 +21,7 @@ class LogTable:
 
     texts     columns of text, with the first different values of each
     wrench_frame  the frame that the source states for its wrench; None where it states none
+    unread    what else the source holds that no table was made of, such as topics of other types
     notes     what the reader had to do, as (what, number of cells or rows, whether samples were changed by it)
     """
 
@@ -27,6 +31,7 @@ class LogTable:
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     wrench_frame: str | None = None
     notes: tuple[tuple[str, int, bool], ...] = ()
+    unread: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:

@@ -72,7 +72,15 @@ class SiColumns:
             what = f"joint angles up to {largest:.4g}, taken as degrees"
             self.log.mended(what, group.table.name)
             columns = {name: column * KINDS["angle"]["deg"] for name, column in columns.items()}
+        raw = [float(np.nanmax(np.abs(group.table.columns[name]), initial=0.0)) for name in group.columns]
+        self._doubt_degrees(max(raw), self._factor("angle", group.columns[0]), group)
         return columns
+
+    def _doubt_degrees(self, largest: float, factor: float, group: ColumnGroup) -> None:
+        """Log angles stated as degrees that would be within a turn if they were radians."""
+        if factor == KINDS["angle"]["deg"] and largest < LARGEST_TURN:
+            what = f"angles up to {largest:.3g}, stated as degrees, hardly move the sensor: radians?"
+            self.log.suspicious(what, group.table.name)
 
     def _pose(self, group: ColumnGroup) -> dict[str, Array]:
         own = [group.table.columns[name] for name in group.columns]
@@ -109,6 +117,8 @@ class SiColumns:
         if factor == 1.0 and largest > LARGEST_TURN:
             self.log.mended(f"angles up to {largest:.4g}, taken as degrees", group.table.name)
             factor = KINDS["angle"]["deg"]
+        else:
+            self._doubt_degrees(largest, factor, group)
         return values * factor
 
     def _checked_position(self, columns: dict[str, Array], group: ColumnGroup) -> dict[str, Array]:

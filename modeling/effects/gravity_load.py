@@ -44,8 +44,10 @@ class CentreOfMassOffset(Effect):
 class GravityTilt(Effect):
     """The base is not level: gravity is rotated relative to the world frame of the motion.
 
-    In the plane g becomes g (-sin angle, -cos angle): positive angle (rad) rotates it clockwise. In six axes it is
-    rotated about the world's x and y by tilt_x, tilt_y (rad), right-handed.
+    In the plane g becomes g (-sin angle, -cos angle): positive angle (rad) rotates it clockwise, as on a base whose -x
+    side is lower. In six axes it is rotated about the world's x, then y, by tilt_x, tilt_y (rad), right-handed:
+    positive tilt_x leans gravity towards +y, as on a base whose +y side is lower, positive tilt_y towards -x. The base
+    itself is turned by the negative of these angles against the horizontal.
     """
 
     id = "gravity_tilt"

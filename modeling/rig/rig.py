@@ -156,7 +156,7 @@ class Rig:
     @classmethod
     def _of_tables(cls, tables: RigTables, *, where: str, folder: Path) -> Self:
         robot, limits, workspace = tables["robot"], tables["limits"], tables["workspace"]
-        lengths, arm, direction = robot["link_lengths"], _spatial_arm(robot, folder), robot["gravity_direction"]
+        lengths, arm, direction = robot["link_lengths"], _spatial_arm(robot, where, folder), robot["gravity_direction"]
         return cls(
             **_stated({key: value for key, value in robot.items() if key not in _CONVERTED}),
             gravity_direction=None if direction is None else unit_direction(direction),
@@ -239,7 +239,7 @@ def _tables_of_text(text: str, where: str) -> RigTables:
     return validated_tables(toml_data(text, where), where)
 
 
-def _spatial_arm(robot: Mapping[str, Any], folder: Path) -> SpatialArm | None:
+def _spatial_arm(robot: Mapping[str, Any], where: str, folder: Path) -> SpatialArm | None:
     """The arm stored in the rig data, or read from its URDF."""
     if robot["spatial_arm"] is not None:
         from modeling.rig.rig_schema import SPATIAL_ARM  # pydantic is slow to import
@@ -249,7 +249,11 @@ def _spatial_arm(robot: Mapping[str, Any], folder: Path) -> SpatialArm | None:
         return None
     from modeling.kinematics.urdf import read_urdf  # and so is the XML parser
 
-    return read_urdf(folder / robot["urdf"], robot["sensor_frame"])
+    path = folder / robot["urdf"]
+    if not path.exists():
+        what = f"urdf: there is no file {robot['urdf']} in {folder.absolute()}, the folder of the rig file"
+        raise InputError(what=what, where=where, remedy="give its path from that folder, or an absolute one")
+    return read_urdf(path, robot["sensor_frame"])
 
 
 def _limits(table: Mapping[str, list[list[float]] | None], arm: SpatialArm | None, where: str) -> Limits:

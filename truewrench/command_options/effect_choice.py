@@ -41,7 +41,7 @@ def catalogue_ids(**_: object) -> list[str]:
 
 
 def ids_apart(arguments: list[str], options: set[str]) -> list[str]:
-    """Arguments with `--add A B` as `--add A --add B`: an id is a name, and neither an option nor a file.
+    """Arguments with `--add A B` or `--add A,B` as `--add A --add B`: an id is a name, no option and no file.
 
     argparse itself would take the recordings that follow for ids too.
     """
@@ -50,13 +50,20 @@ def ids_apart(arguments: list[str], options: set[str]) -> list[str]:
     for text in arguments:
         if text.startswith("-"):
             option, ids = text if text in options else "", 0
-        elif option and ids and (not text.isidentifier() or Path(text).exists()):
+        elif option and ids and (not _are_ids(text) or Path(text).exists()):
             option = ""
         elif option:
+            names = [name for name in text.split(",") if name] or [text]
             found += [option] * (ids > 0)
-            ids += 1
+            found += [part for name in names[:-1] for part in (name, option)]
+            text, ids = names[-1], ids + 1
         found.append(text)
     return found
+
+
+def _are_ids(text: str) -> bool:
+    """Whether these are names, separated by commas where there are several."""
+    return all(name.isidentifier() for name in text.rstrip(",").split(","))
 
 
 def effect_by_id(effect_id: str, custom: tuple[Effect, ...] = ()) -> Effect:

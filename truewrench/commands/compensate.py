@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
 
     from estimation.contact.contact_wrench import ContactWrench
 
-
+COUNTED = "what it lacks is in the contact wrench, or hides contacts"
+"""What follows for the contact wrench from a model that does not fit."""
 EXCESSIVE_NOISE_RATIO = 3.0
 """Noise relative to that of the fitted recording above which the text warns: no sensor varies that much by itself."""
 
@@ -59,6 +61,8 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.out is not None:
         require_writable_folder(arguments.out.parent)
     saved = ModelFile.read(arguments.model)
+    if warning := saved.misfit_warning(COUNTED):
+        print(f"warning: {warning}", file=sys.stderr)
     recording = read_with_rig(arguments.recording, rig=saved.rig, every_row=True)
     with progress_line() as progress:
         progress("compensate")

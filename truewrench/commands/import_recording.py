@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ LONGEST_CHECKED = 2_000_000
 def add_to(commands: Subcommands[Any]) -> None:
     """Add the command and its options."""
     text = "Read logs as robots write them (text, Parquet, Excel, MATLAB, NumPy, HDF5, ROS bags; several files, several"
-    text += " clocks), and write one recording. The reading report says what was done to how many samples."
+    text += " clocks), and write one recording by --out. The reading report says what was done to how many samples."
     command = commands.add_parser("import", help="logs of robots as a recording", description=text)
     command.add_argument("sources", nargs="+", metavar="SOURCE", help="log file, or folder of a ROS 2 bag; one run")
     command.add_argument(
@@ -97,7 +98,7 @@ def run(arguments: argparse.Namespace) -> None:
     rig = None if arguments.rig is None else Rig.read(arguments.rig)
     said: list[str] = []
     with progress_line() as progress:
-        progress("read")
+        progress("read" if arguments.out is not None else "read for a report alone, as there is no --out REC")
         found = imported(
             *arguments.sources,
             rig=rig,
@@ -125,6 +126,14 @@ def run(arguments: argparse.Namespace) -> None:
     print("\n\n".join([str(found.report), *said]))
     written = ", ".join(str(path) for path in (arguments.out, arguments.plot) if path is not None)
     print(f"\nWritten: {written}" if written else "\nNothing is written without --out REC.")
+    if arguments.out is not None:
+        print(f"Next: {next_command(arguments.out, arguments.rig, joints='q1' in found.columns)}")
+
+
+def next_command(recording: Path, rig: str | None, *, joints: bool) -> str:
+    """The command that diagnoses the recording; joint angles need a rig file."""
+    stated = ["--rig", rig or "RIG.toml"] if rig is not None or joints else []
+    return shlex.join(["truewrench", "diagnose", str(recording), *stated])
 
 
 def write_table(columns: Mapping[str, Array], path: Path, *, parquet: bool) -> None:

@@ -15,8 +15,9 @@ POINT = {
 MEANINGS: dict[str, dict[str, str]] = {
     "com_offset": {"mlx": "mass times the distance of the centre of mass from the tip axis"},
     "gravity_tilt": {
-        "angle": "angle of the base to the horizontal",
-        r"tilt_([xy])": "angle of the base about the world's {1} axis",
+        "angle": "angle by which gravity is turned clockwise: positive, the base's -x side is lower",
+        "tilt_x": "angle by which gravity is turned about the world's x: positive, the base's +y side is lower",
+        "tilt_y": "angle by which gravity is turned about the world's y: positive, the base's -x side is lower",
     },
     "joint_offset": {r"offset_(\d+)": "true minus recorded coordinate of joint {1}"},
     "joint_elasticity": {r"compliance_(\d+)": "deflection of joint {1} for each unit of load"},

@@ -47,6 +47,7 @@ class _Calibration(StrictTable):
     named: dict[str, int]
     holds: bool
     power: dict[str, _Power]
+    candidates: list[str] | None = None
 
 
 def write_calibration(found: Calibration, path: Path) -> None:
@@ -76,4 +77,5 @@ def read_calibration(path: Path) -> Calibration:
         refused=table.refused,
         named=table.named,
         power=tuple(EffectPower(i, p.parameter, p.amount, p.unit, p.value) for i, p in table.power.items()),
+        candidates=None if table.candidates is None else tuple(table.candidates),
     )

@@ -15,9 +15,15 @@ from diagnosis.parallel.workers import Workers, run_spmd
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.logs.log_reading import read_with_rig
+from estimation.recordings.readings_digest import require_different_readings
 from estimation.recordings.recording import MotionForm, Recording
-from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
-from modeling.chain.model import WrenchModel, planar, spatial
+from estimation.recordings.sign_convention import (
+    SignDecision,
+    decide_convention,
+    nearest_quarter_turns,
+    with_decided_convention,
+)
+from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel, planar, spatial
 from modeling.errors import InputError
 from modeling.rig.rig import Convention, Rig
 
@@ -109,7 +115,9 @@ def read_recordings(
             meanwhile()
         return team.map(recording, sources, shared=[] if rig is None else [rig, rig.arm])
 
-    return run_spmd(min(workers, len(sources)), program)
+    recordings = run_spmd(min(workers, len(sources)), program)
+    require_different_readings(recordings, "REC")
+    return recordings
 
 
 def file_labels(paths: Sequence[Path]) -> list[str]:
@@ -168,13 +176,18 @@ def mounting_angle(sign: SignDecision) -> float:
     return atan2(float(np.linalg.norm([skew[2, 1], skew[0, 2], skew[1, 0]])), float(np.trace(sign.mounting)) - 1)
 
 
-def convention_sentence(sign: SignDecision) -> str:
-    """The decision as a sentence."""
-    return (
-        f"Sign convention decided from the data: the sensor reads {MEANINGS[sign.convention]}; "
-        f"first estimates of that decision, not of the fit: mass {sign.mass:.4g} kg, "
-        f"mounting rotation {degrees(mounting_angle(sign)):.1f}°."
-    )
+def convention_sentence(sign: SignDecision, *, detailed: bool = False) -> str:
+    """The decision as a sentence; a mounting nearer to a quarter turn than to none is said, too.
+
+    `detailed`: with the mass and the mounting that the decision was made with.
+    """
+    decided = f"Sign convention decided from the data: the sensor reads {MEANINGS[sign.convention]}"
+    turned = f"turned by {degrees(mounting_angle(sign)):.1f}° against the axes of the motion"
+    if detailed:
+        return f"{decided}. First estimates, from the weight alone: mass {sign.mass:.4g} kg, sensor {turned}."
+    if nearest_quarter_turns(sign.mounting) != ALIGNED_MOUNTING:
+        return f"{decided}, {turned}."
+    return f"{decided}."
 
 
 def convention_data(sign: SignDecision) -> dict[str, Any]:
@@ -187,9 +200,9 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
     }
 
 
-def frame_sentences(case: DataSet) -> list[str]:
-    """What the data decided of frames: gravity's direction, the sign convention."""
-    sentences = [] if case.sign is None else [convention_sentence(case.sign)]
+def frame_sentences(case: DataSet, *, detailed: bool = False) -> list[str]:
+    """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
+    sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
     if case.gravity is None:
         return sentences
     return [f"{case.gravity.sentence} To state it, write {case.gravity.stated} under [robot] in the rig.", *sentences]
@@ -231,4 +244,4 @@ def _sign_of(recording: Recording) -> list[str]:
     except InputError as error:
         return [f"Sign convention: undecided ({error.what}); {error.remedy}."]
     gravity = [] if found.found is None else [found.found.sentence]
-    return [*gravity, convention_sentence(sign)]
+    return [*gravity, convention_sentence(sign, detailed=True)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import reduce
@@ -102,6 +103,13 @@ class ModelFile(NamedEstimates, Tabular):
         """The model, then its parameters."""
         return [repr(self.model), self.table]
 
+    def misfit_warning(self, consequence: str) -> str:
+        """That the model does not fit its recordings, and what follows; empty where it does, or was not tested."""
+        if not self.misfitting:
+            return ""
+        remedy = "`truewrench diagnose` or `tw.diagnose` searches for what is missing"
+        return f"the model does not fit {', '.join(self.misfitting)}: {consequence}; {remedy}"
+
     @property
     def params(self) -> pd.DataFrame:
         """Value, std and unit of every parameter, by name, as a data frame; a fit knows intervals too."""
@@ -161,6 +169,7 @@ class ModelFile(NamedEstimates, Tabular):
         try:
             data = json.loads(text, parse_int=_whole, parse_constant=_no_number, object_pairs_hook=_each_once)
         except (ValueError, RecursionError) as error:
+            _refuse_recording(text, where)
             raise InputError(what=f"not a JSON file: {error}", where=where, remedy=REMEDY) from None
         return cls.from_data(data, where=where)
 
@@ -323,6 +332,14 @@ def _by_channel(model: WrenchModel, values: Array) -> dict[str, float]:
 
 
 # ------------------------------------------------------------------------------ schema of the file
+
+
+def _refuse_recording(text: str, where: str) -> None:
+    """InputError for the text of a recording: a header of several columns, among them those of a wrench."""
+    header = {name.strip(" \"'").lower() for name in re.split(r"[,;\t]", text.partition("\n")[0])}
+    if {"fx", "fy"} <= header:
+        remedy = "the model file comes first: `compensate MODEL.json REC`, `compare MODEL.json --on REC`"
+        raise InputError(what="a recording, where a model file belongs", where=where, remedy=remedy)
 
 
 def _no_number(token: str) -> float:

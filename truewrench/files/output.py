@@ -16,7 +16,7 @@ from modeling.errors import InputError
 
 ERASE_LINE = "\r\x1b[K"
 """Carriage return and erase-line sequence of a terminal."""
-LINE_INTERVAL = 10.0
+LINE_INTERVAL = 5.0
 """Time (s) between lines of one stage in a log."""
 
 
@@ -29,16 +29,19 @@ class ProgressStyle(Enum):
 
 
 _STYLE = ContextVar("progress style", default=ProgressStyle.TERMINAL)
+_BEGIN: ContextVar[float | None] = ContextVar("start of the command", default=None)
+"""When the command began (s of the monotonic clock): lines of a log count from there."""
 
 
 @contextmanager
 def progress_style(style: ProgressStyle) -> Iterator[None]:
     """Progress of this style for the time of one command."""
-    token = _STYLE.set(style)
+    token, begin = _STYLE.set(style), _BEGIN.set(monotonic())
     try:
         yield
     finally:
         _STYLE.reset(token)
+        _BEGIN.reset(begin)
 
 
 def make_folder(path: Path) -> Path:
@@ -111,8 +114,9 @@ def progress_line() -> Iterator[Callable[[str], None]]:
 
 
 def _log_lines() -> Callable[[str], None]:
-    """A line of each new stage; of a stage that counts, one in ten seconds."""
-    begin = said_at = monotonic()
+    """A line of each new stage; of a stage that counts, one in LINE_INTERVAL seconds. Times are since the start."""
+    said_at = monotonic()
+    begin = said_at if (started := _BEGIN.get()) is None else started
     said = ""
 
     def show(message: str) -> None:

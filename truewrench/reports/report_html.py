@@ -91,7 +91,7 @@ def findings_table(diagnosis: Diagnosis) -> Table:
     """Every candidate effect: verdict, p-value, share of the systematic error removed, and why."""
     numbers = (Column("p", format=P_VALUE), Column("error removed", format=SHARE))
     rows = [
-        (f.effect.id, EFFECT_VERDICT_LABELS[f.verdict], f.p_value, f.error_removed, finding_sentence(f))
+        (f.effect.id, EFFECT_VERDICT_LABELS[f.verdict], f.p_value, f.significant_share, finding_sentence(f))
         for f in diagnosis.findings
     ]
     return Table.of(("effect", "verdict", *numbers, "why"), rows)

@@ -108,7 +108,7 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
     rig = first.recording.rig
     stated = rig is not None and rig.sensor.tolerance is not None
     p_value = format_p_value(diagnosis.stated_lack_of_fit)
-    calibration = diagnosis.calibration
+    calibration = "; ".join(diagnosis.calibration_sentences)
     return [
         *noise_notes(diagnosis),
         *motion_notes(diagnosis.steps[-1].training, diagnosis.fit.parameters),
@@ -116,5 +116,5 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
         + (" The sensor's y axis runs along the tip." if diagnosis.model.mirror_y else ""),
         f"Tolerance: {'as stated in the rig file' if stated else 'a tenth of the noise floor'}.",
         f"Lack-of-fit test of the final model: p = {p_value}".replace("p = <", "p <") + " (significant below 0.01).",
-        *([] if calibration is None else [f"Calibration: {'; '.join(calibration.sentences)}."]),
+        *([f"Calibration: {calibration}."] if calibration else []),
     ]

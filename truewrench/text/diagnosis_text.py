@@ -90,7 +90,8 @@ def error_reduction_text(diagnosis: Diagnosis) -> str:
     steps = diagnosis.steps
     repeating = all(c.explainable_rms is not None for s in steps for c in (*s.training, *s.validation))
     kind = "systematic RMS, repeats with the motion" if repeating else "RMS; `~`: total, no repeats"
-    return f"Error of each channel ({kind}):\n{error_table(steps, step_names(diagnosis), diagnosis.tolerance)}"
+    table = error_table(steps, step_names(diagnosis), diagnosis.tolerance).without_unknown("reduced chi-square")
+    return f"Error of each channel ({kind}):\n{table}"
 
 
 def _evidence(diagnosis: Diagnosis) -> list[str]:
@@ -115,7 +116,7 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
         texts = ", ".join(f"{c} {s:.3g} {u}" for (c, s), u in shifts)
         lines.append(f"Zero shift of the held-out recording: {texts}.")
     if diagnosis.calibration is not None:
-        lines.append(f"Calibration: {'; '.join(diagnosis.calibration.sentences)}.")
+        lines.append(f"Calibration: {'; '.join(diagnosis.calibration_sentences)}.")
     return lines + disturbance_sentences(diagnosis)
 
 

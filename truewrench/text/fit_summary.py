@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
@@ -11,6 +11,8 @@ from typing import Any
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share, motion_notes
+from diagnosis.verdict.unexplained_residual import describe_residual
+from diagnosis.verdict.upper_limit import channel_tolerance
 from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
 from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
@@ -27,6 +29,12 @@ from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.data_set import DataSet, frame_sentences, frames_data
 from truewrench.text.tool_extent import tool_extent_text
 from truewrench.text.tool_text import LEGEND, tool_text
+
+ADVICE = (
+    "`truewrench diagnose` with the same recordings tests every effect that could explain it; by hand, in Python,"
+    " tw.study(...).suspects() does."
+)
+"""After where a model fails: what to do about it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +60,20 @@ class FitSummary:
 
     def text(self, case: DataSet | None, *, runs: bool = False, verbose: bool = True) -> str:
         """Summary; the repeatability tables only if `verbose`, and the rows of every run in it only with `runs`."""
-        parts = [self.headline(), *([] if case is None else frame_sentences(case))]
+        parts = [self.headline(), *([] if case is None else frame_sentences(case, detailed=verbose))]
         parts += [self.parameters(), *self._constraints(), *self._outliers(), *self._poses()]
         parts += [f"{c.recording.name}:\n{c}" for c in self.comparisons]
         parts += [f"{c.recording.name} (held out, its biases estimated there):\n{c}" for c in self.validation]
         parts += [repeatability_text(t, runs=runs) for t in (self.repeat_tables if verbose or runs else ())]
-        return "\n\n".join(parts)
+        return "\n\n".join([*parts, *self._failures()])
+
+    def _failures(self) -> Iterator[str]:
+        """Where the model fails, of each recording with a significant lack of fit, and what searches for the cause."""
+        failing = [c for c in self.misfitting if c.lack_of_fit < LEVELS.effect]
+        if failing:
+            tolerance, _ = channel_tolerance(self.fit)
+            lines = [f"  {c.recording.name}: {_failure(c, tolerance)}" for c in failing]
+            yield "\n".join(["Where the model fails:", *lines, f"  {ADVICE}"])
 
     @property
     def misfitting(self) -> list[Comparison]:
@@ -163,6 +179,12 @@ class FitSummary:
         }
         data |= {} if self.fit.constrained is None else {"constraints": constraints_data(self.fit.constrained)}
         return data | frames_data(case)
+
+
+def _failure(comparison: Comparison, tolerance: Mapping[str, float]) -> str:
+    """The largest of a recording's residual in words."""
+    found = describe_residual(comparison, tolerance)
+    return f"{found.where}; resembles {found.resembles} ({found.share:.0%} of its power in that channel)."
 
 
 def repeatability_text(found: RepeatTable, *, runs: bool) -> str:

@@ -45,18 +45,27 @@ WEAKER = {
 
 
 def verdict_headline(diagnosis: Diagnosis) -> str:
-    """The verdict as one sentence, with the titles of the effects added."""
-    missing = "; ".join(f.effect.title for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
+    """The verdict as one sentence, with ids and titles of the effects added."""
+    added = (f.effect for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
+    missing = ", ".join(f"{effect.id} ({effect.title})" for effect in added)
     if diagnosis.verdict is RecordVerdict.NOTHING_MISSING:
         what = f"Nothing {'more ' if diagnosis.given else ''}is missing"
         return f"{what}: the residual of the {base_name(diagnosis)} is consistent with the noise"
     if diagnosis.verdict is RecordVerdict.EXPLAINED:
-        return f"Missing in the model: {missing}"
+        return f"The model lacks {missing}"
     if diagnosis.verdict is RecordVerdict.PARTLY_EXPLAINED:
-        return f"Missing in the model: {missing}; an unexplained residual remains"
+        return f"The model lacks {missing}; an unexplained residual remains"
     if missing:
         return f"Significant residual; adding {missing} removes less than half of the systematic error"
-    return f"Significant residual{_on_held_out_alone(diagnosis)}, and no candidate effect explains it"
+    return f"Significant residual{_on_held_out_alone(diagnosis)}, and {_no_candidate(diagnosis)}"
+
+
+def _no_candidate(diagnosis: Diagnosis) -> str:
+    """That no candidate effect explains the residual, or that none could be tested, and why."""
+    if not diagnosis.findings or any(f.verdict is not EffectVerdict.NOT_EXCITED for f in diagnosis.findings):
+        return "no candidate effect explains it"
+    reasons = "; ".join(f"{f.effect.id}: {f.reason}" for f in diagnosis.findings)
+    return f"no candidate effect could be tested ({reasons})"
 
 
 def _on_held_out_alone(diagnosis: Diagnosis) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.logs.columns.column_pattern import PRESET_COLUMNS, PRESETS
 from estimation.logs.columns.time_column import EPOCH, time_column
-from estimation.logs.log_table import Array, LogTable
+from estimation.logs.log_table import ROS_TOPIC, TF_CHAIN, Array, LogTable
 from estimation.logs.step_log import StepLog
 from modeling.errors import InputError
 
@@ -31,7 +31,7 @@ def require_preset(tables: Sequence[LogTable], preset: str) -> None:
     if preset in PRESET_COLUMNS:
         fits = any(re.search(PRESET_COLUMNS[preset], name, re.IGNORECASE) for name in names)
     elif preset == "ros_bag":
-        fits = any(table.kind in ("ROS topic", "tf chain") for table in tables)
+        fits = any(table.kind in (ROS_TOPIC, TF_CHAIN) for table in tables)
     else:
         fits = any(map(is_headerless, tables))
         fits |= preset == "ros_csv" and any(name == "%time" or name.startswith("field.") for name in names)

@@ -11,7 +11,7 @@ from typing import Self
 
 from estimation.logs.columns.column_units import KINDS, plain_unit
 from estimation.logs.columns.orientation_form import OrientationForm
-from modeling.errors import InputError, quoted
+from modeling.errors import InputError, quoted, suggestion
 from modeling.rig.rig import SPATIAL_CHANNELS
 
 VECTORS: Mapping[str, tuple[str, ...]] = {
@@ -68,6 +68,10 @@ class ColumnMap:
     def of(cls, data: Mapping[str, object], where: str = "map") -> Self:
         """The map of a dictionary with the structure of the TOML file."""
         given = _Checked(data, where)
+        for key, value in data.items():
+            if isinstance(value, list) and key not in OPTIONS and key not in VECTORS:
+                remedy = suggestion(key, [*VECTORS, "joints", "orientation_columns"])
+                raise InputError(what=f"{quoted(key)} is no name of a list of columns", where=where, remedy=remedy)
         columns = {key: given.text(key) for key in data if key not in OPTIONS and key not in VECTORS}
         for key, names in VECTORS.items():
             if key in data:

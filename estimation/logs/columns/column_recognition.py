@@ -12,7 +12,7 @@ from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_pattern import PATTERNS, ColumnPattern, Quantity
 from estimation.logs.columns.column_units import name_and_unit
 from estimation.logs.columns.orientation_form import OrientationForm
-from estimation.logs.log_table import Array, LogTable
+from estimation.logs.log_table import NO_WRENCH, ROS_TOPIC, TF_CHAIN, Array, LogTable
 from modeling.errors import InputError, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 
@@ -76,6 +76,8 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
     )
     wrench = wrench or found.chosen(Quantity.WRENCH)
     if wrench is None:
+        if all(table.kind in (ROS_TOPIC, TF_CHAIN) and table.wrench_frame is None for table in tables):
+            raise found.without_wrench()
         raise found.error("no wrench is recognised", found.nearest() + found.incomplete_wrench())
     joints = found.joints(joint_names)
     if joints and (joint_names is not None or not stated.orientation):
@@ -99,6 +101,16 @@ class _Groups:
     def error(self, what: str, hint: str = "") -> InputError:
         where = ", ".join(table.name for table in self.tables[:3])
         return InputError(what=what + hint, where=where, remedy=f'{ASK}: fx = "column", ..., and give it by --map')
+
+    def without_wrench(self) -> InputError:
+        """The error of bags in which nobody published a wrench, with the topics that they have."""
+        topics = [table.name.partition(":")[2] for table in self.tables]
+        unread = [topic for table in self.tables for topic in table.unread]
+        listed = ", ".join(dict.fromkeys([*topics, *unread]))
+        remedy = "record the sensor's topic, too, or give its log beside the bag"
+        return InputError(
+            what=f"{NO_WRENCH}; its topics are {listed}", where=self.tables[0].name.partition(":")[0], remedy=remedy
+        )
 
     def nearest(self) -> str:
         """The columns that there are, for a message."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from estimation.logs.log_reader import LogReader, require_size
-from estimation.logs.log_table import Array, LogTable
+from estimation.logs.log_table import NO_WRENCH, ROS_TOPIC, TF_CHAIN, Array, LogTable
 from estimation.logs.readers.transform_tree import Transform, TransformTree
 from estimation.logs.source_file import SourceFile
 
@@ -22,6 +23,7 @@ class RosBag(LogReader):
     """ROS bag; each topic is a table, of joint states each publisher."""
 
     title = "ROS bag"
+    repair = "repair it (`mcap recover`, `ros2 bag reindex`, `rosbag reindex`), or give a bag that is whole"
 
     def recognises(self, source: SourceFile) -> bool:
         """By the magic strings of the three storages, or a folder with a metadata.yaml."""
@@ -38,7 +40,22 @@ class RosBag(LogReader):
             for topic, kind, received, message in messages(path):
                 EXTRACTORS[kind](topics, topic, message, received * 1e-9)
                 require_size(topics.messages * 10, str(source.path))
-        return topics.tables()
+            found = topics.tables()
+            unread = unread_topics(path) if not topics.frames else ()
+        if not found and unread:
+            what = f"{NO_WRENCH}; its topics are {', '.join(unread)}"
+            raise source.error(what, "record the topics of wrench and pose, or joint states")
+        return [replace(table, unread=unread) for table in found]
+
+
+def unread_topics(path: Path) -> tuple[str, ...]:
+    """The topics of a bag whose message type is not read, with their types."""
+    from rosbags.highlevel import AnyReader  # slow to import
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        others = {c.topic: c.msgtype.replace("/msg/", "/") for c in reader.connections if c.msgtype not in EXTRACTORS}
+    return tuple(f"{topic} ({kind})" for topic, kind in others.items())
 
 
 def messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
@@ -83,7 +100,7 @@ class _Topics:
         chains = [TransformTree(self.transforms).pose_columns(frame) for frame in frames]
         for frame, columns in zip(frames, chains, strict=True):
             if columns:
-                found.append(LogTable(name=f"{self.source}:/tf ({frame})", kind="tf chain", columns=columns))
+                found.append(LogTable(name=f"{self.source}:/tf ({frame})", kind=TF_CHAIN, columns=columns))
         return found
 
     def _table(self, topic: str, names: tuple[str, ...], rows: list[tuple[float, ...]]) -> LogTable:
@@ -97,7 +114,7 @@ class _Topics:
             notes.append((what, len(late), False))
         name = f"{self.source}:{topic}" + (f" ({names[0]}..)" if names and names[0].startswith("joint:") else "")
         frame = self.frames.get(topic)
-        return LogTable(name=name, kind="ROS topic", columns=columns, wrench_frame=frame, notes=tuple(notes))
+        return LogTable(name=name, kind=ROS_TOPIC, columns=columns, wrench_frame=frame, notes=tuple(notes))
 
 
 # ------------------------------------------------------------------------------------------- messages

@@ -63,6 +63,7 @@ def remarks(tool: ToolInertia, source: str) -> list[str]:
     return [
         *found,
         f"frame: {tool.frame}",
+        *([tool.left_out] if tool.left_out else []),
         "the part of the sensor between the flange and its strain gauges is not included: the sensor does not weigh it",
     ]
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from modeling.chain.model import WrenchModel
 from modeling.chain.pseudo_inertia import pseudo_inertia
+from modeling.codegen.payload.left_out import left_out
 from modeling.errors import InputError
 from modeling.space import Space
 
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 WHERE = "tool"
 ROUNDING = 1e-9
 """Relative size of a negative second moment that is rounding: an estimate on the boundary of consistency has zeros."""
+LARGEST_OFFSET = 2.0
+"""Metres between the sensor and the frame in which its pose is stated, from which millimetres were meant."""
 SENSOR_FRAME = "sensor frame"
 """The frame whose pose was recorded, or to which the joints lead."""
 
@@ -34,6 +37,7 @@ class ToolInertia:
     inertia_modes   (k, 3, 3) kg m²: changes of these by one std of each of k uncorrelated combinations of parameters
     frame           what the axes are
     link            name of the link whose frame it is, where the rig names it; else empty
+    left_out        the effects of its model that these numbers do not express, as a line; empty without any
     """
 
     mass: float
@@ -44,6 +48,7 @@ class ToolInertia:
     inertia_modes: Array
     frame: str = SENSOR_FRAME
     link: str = ""
+    left_out: str = ""
 
     @property
     def centre_std(self) -> Array:
@@ -91,14 +96,18 @@ class ToolInertia:
             inertia_modes=inertia_modes,
             frame=f"{SENSOR_FRAME}, link {link}" if link else SENSOR_FRAME,
             link=link,
+            left_out=left_out(model, theta),
         )
 
     def seen_from(self, pose: Sequence[float]) -> ToolInertia:
         """The same tool in a frame in which the sensor has this pose: x, y, z (m), roll, pitch, yaw (rad).
 
         The angles turn about the fixed axes x, y, z in that order, as URDF has them. Raises InputError for an angle of
-        more than a turn.
+        more than a turn, and an offset of more than LARGEST_OFFSET.
         """
+        if (offset := max(abs(length) for length in pose[:3])) > LARGEST_OFFSET:
+            what = f"an offset of {offset:g} m is longer than any flange: millimetres?"
+            raise InputError(what=what, where="sensor pose", remedy="give metres, and roll, pitch and yaw in rad")
         if max(abs(angle) for angle in pose[3:]) > 2 * np.pi:
             what = f"an angle of {max(map(abs, pose[3:])):g} rad is more than a turn: degrees?"
             raise InputError(what=what, where="sensor pose", remedy="give m, and roll, pitch and yaw in rad")
