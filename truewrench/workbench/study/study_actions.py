@@ -19,6 +19,7 @@ from truewrench.workbench.study.downloads import download_of
 from truewrench.workbench.study.puzzle import Puzzle, hidden_effect_of
 from truewrench.workbench.study.reading import ReadingForm, data_set
 from truewrench.workbench.study.separation import Separation, separation_of
+from truewrench.workbench.study.step_line import StepLine
 from truewrench.workbench.study.study_charts import view_at_cell, view_of
 from truewrench.workbench.study.study_words import (
     comparison_words,
@@ -57,6 +58,7 @@ class StudyActions:
         self._view = View()
         self._files: tuple[str, ...] = ()
         self._separation: Separation | None = None
+        self._line = StepLine()
 
     def answer(self, request: Mapping[str, Any]) -> PageUpdate:
         """The answer to a request; InputError for one that cannot be answered."""
@@ -103,13 +105,15 @@ class StudyActions:
         self._case, self._study = case, begun
         self._suspects, self._diagnosis, self._view, self._separation = {}, None, View.first(begun), None
         self._files = tuple(filter(None, (*training, *validation, rig)))
+        self._line = StepLine()
         return self._changed(
+            "rigid tool",
             {
                 "sketch-style": style_words(),
                 "reading": reading_words(case),
                 "vocabulary": vocabulary_words(begun),
                 "custom-result": "",
-            }
+            },
         )
 
     # ------------------------------------------------------------------------------------ what to see
@@ -146,13 +150,13 @@ class StudyActions:
         """Add an effect."""
         self._progress(f"fit with {request['effect']}")
         self.study.add(str(request["effect"]))
-        return self._changed()
+        return self._changed(f"added {request['effect']}")
 
     def custom(self, request: Mapping[str, Any]) -> PageUpdate:
         """Add the custom effect of the form."""
         effect = effect_of_form(request, self.study)
         self.study.add(effect)
-        return self._changed({"custom-result": ""})
+        return self._changed(f"added {effect.id}", {"custom-result": ""})
 
     def check(self, request: Mapping[str, Any]) -> PageUpdate:
         """Say what is wrong with the custom effect of the form."""
@@ -162,27 +166,29 @@ class StudyActions:
         """Drop an effect."""
         self._progress(f"fit without {request['effect']}")
         self.study.drop(str(request["effect"]))
-        return self._changed()
+        return self._changed(f"dropped {request['effect']}")
 
     def undo(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Go back one step."""
+        last = self.study.steps[-1].change
         self.study.undo()
-        return self._changed()
+        return self._changed(f"undone {last}")
 
     def redo(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Go forward again by the step last undone."""
-        self.study.redo()
-        return self._changed()
+        again = self.study.redo()
+        return self._changed(f"redone {again.change}")
 
     def diagnose(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Let the diagnosis go on from the current model."""
         self._diagnosis = self.study.diagnose(workers=available_cores())
         if self._case is not None and self._case.gravity is not None:
             self._diagnosis = replace(self._diagnosis, gravity=self._case.gravity)
-        return self._changed({"verdict": verdict_words(self._diagnosis)}, keep_verdict=True)
+        return self._changed("diagnosed", {"verdict": verdict_words(self._diagnosis)}, keep_verdict=True)
 
-    def _changed(self, words: Mapping[str, str] | None = None, *, keep_verdict: bool = False) -> PageUpdate:
+    def _changed(self, done: str, words: Mapping[str, str] | None = None, *, keep_verdict: bool = False) -> PageUpdate:
         """The page after a step of the study; the suspects follow, if they are not known already."""
+        self._line = self._line.then(done, self.study)
         stale = {"answer": ""} if keep_verdict else {"verdict": "", "answer": ""}
         if not keep_verdict:
             self._diagnosis = None
@@ -190,7 +196,7 @@ class StudyActions:
         shown = self._shown()
         known = self._suspects.get(id(self.study.steps[-1]))
         ranked = {"suspects": suspects_words(self.study, known, self._diagnosis)}
-        steps = {"steps": steps_words(self.study, puzzle=self._puzzle is not None)}
+        steps = {"steps": steps_words(self.study, puzzle=self._puzzle is not None), "last-step": self._line.words()}
         return replace(
             shown,
             words={**shown.words, **stale, **steps, **ranked, **(words or {})},

@@ -21,8 +21,7 @@ from estimation.recordings.reports.reading_report import StepKind
 from modeling.chain.effect import Effect
 from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, signal_units, target_units, tip_units
 from modeling.formulas.functions import FORMULA_FUNCTIONS
-from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
-from modeling.significance import LEVELS
+from modeling.number_format import format_number, format_p_value, format_percentage, format_unit
 from modeling.space import Space
 from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
@@ -38,6 +37,7 @@ from truewrench.text.verdict_words import (
     weaker_verdict_warning,
 )
 from truewrench.workbench.field_names import PLACES, with_field_names
+from truewrench.workbench.study.effect_estimates import effect_sizes, weakness
 from truewrench.workbench.study.separation import undesignable
 
 if TYPE_CHECKING:
@@ -125,12 +125,7 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
 
 
 def _effect_values(effect: Effect, study: Study) -> dict[str, Any]:
-    estimates = {n: e for n, e in study.fit.parameters.items() if n.startswith(f"{effect.id}.")}
-    sizes = [
-        f"{n.partition('.')[2]} = {format_with_std(e.value, e.std)} {format_unit(e.unit)}" for n, e in estimates.items()
-    ]
-    sure = any(abs(e.value) > LEVELS.nonzero * e.std for e in estimates.values())
-    return _described(effect, study) | {"sizes": sizes, "significant": sure or not estimates}
+    return _described(effect, study) | {"sizes": effect_sizes(effect, study.fit), "weakness": weakness(effect, study)}
 
 
 def _described(effect: Effect, study: Study) -> dict[str, Any]:

@@ -53,13 +53,13 @@
       if (where === null) continue;
       const focused = where.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") || document.activeElement.textContent : null;
       where.innerHTML = html;
-      if (focused) [...where.querySelectorAll("button")].find((b) => (b.getAttribute("aria-label") || b.textContent) === focused)?.focus();
+      if (focused) [...where.querySelectorAll("button")].find((b) => (b.getAttribute("aria-label") || b.textContent) === focused)?.focus({ preventScroll: true });
       if (id === "view") press(where.querySelector("[data-shown]")?.dataset.shown || "");
       if (id === "reading") opened();
       if (id === "view" && where.querySelector('[data-shown="trajectory"]')) place("trajectory").hidden = false;
       if (id === "reading") place("trajectory").hidden = true;
-      if (id === "verdict" && html) where.scrollIntoView({ block: "nearest" });
     }
+    if (answer.words?.verdict) { place("verdict").scrollIntoView({ block: "start" }); pressed = {}; }
     if (answer.words && "steps" in answer.words) {
       if (pressed.do === "custom") place("steps").scrollIntoView({ block: "nearest" });
       refocus();
