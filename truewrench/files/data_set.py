@@ -160,6 +160,8 @@ MEANINGS = {
     Convention.ON_SENSOR: "the wrench that the tool exerts on the sensor (on_sensor)",
 }
 """What the readings are by their convention."""
+MOUNTING_RESOLUTION = 5.0
+"""Degrees of a mounting rotation that the first estimate can be wrong by: it leaves out all but the weight."""
 
 
 def mounting_angle(sign: SignDecision) -> float:
@@ -168,8 +170,15 @@ def mounting_angle(sign: SignDecision) -> float:
     return atan2(float(np.linalg.norm([skew[2, 1], skew[0, 2], skew[1, 0]])), float(np.trace(sign.mounting)) - 1)
 
 
+def decided_convention(sign: SignDecision) -> str:
+    """The decision alone, as a sentence; a mounting rotation that is more than its estimate's error is said too."""
+    angle = degrees(mounting_angle(sign))
+    turned = f", and is turned by about {angle:.0f}°" if angle > MOUNTING_RESOLUTION else ""
+    return f"Sign convention decided from the data: the sensor reads {MEANINGS[sign.convention]}{turned}."
+
+
 def convention_sentence(sign: SignDecision) -> str:
-    """The decision as a sentence."""
+    """The decision as a sentence, with the estimates that it rests on."""
     return (
         f"Sign convention decided from the data: the sensor reads {MEANINGS[sign.convention]}; "
         f"first estimates of that decision, not of the fit: mass {sign.mass:.4g} kg, "
@@ -187,9 +196,10 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
     }
 
 
-def frame_sentences(case: DataSet) -> list[str]:
-    """What the data decided of frames: gravity's direction, the sign convention."""
-    sentences = [] if case.sign is None else [convention_sentence(case.sign)]
+def frame_sentences(case: DataSet, *, estimates: bool = True) -> list[str]:
+    """What the data decided of frames: gravity's direction, the sign convention, with its first `estimates`."""
+    convention = convention_sentence if estimates else decided_convention
+    sentences = [] if case.sign is None else [convention(case.sign)]
     if case.gravity is None:
         return sentences
     return [f"{case.gravity.sentence} To state it, write {case.gravity.stated} under [robot] in the rig.", *sentences]

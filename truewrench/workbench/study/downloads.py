@@ -85,7 +85,7 @@ def _report(step: StudyStep, case: DataSet | None, diagnosis: Diagnosis | None, 
     from truewrench.text.fit_summary import FitSummary
 
     summary = FitSummary(step.fit, step.fit.intervals(), validation=step.validation)
-    return fit_report(summary, provenance, [] if case is None else frame_sentences(case))
+    return fit_report(summary, provenance, [] if case is None else frame_sentences(case, estimates=False))
 
 
 def _trajectory(separation: Separation | None) -> Download:

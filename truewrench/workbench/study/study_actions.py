@@ -78,16 +78,15 @@ class StudyActions:
 
     def open(self, request: Mapping[str, Any]) -> PageUpdate:
         """Read recordings, and begin a study of the rigid tool."""
-        self._puzzle = None
         files = request["recordings"], request.get("validate", ()), request.get("rig")
-        return self._begin(*files, ReadingForm.of(request))
+        return self._begin(*files, ReadingForm.of(request), None)
 
     def puzzle(self, request: Mapping[str, Any]) -> PageUpdate:
         """Simulate a rig with a hidden effect, and begin a study of its recordings."""
         hidden = hidden_effect_of(str(request.get("effect", "")))
         self._progress("simulate a rig")
-        self._puzzle = puzzle = Puzzle.simulated(hidden, str(request["folder"]))
-        return self._begin([puzzle.training], [puzzle.validation], puzzle.rig, ReadingForm())
+        puzzle = Puzzle.simulated(hidden, str(request["folder"]))
+        return self._begin([puzzle.training], [puzzle.validation], puzzle.rig, ReadingForm(), puzzle)
 
     def reveal(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Say what the simulated rig hides."""
@@ -96,13 +95,19 @@ class StudyActions:
         return PageUpdate({"answer": self._puzzle.solution(self.study.effects)})
 
     def _begin(
-        self, training: Sequence[str], validation: Sequence[str], rig: str | None, form: ReadingForm
+        self,
+        training: Sequence[str],
+        validation: Sequence[str],
+        rig: str | None,
+        form: ReadingForm,
+        puzzle: Puzzle | None,
     ) -> PageUpdate:
+        """Begin a study; the one before remains where its files cannot be read or fitted."""
         self._progress("read")
         case = data_set(training, validation, rig, form)
         self._progress("fit the rigid tool")
         begun = study(case.model, case.training, validate=case.validation, progress=self._progress)
-        self._case, self._study = case, begun
+        self._case, self._study, self._puzzle = case, begun, puzzle
         self._suspects, self._diagnosis, self._view, self._separation = {}, None, View.first(begun), None
         self._files = tuple(filter(None, (*training, *validation, rig)))
         self._line = StepLine()

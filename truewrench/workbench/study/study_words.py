@@ -86,7 +86,7 @@ def reading_words(case: DataSet) -> str:
     return part(
         "reading.html",
         recordings=[_recording_values(r, use) for r, use in several],
-        sentences=frame_sentences(case),
+        sentences=frame_sentences(case, estimates=False),
     )
 
 

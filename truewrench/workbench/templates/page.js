@@ -11,9 +11,11 @@
     requests.data = { request: [JSON.stringify({ ...request, number: ++sent })] };
     if (["check", "scheme", "ready"].includes(request.do)) return;
     notice("");
+    if (["view", "cell", "compare", "contact"].includes(request.do)) aged(true);
     busy(true, "working");
     document.body.dataset.busy = "true";
   };
+  const aged = (are) => { for (const id of ["plots", "legend", "table"]) place(id).classList.toggle("old", are); };
   const notice = (html, wrong) => {
     const box = place("notice");
     place("notice-text").innerHTML = html; box.hidden = html === ""; box.classList.toggle("wrong", wrong === true);
@@ -22,7 +24,7 @@
     place("progress").classList.toggle("busy", is);
     place("cancel").hidden = !is;
     if (text !== undefined) place("progress-text").textContent = text;
-    if (!is) place("progress-text").textContent = "ready";
+    if (!is) { place("progress-text").textContent = "ready"; aged(false); }
   };
   const save = (file) => {
     const bytes = Uint8Array.from(atob(file.content), (c) => c.charCodeAt(0));
@@ -64,6 +66,7 @@
       if (pressed.do === "custom") place("steps").scrollIntoView({ block: "nearest" });
       refocus();
     }
+    if (answer.words?.legend !== undefined || answer.notice !== undefined) aged(false);
     if (answer.notice !== undefined) notice(answer.notice, answer.wrong);
     if (answer.download) save(answer.download);
     if (answer.busy !== undefined) busy(answer.busy, answer.progress);
@@ -79,11 +82,13 @@
         if (field.name) found[field.name] = field.type === "checkbox" ? (field.checked ? "1" : "") : field.value;
     return found;
   };
+  const steps = () => Math.max(document.querySelectorAll(".steps tbody tr").length - 1, 0);
   const act = (button) => {
     const { do: name, ...rest } = button.dataset;
     const request = { ...fields(button), ...rest, do: name };
-    const steps = document.querySelectorAll(".steps tbody tr").length;
-    if (["open", "puzzle"].includes(name) && steps > 1 && !confirm(`The study that is open has ${steps} steps, which are lost. Go on?`)) return;
+    if (["open", "puzzle"].includes(name) && steps() && (name !== "open" || chosen.recordings.length)
+      && !confirm(`If this can be read, it replaces the study that is open, with its ${steps()} ${steps() > 1 ? "steps" : "step"}. Go on?`))
+      return notice("Not opened; the study is as before.");
     pressed = { do: name, effect: rest.effect };
     if (name === "open") {
       Object.assign(request, { recordings: chosen.recordings, validate: chosen.validate, rig: chosen.rig.at(-1) || null, map: chosen.map.at(-1) || null });
@@ -150,6 +155,8 @@
   const drop = place("drop");
   for (const kind of ["dragover", "dragleave", "drop"]) drop.addEventListener(kind, (event) => { event.preventDefault(); drop.classList.toggle("over", kind === "dragover"); });
   drop.addEventListener("drop", async (event) => { for (const file of event.dataTransfer.files) await upload(file, file.name.endsWith(".toml") ? "rig" : "recordings"); });
+
+  addEventListener("beforeunload", (event) => { if (steps()) event.preventDefault(); });  // the study goes with the page
 
   // --------------------------------------------------------------------------------------- connection
   const model = (name) => window.Bokeh && Bokeh.documents.length ? Bokeh.documents[0].get_model_by_name(name) : null;
