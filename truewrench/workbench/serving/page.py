@@ -221,6 +221,7 @@ class Page:
         if self._shown is None:
             return
         from truewrench.plots.charts.bokeh_chart import DARK, LIGHT, bokeh_chart, figures_of, legend_html
+        from truewrench.workbench.serving.point_hover import add_point_hover
 
         chart = self._shown.charts["plots"]
         scheme = DARK if self.dark else LIGHT
@@ -228,6 +229,7 @@ class Page:
         self._say(words={"legend": legend_html(chart, scheme)})
         tap = self._shown.taps.get("plots")
         if tap is not None:
+            add_point_hover(layout, chart)
             for number, drawn in enumerate(figures_of(layout)):
                 drawn.on_event(Tap, self._tapped(tap, number))
         self._plots.children = [layout]
