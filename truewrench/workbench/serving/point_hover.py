@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.models import HoverTool, Scatter
+from bokeh.models.renderers import GlyphRenderer
 
 from modeling.number_format import format_number
 from truewrench.plots.charts.bokeh_chart import figures_of
@@ -16,8 +17,9 @@ def add_point_hover(layout: Any, chart: Chart) -> None:
     """Let the points with an interval of a chart that is drawn say their numbers."""
     for panel, drawn in zip(chart.panels, figures_of(layout), strict=True):
         with_interval = [m for m in panel.marks if isinstance(m, Points) and m.low is not None and len(m.x)]
-        for renderer in [r for r in drawn.renderers if isinstance(getattr(r, "glyph", None), Scatter)]:
-            source = renderer.data_source
+        scatters = [r for r in drawn.renderers if isinstance(r, GlyphRenderer) and isinstance(r.glyph, Scatter)]
+        for renderer in scatters:
+            source: Any = renderer.data_source
             mark = next((m for m in with_interval if np.array_equal(source.data["x"], m.x)), None)
             if mark is not None:
                 source.data = dict(source.data) | _texts(mark)

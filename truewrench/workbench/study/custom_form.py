@@ -17,7 +17,7 @@ from modeling.formulas.custom_effects.effect_check import require_finite
 from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, target_units
 from modeling.number_format import format_unit
 from truewrench.workbench.field_names import PLACES
-from truewrench.workbench.study.formula_hints import require_known_names, unit_hint
+from truewrench.workbench.wording.formula_hints import require_known_names, unit_hint
 
 EXAMPLES = {"parameters": "c: N·s/m", "inputs": "temperature: K", "constants": "x0: 0.1 m",
             "formulas": "force_x = -c * tip_vx"}  # fmt: skip

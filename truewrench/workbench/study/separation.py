@@ -19,7 +19,7 @@ from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.space import Space
 from truewrench.plots.charts.chart import Chart
 from truewrench.plots.motion_plot import trajectory_panels
-from truewrench.workbench.study.effect_estimates import effect_sizes
+from truewrench.workbench.wording.effect_estimates import effect_sizes
 
 PLANE_RIG = """\
 [robot]

@@ -19,7 +19,6 @@ from truewrench.workbench.study.downloads import download_of
 from truewrench.workbench.study.puzzle import Puzzle, hidden_effect_of
 from truewrench.workbench.study.reading import ReadingForm, data_set
 from truewrench.workbench.study.separation import Separation, separation_of
-from truewrench.workbench.study.step_line import StepLine
 from truewrench.workbench.study.study_charts import view_at_cell, view_of
 from truewrench.workbench.study.study_words import (
     comparison_words,
@@ -35,6 +34,7 @@ from truewrench.workbench.study.study_words import (
     vocabulary_words,
 )
 from truewrench.workbench.study.view import View
+from truewrench.workbench.wording.step_line import StepLine
 
 NO_STUDY = {"what": "no recording is open", "where": "workbench", "remedy": "choose a recording first"}
 

@@ -34,10 +34,10 @@ from truewrench.text.verdict_words import (
     weaker_verdict_warning,
 )
 from truewrench.workbench.field_names import PLACES, with_field_names
-from truewrench.workbench.study.effect_estimates import effect_sizes, weakness
-from truewrench.workbench.study.formula_hints import known_signals
 from truewrench.workbench.study.separation import rig_template, undesignable
-from truewrench.workbench.study.suspect_row import SuspectRow
+from truewrench.workbench.wording.effect_estimates import effect_sizes, weakness
+from truewrench.workbench.wording.formula_hints import known_signals
+from truewrench.workbench.wording.suspect_row import SuspectRow
 
 if TYPE_CHECKING:
     from diagnosis.comparison.model_comparison import ModelComparison

@@ -69,6 +69,7 @@
     if (answer.words?.legend !== undefined || answer.notice !== undefined) aged(false);
     if (answer.notice !== undefined) notice(answer.notice, answer.wrong);
     if (answer.download) save(answer.download);
+    if (answer.busy === false && answer.heard < sent) return;  // what was asked since is on its way
     if (answer.busy !== undefined) busy(answer.busy, answer.progress);
     else if (answer.progress !== undefined) busy(true, answer.progress);
     document.body.dataset.busy = place("progress").classList.contains("busy") ? "true" : "false";
