@@ -126,4 +126,4 @@ def test_effects_of_joints_name_what_a_recording_without_them_lacks() -> None:
     posed = fit(planar(), from_columns(columns, name="poses.csv"))
     joints = [named(i) for i in ("joint_offset", "joint_elasticity", "joint_backlash", "link_length_error")]
     for screening in screen(posed, joints):
-        assert screening.reason == "poses.csv has no q1"
+        assert screening.reason == "no joint angles in poses.csv"

@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
 from estimation.logs.columns.column_map import ColumnMap
-from estimation.logs.columns.column_pattern import PRESETS
+from estimation.logs.columns.column_pattern import PRESETS, Quantity
+from estimation.logs.columns.incomplete_vector import nearest_vector
 from estimation.logs.log_reading import imported, read
+from estimation.logs.log_table import LogTable
 from estimation.recordings.reports.reading_report import StepKind
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
@@ -124,6 +127,29 @@ def test_millimetres_and_degrees_are_recognised(tmp_path: Path) -> None:
     found = imported(path)
     np.testing.assert_allclose(found.columns["q1"], np.linspace(-np.pi / 2, np.pi / 2, 100), atol=1e-12)
     assert any("taken as degrees" in step.what for step in found.report.of(StepKind.MENDED))
+
+
+@pytest.mark.parametrize(
+    ("lacking", "said"),
+    [
+        ("ft_raw_wrench_5", r"no wrench .*beside ft_raw_wrench_0 \.\. ft_raw_wrench_4, ft_raw_wrench_5 is missing"),
+        ("actual_TCP_pose_3", r"no motion .*beside actual_TCP_pose_0 .*, actual_TCP_pose_3 is missing; .*orientation"),
+    ],
+)
+def test_a_column_that_lacks_is_named(tmp_path: Path, lacking: str, said: str) -> None:
+    names = [f"{stem}_{i}" for stem in ("actual_TCP_pose", "ft_raw_wrench") for i in range(6)]
+    table = pd.DataFrame(np.random.default_rng(1).normal(size=(50, 12)), columns=names)
+    table.insert(0, "timestamp", np.arange(50) / 100)
+    table.drop(columns=lacking).to_csv(tmp_path / "log.csv", index=False)
+    with pytest.raises(InputError, match=said):
+        imported(tmp_path / "log.csv")
+
+
+def test_an_axis_of_a_force_that_lacks_is_named() -> None:
+    columns = dict.fromkeys(("force.x", "force.z", "torque.x", "torque.y", "torque.z"), np.zeros(3))
+    found = nearest_vector([LogTable(name="log.csv", kind="text", columns=columns)], (Quantity.WRENCH,))
+    assert found is not None
+    assert found.missing == ("force.y",)
 
 
 # ---------------------------------------------------------------------------------------- files, presets

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -131,11 +132,17 @@ def _search(null_model: NullModel, new: Effect) -> GridSearch | ScoreTest:
     everywhere = effect.per_recording or all(s or not m for s, m in zip(static, missing, strict=True))
     if not numbers or not everywhere:
         first = next(i for i, absent in enumerate(missing) if absent)
-        return _not_excited(effect, f"{fit.recordings[first].name} has no {', '.join(missing[first])}")
+        return _not_excited(effect, f"no {_quantities(missing[first])} in {fit.recordings[first].name}")
     grid = effect.nuisance_grid(search_domain(null_model, numbers[0], effect))
     if not grid:
         return _not_excited(effect, "the recording has no position")
     return GridSearch.over(null_model, model, effect, grid)
+
+
+def _quantities(names: Sequence[str]) -> str:
+    """What signals are: joint angles for q1, q2 and their derivatives."""
+    known = ("joint angles" if re.fullmatch(r"d*q\d+", name) else name for name in names)
+    return ", ".join(dict.fromkeys(known))
 
 
 def _missing_inputs(alone: WrenchModel, effect: Effect, recording: Recording, noise: RecordingNoise) -> tuple[str, ...]:

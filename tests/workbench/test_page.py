@@ -49,6 +49,12 @@ def press(page: Page, label: str) -> None:
     idle(page)
 
 
+def in_sight(page: Page, place: str) -> bool:
+    """Whether a place is within the window, below its top line."""
+    box = page.locator(f"#{place}").bounding_box()
+    return box is not None and box["y"] >= 0 and box["y"] + box["height"] <= 900
+
+
 def suspects(page: Page) -> list[str]:
     """Significant suspects, when they are known."""
     page.wait_for_selector("#suspects details")
@@ -76,6 +82,8 @@ def _an_effect_is_added_and_dropped(page: Page) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector('button[aria-label="drop viscous_drag"]')
     assert "The current model fits" in text(page, "steps")
+    assert text(page, "last-step").startswith("added viscous_drag: error / noise floor")
+    assert in_sight(page, "last-step")
     assert "Tool: m" in text(page, "steps")
     assert page.evaluate("document.activeElement.ariaLabel") == "drop viscous_drag"
     assert suspects(page) == []
@@ -105,15 +113,21 @@ def _a_cell_is_seen_in_time(page: Page) -> None:
     page.click("#view .cells button >> nth=0")
     page.wait_for_selector("text=Marked: samples where")
     page.wait_for_selector("#legend >> text=samples of the cell")
+    assert page.locator('#view [aria-label=channels] [aria-pressed="true"]').count() == 3
+    page.click("nav [data-view=map]")
+    page.wait_for_selector("#legend >> text=marked in time")
+    page.click("nav [data-view=time]")
+    page.wait_for_selector("#legend >> text=samples of the cell")
     press(page, "Unmark")
     assert "Marked" not in text(page, "view")
+    assert page.locator('#view [aria-label=channels] [aria-pressed="true"]').count() == 3
 
 
 def _a_custom_effect_is_written(page: Page) -> None:
     page.click("text=Write a custom effect")
     page.fill("#custom textarea[name=formulas]", "force_x = -c*tip_vx*tip_vx")
     page.wait_for_selector("#custom-result .wrong")
-    assert "expected N" in text(page, "custom-result")
+    assert "c should be in N·s²/m²" in text(page, "custom-result")
     page.fill("#custom textarea[name=formulas]", 'force_x = __import__("os").system("id")')
     page.wait_for_selector("#custom-result >> text=not allowed")
     page.fill("#custom textarea[name=formulas]", "force_x = -c*tip_vx\nforce_y = -c*tip_vy")
@@ -131,6 +145,7 @@ def _two_suspects_are_separated(page: Page) -> None:
     page.select_option("#suspects select[name=second]", "quadratic_drag")
     press(page, "Design")
     assert "separated" in text(page, "table")
+    assert "Assumed: viscous_drag of the size" in text(page, "table")
     with page.expect_download() as saved:
         page.click("text=Download the trajectory")
     press(page, "Time")
@@ -155,6 +170,7 @@ def _the_diagnosis_goes_on(page: Page) -> None:
     press(page, "Diagnose from here")
     page.wait_for_selector(".verdict")
     assert "Explained" in text(page, "verdict")
+    assert in_sight(page, "verdict .headline")
     assert "viscous_drag" in text(page, "verdict")
     idle(page)
     for button, start in (("Report (HTML)", "<!doctype html>"), ("Model (JSON)", "{"), ("Code or payload", '"""')):
@@ -193,6 +209,7 @@ def test_files_and_hostile_requests(opened: Browser, recordings: Path, tmp_path:
         assert "validate.csv held out" in text(page, "reading")
         assert suspects(page)[0] == "viscous_drag"
         _the_contact_is_found(page, recordings)
+        _a_study_is_not_replaced_unasked(page)
 
 
 def _open(page: Page, file: Path, rig: Path | None = None) -> str:
@@ -266,3 +283,11 @@ def _the_contact_is_found(page: Page, recordings: Path) -> None:
     page.wait_for_selector("#contact >> text=contact.csv (contact)")
     press(page, "Show the contact")
     assert page.locator("#table tbody tr").count() == 4  # one push in each repeat
+
+
+def _a_study_is_not_replaced_unasked(page: Page) -> None:
+    page.evaluate("document.querySelector('#chooser').open = true")
+    page.once("dialog", lambda dialog: dialog.dismiss())
+    page.click("#open")
+    page.wait_for_selector("#notice >> text=Not opened; the study is as before")
+    assert page.locator('button[aria-label="drop viscous_drag"]').count() == 1

@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
+from design.limits.rig_limits import arm_and_limits
 from modeling.errors import InputError
+from modeling.rig.rig import Rig
 from truewrench.files.demonstration import rig_text
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
 from truewrench.workbench.page_update import PageUpdate
@@ -139,6 +141,8 @@ def test_files_are_taken_away(actions: StudyActions, file: str) -> None:
         ({"stage": "gain", "formulas": "fx_fz = c"}, "is not what a gain of a channel adds to"),
         ({"formulas": "force_x = -c*tip_vx + 1"}, "under Constants, x0: 0.1 m"),
         ({"constants": "k 2"}, "x0: 0.1 m"),
+        ({"formulas": "force_x = -c*tip_vx*tip_vx"}, "c should be in N·s²/m²"),
+        ({"formulas": "force_x = -c*vpx"}, "did you mean vx or px?"),
     ],
     ids=lambda value: str(value)[:40],
 )
@@ -148,6 +152,14 @@ def test_what_is_wrong_is_said_in_words_of_the_form(
     text = asked(actions, "check", **(FORM | dict(changed))).words["custom-result"]
     assert said in text
     assert "tip_body" not in text
+
+
+def test_a_rig_file_to_start_from_can_be_read(actions: StudyActions, tmp_path: Path) -> None:
+    found = asked(actions, "download", file="rig_template").download
+    assert found is not None
+    (tmp_path / found.name).write_bytes(found.content)
+    arm, limits = arm_and_limits(Rig.read(tmp_path / found.name))
+    assert arm.joints == len(limits.position)
 
 
 def test_a_payload_is_written_for_the_flange(actions: StudyActions) -> None:

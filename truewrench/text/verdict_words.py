@@ -123,7 +123,7 @@ def noise_notes(diagnosis: Diagnosis) -> list[str]:
 def _period_note(recording: Recording) -> str:
     """The period that was found in the motion, where no column counted the repeats."""
     period = None if recording.reading is None else recording.reading.period
-    return "" if period is None else f" {period} --no-period takes one run."
+    return "" if period is None else f" {period}"
 
 
 def weaker_verdict_warning(diagnosis: Diagnosis) -> str:

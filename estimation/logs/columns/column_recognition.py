@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_pattern import PATTERNS, ColumnPattern, Quantity
-from estimation.logs.columns.column_units import name_and_unit
+from estimation.logs.columns.incomplete_vector import columns_by_stem, nearest_vector
 from estimation.logs.columns.orientation_form import OrientationForm
 from estimation.logs.log_table import NO_WRENCH, ROS_TOPIC, TF_CHAIN, Array, LogTable
 from modeling.errors import InputError, quoted
@@ -20,6 +20,11 @@ COMMANDED = re.compile(
     r"target|desired|command|setpoint|goal|reference|(?:^|[^a-z])(?:cmd|ref|des)(?:[^a-z]|$)", re.IGNORECASE
 )
 ASK = "name its columns in a map"
+EXAMPLES = {
+    Quantity.WRENCH: 'fx = "column", ...',
+    Quantity.POSE: 'orientation_columns = ["column", ...] with orientation = "rotation_vector", or qx = "column", ...',
+}
+"""Of a map, by what is missing."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +83,7 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
     if wrench is None:
         if all(table.kind in (ROS_TOPIC, TF_CHAIN) and table.wrench_frame is None for table in tables):
             raise found.without_wrench()
-        raise found.error("no wrench is recognised", found.nearest() + found.incomplete_wrench())
+        raise found.error("no wrench is recognised", (Quantity.WRENCH,), found.incomplete_wrench())
     joints = found.joints(joint_names)
     if joints and (joint_names is not None or not stated.orientation):
         orientation = None if joint_names is not None else found.orientation()
@@ -87,7 +92,8 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
     else:
         orientation = found.orientation()
     if orientation is None:
-        raise found.error("no motion is recognised: neither an orientation nor joint angles", found.nearest())
+        what = "no motion is recognised: neither an orientation nor joint angles"
+        raise found.error(what, (Quantity.POSE, Quantity.ORIENTATION))
     return ColumnMapping(wrench=wrench, orientation=orientation, position=found.position(orientation), joints=())
 
 
@@ -98,9 +104,14 @@ class _Groups:
     tables: Sequence[LogTable]
     stated: ColumnMap
 
-    def error(self, what: str, hint: str = "") -> InputError:
+    def error(self, what: str, quantities: Sequence[Quantity], hint: str = "") -> InputError:
+        """That something is missing: the nearest of these quantities names what lacks, else the columns are named."""
         where = ", ".join(table.name for table in self.tables[:3])
-        return InputError(what=what + hint, where=where, remedy=f'{ASK}: fx = "column", ..., and give it by --map')
+        near = nearest_vector(self.tables, quantities)
+        found = self.nearest() + hint if near is None or hint else f": {near}"
+        return InputError(
+            what=what + found, where=where, remedy=f"{ASK}: {EXAMPLES[quantities[0]]}, and give it by --map"
+        )
 
     def without_wrench(self) -> InputError:
         """The error of bags in which nobody published a wrench, with the topics that they have."""
@@ -270,19 +281,10 @@ def _is_alive(group: ColumnGroup) -> bool:
     return any(bool(np.fmax.reduce(column) > np.fmin.reduce(column)) for column in columns)
 
 
-def _by_stem(pattern: ColumnPattern, table: LogTable) -> dict[str, dict[str, str]]:
-    found: dict[str, dict[str, str]] = {}
-    for name in table.columns:
-        match = pattern.matched(name_and_unit(name)[0])
-        if match is not None:
-            found.setdefault(match[0].lower(), {}).setdefault(match[1], name)
-    return found
-
-
 def _matches(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
     """The complete groups of a pattern in a table; numbered parts may begin at 1."""
     groups = []
-    for stem, members in _by_stem(pattern, table).items():
+    for stem, members in columns_by_stem(pattern, table).items():
         parts = pattern.parts
         if parts[0] == "0" and "0" not in members and str(len(parts)) in members:
             parts = tuple(str(int(part) + 1) for part in parts)
@@ -308,7 +310,7 @@ def _group(pattern: ColumnPattern, table: LogTable, stem: str, columns: tuple[st
 def _numbered(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
     """Joint angles numbered from 0 or 1 on without a gap, or by names."""
     groups = []
-    for stem, members in _by_stem(pattern, table).items():
+    for stem, members in columns_by_stem(pattern, table).items():
         numeric = all(part.isdigit() for part in members)
         parts = sorted(members, key=int) if numeric else sorted(members)
         if numeric and (

@@ -12,6 +12,11 @@ import numpy as np
 from estimation.recordings.reports.reading_curves import IntervalHistogram, OffsetCurves, ReadingCurves, Span
 from modeling.table import Column, Table, Tabular
 
+FINEST_PERIOD = 1e-6
+"""Resolution with which a period is written, s."""
+FINEST_JITTER = 1e-6
+"""Below it a jitter is rounding of the stamps, s."""
+
 
 class StepKind(Enum):
     """Taken as it stands or as stated; mended, so that samples were changed, moved or left out; suspicious."""
@@ -112,10 +117,20 @@ class PeriodReading:
 
     def __str__(self) -> str:
         digits = int(np.clip(1 - np.floor(np.log10(max(self.std, 1e-9))), 2, 6))
-        text = f"The motion repeats: period {self.period:.{digits}f} s (95 % interval ± {1.96 * self.std:.1g} s),"
+        text = f"The motion repeats: period {self.period:.{digits}f} s (95 % interval {_half_width(1.96 * self.std)}),"
         text += f" {self.repeats} whole repeats of {self.samples} samples. What does not repeat is"
         text += f" {_percent(self.deviation)} of the motion"
         return text + (f" (chance adds up to {_percent(self.chance)})." if self.chance > 1e-4 else ".")
+
+
+def _jitter(clock: ClockReading) -> float:
+    """In ms; 0 where it is rounding."""
+    return 1e3 * clock.jitter if clock.jitter >= FINEST_JITTER else 0.0
+
+
+def _half_width(seconds: float) -> str:
+    """Of an interval, s; one that is finer than the digits of the period is said to be."""
+    return f"± {seconds:.1g} s" if seconds >= FINEST_PERIOD else "below 1 µs"
 
 
 def _percent(share: float) -> str:
@@ -178,9 +193,7 @@ class ReadingReport(Tabular):
         parts.append(self.table)
         if self.clocks:
             columns = (Column("rate", "Hz", ".6g"), Column("length", "s", ".4g"), Column("jitter", "ms", ".2g"))
-            parts.append(
-                Table.of(("clock", *columns), [(c.where, c.rate, c.seconds, c.jitter * 1e3) for c in self.clocks])
-            )
+            parts.append(Table.of(("clock", *columns), [(c.where, c.rate, c.seconds, _jitter(c)) for c in self.clocks]))
         if self.offset is not None:
             parts.append(_offset_sentence(self.offset))
         if self.period is not None:

@@ -56,10 +56,17 @@ TICKS = 5
 """Wanted on an axis: panels are small."""
 PLAIN_NUMBER = "return String(Number(tick.toPrecision(3)))"
 """JavaScript that writes a tick of a logarithmic axis."""
+PLAIN_NUMBERS = """
+const step = ticks.length > 1 ? Math.abs(ticks[1] - ticks[0]) : Math.abs(tick) || 1
+const places = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9))
+const text = places > 6 || Math.abs(tick) >= 1e6 ? tick.toPrecision(3) : tick.toFixed(places + 1)
+return String(Number(text)).replace("-", "−")
+"""
+"""The same of a linear axis, to the digits that its ticks differ by."""
 FONT = "10.5px"
 LEAST = 230
 """CSS pixels of a figure; where they do not fit beside each other they are below."""
-LEFT, RIGHT = 74, 12
+LEFT, RIGHT = 80, 12
 """CSS pixels beside a panel, so that panels below each other are aligned."""
 
 
@@ -257,6 +264,7 @@ def _place_ticks(axis: Any, limits: tuple[float, float] | None, *, log: bool) ->
         axis.formatter = CustomJSTickFormatter(code=PLAIN_NUMBER)
     elif not log and isinstance(axis[0].ticker, BasicTicker):
         axis.ticker.desired_num_ticks = TICKS
+        axis.formatter = CustomJSTickFormatter(code=PLAIN_NUMBERS)
 
 
 def log_ticks(low: float, high: float) -> list[float]:

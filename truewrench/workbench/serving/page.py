@@ -65,7 +65,7 @@ class Page:
         self._current: dict[str, Any] | None = None
         self._follow: dict[str, Any] | None = None
         self._shown: Any = None
-        self._number = 0
+        self._number = self._heard = 0
         self._ended = self._stopping = False
         self._requests = ColumnDataSource(data={"request": []}, name="requests")
         self._answers = ColumnDataSource(data={"answer": []}, name="answers")
@@ -90,6 +90,8 @@ class Page:
     def ask(self, request: dict[str, Any]) -> None:
         """Do what is asked, or send it to the process when it is free."""
         name = request.get("do")
+        if isinstance(number := request.get("number"), int):
+            self._heard = number
         if name == "ready":
             self._ready(dark=bool(request.get("dark")))
         elif name == "scheme":
@@ -221,6 +223,7 @@ class Page:
         if self._shown is None:
             return
         from truewrench.plots.charts.bokeh_chart import DARK, LIGHT, bokeh_chart, figures_of, legend_html
+        from truewrench.workbench.serving.point_hover import add_point_hover
 
         chart = self._shown.charts["plots"]
         scheme = DARK if self.dark else LIGHT
@@ -228,6 +231,7 @@ class Page:
         self._say(words={"legend": legend_html(chart, scheme)})
         tap = self._shown.taps.get("plots")
         if tap is not None:
+            add_point_hover(layout, chart)
             for number, drawn in enumerate(figures_of(layout)):
                 drawn.on_event(Tap, self._tapped(tap, number))
         self._plots.children = [layout]
@@ -242,9 +246,12 @@ class Page:
         self._say(notice=f"<b>{where}</b>: {what}; {remedy}", wrong=True)
 
     def _say(self, **answer: Any) -> None:
-        """Tell the browser; each answer is numbered, so that none is taken for the one before."""
+        """Tell the browser; each answer is numbered, so that none is taken for the one before.
+
+        It says which request came last: what does not know of a later one does not say that all is done.
+        """
         self._number += 1
-        self._answers.data = {"answer": [json.dumps(answer | {"number": self._number})]}
+        self._answers.data = {"answer": [json.dumps(answer | {"number": self._number, "heard": self._heard})]}
 
     # --------------------------------------------------------------------------------------------- end
 

@@ -17,8 +17,9 @@ from modeling.formulas.custom_effects.effect_check import require_finite
 from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, target_units
 from modeling.number_format import format_unit
 from truewrench.workbench.field_names import PLACES
+from truewrench.workbench.wording.formula_hints import require_known_names, unit_hint
 
-EXAMPLES = {"parameters": "c: N s/m", "inputs": "temperature: K", "constants": "x0: 0.1 m",
+EXAMPLES = {"parameters": "c: N·s/m", "inputs": "temperature: K", "constants": "x0: 0.1 m",
             "formulas": "force_x = -c * tip_vx"}  # fmt: skip
 """A line of each field."""
 POINT = "distance_along_the_tip"
@@ -38,9 +39,10 @@ def effect_of_form(form: Mapping[str, Any], study: Study | None) -> CustomEffect
     formulas, constants = _pairs(form, "formulas", "="), _pairs(form, "constants", ":")
     parameters, inputs = _pairs(form, "parameters", ":"), _pairs(form, "inputs", ":")
     _require(bool(_text(form, "id")), "the effect has no name", "name", "write one, such as my_drag")
-    _require(bool(parameters), "there is no parameter to estimate", "parameters", "write one a line, as in c: N s/m")
+    _require(bool(parameters), "there is no parameter to estimate", "parameters", "write one a line, as in c: N·s/m")
     if study is not None:
         _require_known(formulas, stage, inputs, study)
+        require_known_names(formulas, (*parameters, *inputs, *constants), study)
     if (point := _text(form, "at")) and stage == "tip_body":
         formulas["at"] = point
         if _is_number(point):
@@ -122,11 +124,30 @@ def checked_words(form: Mapping[str, Any], study: Study | None) -> str:
     try:
         effect = effect_of_form(form, study)
     except InputError as error:
-        texts = (_in_fields(t) for t in (error.where, error.what, error.remedy))
+        remedy = unit_hint(error, _parameters(form), lambda units: _is_right(form, units, study)) or error.remedy
+        texts = (_in_fields(t) for t in (error.where, error.what, remedy))
         return Markup('<p class="wrong" role="status">{}: {}; {}</p>').format(*texts)
     units = {name: unit for space in effect.spaces for name, unit in target_units(effect.stage, space).items()}
     names = Markup(", ").join(f"{n} in {format_unit(units[n])}" for n, _ in effect.definition.formulas if n in units)
     return Markup('<p class="right" role="status">Grammar and units are right: {}.</p>').format(names)
+
+
+def _parameters(form: Mapping[str, Any]) -> dict[str, str]:
+    """Units by name; none where the field cannot be read."""
+    try:
+        return _pairs(form, "parameters", ":")
+    except InputError:
+        return {}
+
+
+def _is_right(form: Mapping[str, Any], units: Mapping[str, str], study: Study | None) -> bool:
+    """Whether the form would be right with these units of the parameters."""
+    lines = "\n".join(f"{name}: {unit}" for name, unit in units.items())
+    try:
+        effect_of_form({**form, "parameters": lines}, study)
+    except InputError:
+        return False
+    return True
 
 
 def _in_fields(text: str) -> str:

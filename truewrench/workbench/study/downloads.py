@@ -16,7 +16,7 @@ from truewrench.files.model_file import ModelFile
 from truewrench.reports.provenance import InputFile, Provenance
 from truewrench.reports.report_files import ReportTexts
 from truewrench.workbench.page_update import Download
-from truewrench.workbench.study.separation import Separation
+from truewrench.workbench.study.separation import Separation, rig_template
 
 CODE = {"numpy": "model.py", "casadi": "model_casadi.py", "c": "model.c", "latex": "model.tex"}
 PAYLOADS = {"urdf": "tool.urdf", "sdf": "tool.sdf", "mjcf": "tool.xml", "ur": "payload_ur.script",
@@ -45,6 +45,7 @@ def download_of(
         ),
         "model": lambda: Download("model.json", "application/json", ModelFile.of(step.fit).to_text().encode()),
         "trajectory": lambda: _trajectory(separation),
+        "rig_template": lambda: Download("rig.toml", "application/toml", rig_template(step.fit.model.space).encode()),
     }
     if asked in makers:
         return makers[asked]()

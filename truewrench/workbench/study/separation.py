@@ -16,8 +16,31 @@ from modeling.effects import named
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.space import Space
 from truewrench.plots.charts.chart import Chart
 from truewrench.plots.motion_plot import trajectory_panels
+from truewrench.workbench.wording.effect_estimates import effect_sizes
+
+PLANE_RIG = """\
+[robot]
+link_lengths = [0.4, 0.3, 0.2]   # m
+
+[limits]                         # of each joint, either way
+position = [2.6, 2.4, 2.4]       # rad
+velocity = [1.5, 1.5, 2.0]       # rad/s
+acceleration = [4.0, 4.0, 6.0]   # rad/s²
+"""
+SPACE_RIG = """\
+[robot]
+urdf = "/home/me/arm.urdf"       # full path of the arm's description
+sensor_frame = "ft_sensor"       # its link with the sensor's axes
+
+[limits]                         # of each joint, either way
+position = [3.1, 3.1, 3.1, 3.1, 3.1, 3.1]       # rad
+velocity = [1.5, 1.5, 1.5, 2.0, 2.0, 2.0]       # rad/s
+acceleration = [4.0, 4.0, 4.0, 6.0, 6.0, 6.0]   # rad/s²
+"""
+"""Rig files to start from: what a trajectory is designed for."""
 
 HARMONICS, PERIOD, SAMPLES = 5, 5.0, 200
 """Of the trajectory: a Fourier series, s, and samples to a period."""
@@ -25,12 +48,13 @@ HARMONICS, PERIOD, SAMPLES = 5, 5.0, 200
 
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """A discriminating trajectory between two effects."""
+    """A discriminating trajectory between two effects; `assumed` is the size of the first, in words."""
 
     first: str
     second: str
     arm: Arm
     design: DiscriminationDesign
+    assumed: str
 
     @property
     def chart(self) -> Chart | None:
@@ -62,6 +86,11 @@ def undesignable(study: Study) -> str:
     return ""
 
 
+def rig_template(space: Space) -> str:
+    """A rig file to start from, for a sensor of this kind."""
+    return PLANE_RIG if space is Space.PLANE else SPACE_RIG
+
+
 def separation_of(study: Study, first: str, second: str, progress: Callable[[str], None]) -> Separation:
     """The trajectory within the rig's limits along which two effects differ most, given the current model.
 
@@ -90,4 +119,4 @@ def separation_of(study: Study, first: str, second: str, progress: Callable[[str
         samples=SAMPLES, noise=NoiseModel.white([float(f) for f in floor]), starts=STARTS_WHEN_SLOW,
         progress=lambda found: progress(f"trajectory that separates {first} and {second}: {found}"),
     )  # fmt: skip
-    return Separation(first, second, arm, design)
+    return Separation(first, second, arm, design, effect_sizes(one, trial))

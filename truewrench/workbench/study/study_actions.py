@@ -34,6 +34,7 @@ from truewrench.workbench.study.study_words import (
     vocabulary_words,
 )
 from truewrench.workbench.study.view import View
+from truewrench.workbench.wording.step_line import StepLine
 
 NO_STUDY = {"what": "no recording is open", "where": "workbench", "remedy": "choose a recording first"}
 
@@ -57,6 +58,7 @@ class StudyActions:
         self._view = View()
         self._files: tuple[str, ...] = ()
         self._separation: Separation | None = None
+        self._line = StepLine()
 
     def answer(self, request: Mapping[str, Any]) -> PageUpdate:
         """The answer to a request; InputError for one that cannot be answered."""
@@ -76,16 +78,15 @@ class StudyActions:
 
     def open(self, request: Mapping[str, Any]) -> PageUpdate:
         """Read recordings, and begin a study of the rigid tool."""
-        self._puzzle = None
         files = request["recordings"], request.get("validate", ()), request.get("rig")
-        return self._begin(*files, ReadingForm.of(request))
+        return self._begin(*files, ReadingForm.of(request), None)
 
     def puzzle(self, request: Mapping[str, Any]) -> PageUpdate:
         """Simulate a rig with a hidden effect, and begin a study of its recordings."""
         hidden = hidden_effect_of(str(request.get("effect", "")))
         self._progress("simulate a rig")
-        self._puzzle = puzzle = Puzzle.simulated(hidden, str(request["folder"]))
-        return self._begin([puzzle.training], [puzzle.validation], puzzle.rig, ReadingForm())
+        puzzle = Puzzle.simulated(hidden, str(request["folder"]))
+        return self._begin([puzzle.training], [puzzle.validation], puzzle.rig, ReadingForm(), puzzle)
 
     def reveal(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Say what the simulated rig hides."""
@@ -94,22 +95,30 @@ class StudyActions:
         return PageUpdate({"answer": self._puzzle.solution(self.study.effects)})
 
     def _begin(
-        self, training: Sequence[str], validation: Sequence[str], rig: str | None, form: ReadingForm
+        self,
+        training: Sequence[str],
+        validation: Sequence[str],
+        rig: str | None,
+        form: ReadingForm,
+        puzzle: Puzzle | None,
     ) -> PageUpdate:
+        """Begin a study; the one before remains where its files cannot be read or fitted."""
         self._progress("read")
         case = data_set(training, validation, rig, form)
         self._progress("fit the rigid tool")
         begun = study(case.model, case.training, validate=case.validation, progress=self._progress)
-        self._case, self._study = case, begun
+        self._case, self._study, self._puzzle = case, begun, puzzle
         self._suspects, self._diagnosis, self._view, self._separation = {}, None, View.first(begun), None
         self._files = tuple(filter(None, (*training, *validation, rig)))
+        self._line = StepLine()
         return self._changed(
+            "rigid tool",
             {
                 "sketch-style": style_words(),
                 "reading": reading_words(case),
                 "vocabulary": vocabulary_words(begun),
                 "custom-result": "",
-            }
+            },
         )
 
     # ------------------------------------------------------------------------------------ what to see
@@ -146,13 +155,13 @@ class StudyActions:
         """Add an effect."""
         self._progress(f"fit with {request['effect']}")
         self.study.add(str(request["effect"]))
-        return self._changed()
+        return self._changed(f"added {request['effect']}")
 
     def custom(self, request: Mapping[str, Any]) -> PageUpdate:
         """Add the custom effect of the form."""
         effect = effect_of_form(request, self.study)
         self.study.add(effect)
-        return self._changed({"custom-result": ""})
+        return self._changed(f"added {effect.id}", {"custom-result": ""})
 
     def check(self, request: Mapping[str, Any]) -> PageUpdate:
         """Say what is wrong with the custom effect of the form."""
@@ -162,27 +171,29 @@ class StudyActions:
         """Drop an effect."""
         self._progress(f"fit without {request['effect']}")
         self.study.drop(str(request["effect"]))
-        return self._changed()
+        return self._changed(f"dropped {request['effect']}")
 
     def undo(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Go back one step."""
+        last = self.study.steps[-1].change
         self.study.undo()
-        return self._changed()
+        return self._changed(f"undone {last}")
 
     def redo(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Go forward again by the step last undone."""
-        self.study.redo()
-        return self._changed()
+        again = self.study.redo()
+        return self._changed(f"redone {again.change}")
 
     def diagnose(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Let the diagnosis go on from the current model."""
         self._diagnosis = self.study.diagnose(workers=available_cores())
         if self._case is not None and self._case.gravity is not None:
             self._diagnosis = replace(self._diagnosis, gravity=self._case.gravity)
-        return self._changed({"verdict": verdict_words(self._diagnosis)}, keep_verdict=True)
+        return self._changed("diagnosed", {"verdict": verdict_words(self._diagnosis)}, keep_verdict=True)
 
-    def _changed(self, words: Mapping[str, str] | None = None, *, keep_verdict: bool = False) -> PageUpdate:
+    def _changed(self, done: str, words: Mapping[str, str] | None = None, *, keep_verdict: bool = False) -> PageUpdate:
         """The page after a step of the study; the suspects follow, if they are not known already."""
+        self._line = self._line.then(done, self.study)
         stale = {"answer": ""} if keep_verdict else {"verdict": "", "answer": ""}
         if not keep_verdict:
             self._diagnosis = None
@@ -190,7 +201,7 @@ class StudyActions:
         shown = self._shown()
         known = self._suspects.get(id(self.study.steps[-1]))
         ranked = {"suspects": suspects_words(self.study, known, self._diagnosis)}
-        steps = {"steps": steps_words(self.study, puzzle=self._puzzle is not None)}
+        steps = {"steps": steps_words(self.study, puzzle=self._puzzle is not None), "last-step": self._line.words()}
         return replace(
             shown,
             words={**shown.words, **stale, **steps, **ranked, **(words or {})},

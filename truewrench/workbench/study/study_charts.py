@@ -12,7 +12,7 @@ from diagnosis.comparison.residual_map import ResidualMap, residual_maps, sample
 from diagnosis.study import Study, StudyStep
 from modeling.errors import InputError
 from modeling.significance import LEVELS
-from truewrench.plots.charts.chart import Chart, Panel, Span
+from truewrench.plots.charts.chart import Chart, Panel, Points, Span
 from truewrench.plots.error_reduction_plot import error_reduction_chart
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.residual_map_plot import residual_map_chart
@@ -34,9 +34,13 @@ def view_at_cell(view: View, study: Study, number: int, x: float) -> View:
     if not 0 <= number < len(shown):
         raise InputError(what="there is no such map", where="workbench", remedy="reload the page")
     found = shown[number]
-    centre = float(found.centre[int(np.abs(found.centre - x).argmin())])
-    channel = study.model.channels.index(found.channel)
-    return replace(view, name="time", channels=(channel,), steps=(), cell=(found.variable, centre, found.variable_unit))
+    centre = float(found.centre[_nearest(found, x)])
+    return replace(view, name="time", steps=(), cell=(found.variable, centre, found.variable_unit))
+
+
+def _nearest(shown: ResidualMap, x: float) -> int:
+    """The cell nearest to a value of the variable."""
+    return int(np.abs(shown.centre - x).argmin())
 
 
 def view_of(view: View, study: Study) -> PageUpdate:
@@ -44,7 +48,7 @@ def view_of(view: View, study: Study) -> PageUpdate:
     if view.name == "map":
         maps = maps_of(view, study)
         words = {"view": view_words(view, study, maps), "table": ""}
-        return PageUpdate(words, {"plots": map_chart(maps)}, {"plots": {"do": "cell"}})
+        return PageUpdate(words, {"plots": map_chart(maps, view.cell)}, {"plots": {"do": "cell"}})
     words = {"view": view_words(view, study, ()), "table": ""}
     return PageUpdate(words, {"plots": CHARTS[view.name](view, study)})
 
@@ -70,7 +74,7 @@ def time_chart(view: View, study: Study) -> Chart:
     sides = _sides(view, study)
     marked = _cell_spans(view, sides[0])
     rows: list[tuple[Panel, ...]] = []
-    for place, channel in enumerate(view.channels):
+    for place, channel in enumerate(sorted(view.channels)):
         limits = residual_limits(sides, channel)
         rows.append(tuple(measured_panel(side, channel, titled=not place and len(sides) > 1) for side in sides))
         below = (residual_panel(side, channel, limits) for side in sides)
@@ -103,22 +107,32 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def maps_of(view: View, study: Study) -> tuple[ResidualMap, ...]:
-    """Residual maps of the first channel, those that explain most."""
+    """Residual maps of the first channel, those that explain most, or all."""
     channel = study.model.channels[view.channels[0]]
     found = comparisons_of(study.steps[-1])[view.recording]
-    return tuple(m for m in residual_maps(found, study.tolerance) if m.channel == channel)[:MOST_MAPS]
+    every = tuple(m for m in residual_maps(found, study.tolerance) if m.channel == channel)
+    return every if view.every_map else every[:MOST_MAPS]
 
 
-def map_chart(maps: Sequence[ResidualMap]) -> Chart:
-    """Residual maps of one channel, two in a row."""
+def map_chart(maps: Sequence[ResidualMap], marked: tuple[str, float, str] | None = None) -> Chart:
+    """Residual maps of one channel, two in a row; a ring about the cell whose samples are marked in time."""
     if not maps:
         raise InputError(
             what="no variable is visited often enough for a map", where="residual map", remedy="look at the time"
         )
     found = residual_map_chart([("", maps)])
-    panels: Sequence[Panel | None] = found.rows[0]
-    return replace(found, rows=(tuple(panels[:2]), tuple(panels[2:])) if len(panels) > 2 else found.rows,
-                   row_height=210, shared_x=False)  # fmt: skip
+    drawn = [p and _with_ring(p, m, marked) for p, m in zip(found.rows[0], maps, strict=True)]
+    pairs = tuple(tuple(drawn[i : i + 2]) for i in range(0, len(drawn), 2))
+    return replace(found, rows=pairs, row_height=210, shared_x=False)
+
+
+def _with_ring(panel: Panel, shown: ResidualMap, marked: tuple[str, float, str] | None) -> Panel:
+    """The panel of a map with a ring about the marked cell, if it is in this map."""
+    if marked is None or marked[0] != shown.variable:
+        return panel
+    at = [_nearest(shown, marked[1])]
+    ring = Points(x=shown.centre[at], y=shown.mean[at], colour=HELD_OUT, size=9, hollow=True, label="marked in time")
+    return replace(panel, marks=(*panel.marks[:2], ring, *panel.marks[2:]))
 
 
 def stairs_chart(_view: View, study: Study) -> Chart:

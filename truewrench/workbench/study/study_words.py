@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +11,14 @@ from markupsafe import Markup
 
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
 from diagnosis.comparison.residual_map import ResidualMap
-from diagnosis.screening.score_test import ScoreTest
 from diagnosis.screening.suspects import Suspects
 from diagnosis.verdict.verdict import EffectVerdict
-from estimation.model_response import model_signals
 from estimation.recordings.recording import Recording
 from estimation.recordings.reports.reading_report import StepKind
 from modeling.chain.effect import Effect
-from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, signal_units, target_units, tip_units
+from modeling.formulas.custom_effects.vocabulary import FORMULA_STAGES, target_units, tip_units
 from modeling.formulas.functions import FORMULA_FUNCTIONS
-from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
-from modeling.significance import LEVELS
+from modeling.number_format import format_number, format_p_value, format_percentage, format_unit
 from modeling.space import Space
 from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
@@ -38,7 +34,10 @@ from truewrench.text.verdict_words import (
     weaker_verdict_warning,
 )
 from truewrench.workbench.field_names import PLACES, with_field_names
-from truewrench.workbench.study.separation import undesignable
+from truewrench.workbench.study.separation import rig_template, undesignable
+from truewrench.workbench.wording.effect_estimates import effect_sizes, weakness
+from truewrench.workbench.wording.formula_hints import known_signals
+from truewrench.workbench.wording.suspect_row import SuspectRow
 
 if TYPE_CHECKING:
     from diagnosis.comparison.model_comparison import ModelComparison
@@ -48,6 +47,8 @@ if TYPE_CHECKING:
     from truewrench.workbench.study.separation import Separation
     from truewrench.workbench.study.view import View
 
+COLLINEAR = "collinear"
+"""How the reason begins why an effect is not tested whose place others of the model take in these recordings."""
 MOST_CELLS = 12
 """Significant cells listed below the maps, the largest."""
 
@@ -125,12 +126,7 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
 
 
 def _effect_values(effect: Effect, study: Study) -> dict[str, Any]:
-    estimates = {n: e for n, e in study.fit.parameters.items() if n.startswith(f"{effect.id}.")}
-    sizes = [
-        f"{n.partition('.')[2]} = {format_with_std(e.value, e.std)} {format_unit(e.unit)}" for n, e in estimates.items()
-    ]
-    sure = any(abs(e.value) > LEVELS.nonzero * e.std for e in estimates.values())
-    return _described(effect, study) | {"sizes": sizes, "significant": sure or not estimates}
+    return _described(effect, study) | {"sizes": effect_sizes(effect, study.fit), "weakness": weakness(effect, study)}
 
 
 def _described(effect: Effect, study: Study) -> dict[str, Any]:
@@ -151,25 +147,11 @@ def _described(effect: Effect, study: Study) -> dict[str, Any]:
 # ----------------------------------------------------------------------------------------- the suspects
 
 
-@dataclass(frozen=True)
-class _SuspectRow:
-    """A suspect with its numbers as text."""
-
-    described: dict[str, Any]
-    p_value: str
-    removed: str
-    share: float
-    size: str
-    detectable: str
-    reason: str
-
-
 def suspects_words(study: Study, suspects: Suspects | None, diagnosis: Diagnosis | None) -> str:
     """The suspects ranked; none yet while they are tested. A diagnosis says which two are to be separated first."""
     if suspects is None:
         return part("suspects.html", significant=None, others=[], untested=[], ties=[], names=[])
-    rows = {test.effect.id: _suspect_row(test, cells, suspects, study)
-            for test, cells in zip(suspects.tests, suspects.table.rows, strict=True)}  # fmt: skip
+    rows = {t.effect.id: SuspectRow.of(t, _described(t.effect, study), suspects) for t in suspects.tests}
     tested = [t.effect.id for t in suspects.tests if t.excited]
     return part(
         "suspects.html",
@@ -178,6 +160,8 @@ def suspects_words(study: Study, suspects: Suspects | None, diagnosis: Diagnosis
         untested=[row for i, row in rows.items() if i not in tested],
         ties=[" and ".join(tie) for tie in suspects.ties],
         names=[*study.effects, *tested],
+        collinear=[t.effect.id for t in suspects.tests if t.reason.startswith(COLLINEAR)],
+        rig_file=rig_template(study.model.space),
         pair=_pair_to_separate(study, tested, diagnosis),
         undesignable=undesignable(study),
     )
@@ -189,22 +173,6 @@ def _pair_to_separate(study: Study, tested: Sequence[str], diagnosis: Diagnosis 
     close = [(f.effect.id, f.closest.effect.id) for f in findings if f.closest is not None]
     close += [] if diagnosis is None else [(a.given, a.effect.id) for a in diagnosis.given_alternatives]
     return close[-1] if close else (*study.effects[-1:], *tested)[:2]
-
-
-def _suspect_row(test: ScoreTest, cells: Sequence[Any], suspects: Suspects, study: Study) -> _SuspectRow:
-    texts = [c.text(v) for c, v in zip(suspects.table.columns, cells, strict=True)]
-    share = suspects.share(test)
-    largest = max((t.statistic for t in suspects.tests), default=0.0)
-    width = share if share is not None else test.statistic / max(largest, 1e-300)
-    return _SuspectRow(
-        described=_described(test.effect, study),
-        p_value=texts[1],
-        removed="" if share is None else texts[2],
-        share=round(100 * width, 1) if suspects.ids else 0.0,
-        size=texts[4],
-        detectable=texts[5],
-        reason=test.reason,
-    )
 
 
 def verdict_words(diagnosis: Diagnosis) -> str:
@@ -258,10 +226,9 @@ def _significant_cells(maps: Sequence[ResidualMap]) -> list[dict[str, Any]]:
 def vocabulary_words(study: Study) -> str:
     """What formulas of a custom effect may use and add to, for this sensor."""
     space, recording = study.model.space, study.fit.recordings[0]
-    known = {name: unit for name, unit in signal_units(space).items() if name in model_signals(recording)}
     return part(
         "vocabulary.html",
-        signals=_with_units(known),
+        signals=_with_units(known_signals(study)),
         tip=_with_units(tip_units(space)),
         inputs=sorted(recording.auxiliary),
         targets=[(PLACES[key], _with_units(target_units(stage, space))) for key, stage in FORMULA_STAGES.items()],
@@ -304,4 +271,6 @@ def contact_words(found: ContactWrench) -> str:
 
 def separation_words(found: Separation) -> str:
     """How well a trajectory separates two suspects."""
-    return table_words(found.design.printed()) + part("separation.html", available=found.design.motion is not None)
+    return table_words(found.design.printed()) + part(
+        "separation.html", found=found, runs=found.design.runs, available=found.design.motion is not None
+    )

@@ -26,6 +26,7 @@ class View:
     channels   by number, those of the maps the first of them
     steps      two steps side by side; none for the current one
     cell       variable, centre and unit of a cell of a residual map whose samples are marked
+    every_map  whether the maps of all variables are shown, not only those that explain most
     """
 
     name: str = "time"
@@ -33,6 +34,7 @@ class View:
     channels: tuple[int, ...] = ()
     steps: tuple[int, ...] = ()
     cell: tuple[str, float, str] | None = None
+    every_map: bool = False
 
     @classmethod
     def first(cls, study: Study) -> View:
@@ -55,8 +57,12 @@ class View:
             raise InputError(what="there is no such view", where="workbench", remedy="reload the page")
         channels = self.channels if channel is None else self._with(int(channel), study, alone=name == "map")
         steps = () if request.get("alone") else self.steps
-        cell = self.cell if name == "time" and "view" in request and channel is None else None
-        return replace(self, name=name, recording=recording, channels=channels, steps=steps, cell=cell)
+        kept = recording == self.recording and not request.get("unmark")
+        every_map = request["every"] == "1" if "every" in request else self.every_map
+        return replace(
+            self, name=name, recording=recording, channels=channels, steps=steps, cell=self.cell if kept else None,
+            every_map=every_map,
+        )  # fmt: skip
 
     def _with(self, channel: int, study: Study, *, alone: bool) -> tuple[int, ...]:
         """The channels with one more, or less; of maps that one first."""

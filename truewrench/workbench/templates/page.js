@@ -11,9 +11,11 @@
     requests.data = { request: [JSON.stringify({ ...request, number: ++sent })] };
     if (["check", "scheme", "ready"].includes(request.do)) return;
     notice("");
+    if (["view", "cell", "compare", "contact"].includes(request.do)) aged(true);
     busy(true, "working");
     document.body.dataset.busy = "true";
   };
+  const aged = (are) => { for (const id of ["plots", "legend", "table"]) place(id).classList.toggle("old", are); };
   const notice = (html, wrong) => {
     const box = place("notice");
     place("notice-text").innerHTML = html; box.hidden = html === ""; box.classList.toggle("wrong", wrong === true);
@@ -22,7 +24,7 @@
     place("progress").classList.toggle("busy", is);
     place("cancel").hidden = !is;
     if (text !== undefined) place("progress-text").textContent = text;
-    if (!is) place("progress-text").textContent = "ready";
+    if (!is) { place("progress-text").textContent = "ready"; aged(false); }
   };
   const save = (file) => {
     const bytes = Uint8Array.from(atob(file.content), (c) => c.charCodeAt(0));
@@ -53,19 +55,21 @@
       if (where === null) continue;
       const focused = where.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") || document.activeElement.textContent : null;
       where.innerHTML = html;
-      if (focused) [...where.querySelectorAll("button")].find((b) => (b.getAttribute("aria-label") || b.textContent) === focused)?.focus();
+      if (focused) [...where.querySelectorAll("button")].find((b) => (b.getAttribute("aria-label") || b.textContent) === focused)?.focus({ preventScroll: true });
       if (id === "view") press(where.querySelector("[data-shown]")?.dataset.shown || "");
       if (id === "reading") opened();
       if (id === "view" && where.querySelector('[data-shown="trajectory"]')) place("trajectory").hidden = false;
       if (id === "reading") place("trajectory").hidden = true;
-      if (id === "verdict" && html) where.scrollIntoView({ block: "nearest" });
     }
+    if (answer.words?.verdict) { place("verdict").scrollIntoView({ block: "start" }); pressed = {}; }
     if (answer.words && "steps" in answer.words) {
       if (pressed.do === "custom") place("steps").scrollIntoView({ block: "nearest" });
       refocus();
     }
+    if (answer.words?.legend !== undefined || answer.notice !== undefined) aged(false);
     if (answer.notice !== undefined) notice(answer.notice, answer.wrong);
     if (answer.download) save(answer.download);
+    if (answer.busy === false && answer.heard < sent) return;  // what was asked since is on its way
     if (answer.busy !== undefined) busy(answer.busy, answer.progress);
     else if (answer.progress !== undefined) busy(true, answer.progress);
     document.body.dataset.busy = place("progress").classList.contains("busy") ? "true" : "false";
@@ -79,11 +83,13 @@
         if (field.name) found[field.name] = field.type === "checkbox" ? (field.checked ? "1" : "") : field.value;
     return found;
   };
+  const steps = () => Math.max(document.querySelectorAll(".steps tbody tr").length - 1, 0);
   const act = (button) => {
     const { do: name, ...rest } = button.dataset;
     const request = { ...fields(button), ...rest, do: name };
-    const steps = document.querySelectorAll(".steps tbody tr").length;
-    if (["open", "puzzle"].includes(name) && steps > 1 && !confirm(`The study that is open has ${steps} steps, which are lost. Go on?`)) return;
+    if (["open", "puzzle"].includes(name) && steps() && (name !== "open" || chosen.recordings.length)
+      && !confirm(`If this can be read, it replaces the study that is open, with its ${steps()} ${steps() > 1 ? "steps" : "step"}. Go on?`))
+      return notice("Not opened; the study is as before.");
     pressed = { do: name, effect: rest.effect };
     if (name === "open") {
       Object.assign(request, { recordings: chosen.recordings, validate: chosen.validate, rig: chosen.rig.at(-1) || null, map: chosen.map.at(-1) || null });
@@ -150,6 +156,8 @@
   const drop = place("drop");
   for (const kind of ["dragover", "dragleave", "drop"]) drop.addEventListener(kind, (event) => { event.preventDefault(); drop.classList.toggle("over", kind === "dragover"); });
   drop.addEventListener("drop", async (event) => { for (const file of event.dataTransfer.files) await upload(file, file.name.endsWith(".toml") ? "rig" : "recordings"); });
+
+  addEventListener("beforeunload", (event) => { if (steps()) event.preventDefault(); });  // the study goes with the page
 
   // --------------------------------------------------------------------------------------- connection
   const model = (name) => window.Bokeh && Bokeh.documents.length ? Bokeh.documents[0].get_model_by_name(name) : null;
