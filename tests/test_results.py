@@ -113,7 +113,7 @@ def test_results_have_a_table_a_frame_and_words(name: str) -> None:
 def test_a_model_and_a_rig_show_themselves_as_tables(name: str) -> None:
     thing = RESULTS[name]()
     shown = "".join(ElementTree.fromstring(f"<div>{thing._repr_html_()}</div>").itertext())
-    stated = {"model": ("viscous_drag.c", "N s/m"), "rig": ("robot.link_lengths", "[1, 0.97, 0.4]", "m/s²")}[name]
+    stated = {"model": ("viscous_drag.c", "N·s/m"), "rig": ("robot.link_lengths", "[1, 0.97, 0.4]", "m/s²")}[name]
     assert all(text in shown for text in stated)
     assert type(thing).__name__ in repr(thing).splitlines()[0]
 

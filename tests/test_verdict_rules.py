@@ -109,7 +109,8 @@ RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
 
 def test_the_search_counts_where_the_noise_is_badly_known() -> None:
     """15.2 is p = 1e-4 in one test, and 1e-3 in the best of ten."""
-    assert judge(EFFECT_RULES, screened(statistic=15.2, searched=10.0)) == (EffectVerdict.NOT_SUPPORTED, "")
+    _, reason = judge(EFFECT_RULES, screened(statistic=15.2, searched=10.0))
+    assert reason == "rejected, because it is not significant: what it would explain is within the noise"
     _, reason = judge(EFFECT_RULES, replace(screened(statistic=15.2), one_run=True))
     assert reason == "rejected, because one run does not tell the low-frequency noise well enough"
 

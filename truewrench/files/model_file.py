@@ -160,8 +160,7 @@ class ModelFile(NamedEstimates, Tabular):
         except InputError:
             if Path(path).suffix.lower() not in RECORDINGS or not Path(path).exists():
                 raise
-            what, remedy = "a recording where a model file belongs", "give the JSON that `truewrench fit --out` wrote"
-            raise InputError(what=what, where=str(path), remedy=remedy) from None
+            raise _recording_instead(str(path)) from None
 
     @classmethod
     def from_text(cls, text: str, *, where: str = "model") -> Self:
@@ -338,8 +337,14 @@ def _refuse_recording(text: str, where: str) -> None:
     """InputError for the text of a recording: a header of several columns, among them those of a wrench."""
     header = {name.strip(" \"'").lower() for name in re.split(r"[,;\t]", text.partition("\n")[0])}
     if {"fx", "fy"} <= header:
-        remedy = "the model file comes first: `compensate MODEL.json REC`, `compare MODEL.json --on REC`"
-        raise InputError(what="a recording, where a model file belongs", where=where, remedy=remedy)
+        raise _recording_instead(where)
+
+
+def _recording_instead(where: str) -> InputError:
+    remedy = (
+        "give the JSON that `truewrench fit --out` wrote: `compensate MODEL.json REC`, `compare MODEL.json --on REC`"
+    )
+    return InputError(what="a recording where a model file belongs", where=where, remedy=remedy)
 
 
 def _no_number(token: str) -> float:
