@@ -281,6 +281,7 @@ def test_effects_lists_the_catalogue_and_describes_each(run: Runner) -> None:
 # ---------------------------------------------------------------------------------------------- demo
 
 
+@pytest.mark.long
 def test_demo_tells_what_was_hidden_and_what_was_named(
     run: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -45,6 +45,7 @@ def contacts_in(kind: str, seed: int, wrench: Array, *, correlated: bool = False
     return [series.mean(interval) for interval in found.intervals]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", NOISE_MODELS)
 def test_a_force_at_the_tip_is_explained(kind: str) -> None:
     """At the level of 1 %, 3 alarms in 25 records happen in 2 of 1000 series of 25. Channels are correlated in half."""

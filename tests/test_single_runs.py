@@ -172,6 +172,7 @@ def test_what_has_not_converged_is_not_extended(monkeypatch: pytest.MonkeyPatch)
     assert 2 in pairs
 
 
+@pytest.mark.long
 def test_second_effect_is_found_where_the_rigid_tool_passes_the_test_of_fit() -> None:
     """Lag and drag: chi-squares of sets in their own noises, all near the number of rows, may not end the search.
 

@@ -277,6 +277,7 @@ def test_recording_that_differs_where_it_is_diagnosed(tmp_path: Path, one: Execu
     assert not (tmp_path / "out" / "rows").exists()
 
 
+@pytest.mark.long
 def test_recording_that_kills_its_workers_is_one_row(tmp_path: Path) -> None:
     paths = files(tmp_path, 6)
     paths[2].write_text("poison")
