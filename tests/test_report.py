@@ -236,7 +236,7 @@ def says_where_it_lives(diagnosis: Diagnosis, _html: str, parsed: Page) -> None:
     assert left is not None
     assert "no candidate effect explains it" in parsed.headline
     assert left.where in parsed.text
-    assert all(term in parsed.text for term in left.looks_like)
+    assert left.resembles in parsed.text
 
 
 def calls_the_verdict_weaker(_diagnosis: Diagnosis, _html: str, parsed: Page) -> None:
