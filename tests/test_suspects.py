@@ -15,7 +15,7 @@ from modeling.space import Space
 def score_test(
     effect: str, statistic: float, amounts: dict[str, tuple[float, float]], p_value: float = 1e-9
 ) -> ScoreTest:
-    return ScoreTest(named(effect), statistic, p_value, {}, amounts, {})
+    return ScoreTest(named(effect), statistic, p_value, {}, amounts)
 
 
 def test_a_size_without_unit_keeps_its_digits() -> None:
@@ -30,7 +30,7 @@ def test_a_nominally_infinite_amplitude_has_no_std() -> None:
     known = {"tip_flexibility.stiffness": (2.43, 0.0014)}
     for p_value, text, size in ((1.0, "stiffness > 677 N·m/rad", np.nan), (1e-9, "stiffness = 2.4 N·m/rad", 2.43)):
         test = replace(
-            score_test("tip_flexibility", 50.0, known, p_value), detectable={"tip_flexibility.stiffness": 677.0}
+            score_test("tip_flexibility", 50.0, known, p_value), limits=lambda: {"tip_flexibility.stiffness": 677.0}
         )
         found = Suspects.of([test], Space.PLANE, None)
         assert found.table.rows[0][4] == text
@@ -41,7 +41,7 @@ def test_a_nominally_infinite_amplitude_has_no_std() -> None:
 
 def test_a_frame_of_suspects_has_numbers_and_the_number_of_parameters() -> None:
     crosstalk = score_test("sensor_crosstalk", 60.0, {"sensor_crosstalk.fx_fy": (0.1, 0.01)})
-    untested = ScoreTest(named("time_delay"), 0.0, 1.0, {}, {}, {}, reason="the recording has no time")
+    untested = ScoreTest(named("time_delay"), 0.0, 1.0, {}, {}, reason="the recording has no time")
     frame = Suspects.of([crosstalk, untested], Space.PLANE, None).to_frame().set_index("effect")
     assert frame["parameters"].to_dict() == {"sensor_crosstalk": 6, "time_delay": 1}
     assert frame["parameter"].to_dict() == {"sensor_crosstalk": "fx_fy", "time_delay": ""}

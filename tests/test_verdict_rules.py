@@ -21,7 +21,7 @@ from modeling.errors import InputError
 from modeling.space import Space
 
 DRAG = named("viscous_drag")
-TESTED = ScoreTest(DRAG, 1.0, 0.3, {}, {"viscous_drag.c": (0.1, 0.1)}, {"viscous_drag.c": 0.2})
+TESTED = ScoreTest(DRAG, 1.0, 0.3, {}, {"viscous_drag.c": (0.1, 0.1)}, lambda: {"viscous_drag.c": 0.2})
 NOTHING = EffectEvidence(screening=TESTED, space=Space.PLANE)
 
 
@@ -53,7 +53,7 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         "the recording has no position",
     ),
     "only beyond its physical range": (
-        screened(effect=named("sensor_lag"), detectable={"sensor_lag.time_constant": 10.1}),
+        screened(effect=named("sensor_lag"), limits=lambda: {"sensor_lag.time_constant": 10.1}),
         EffectVerdict.NOT_EXCITED,
         "time_constant is not excited: detectable only beyond its physical range",
     ),
@@ -214,12 +214,12 @@ def test_only_amounts_beyond_the_range_of_all_amplitudes_are_not_excited() -> No
     """Of several gains one may be within its range; where no amount is known, there is no such verdict."""
     gains = named("sensor_gain")
     names = [p.name for p in gains.qualified(Space.PLANE)]
-    detectable = dict.fromkeys(names, 1e9)
-    several = screened(effect=gains, detectable=detectable)
+    far = dict.fromkeys(names, 1e9)
+    several = screened(effect=gains, limits=lambda: far)
     assert len(names) > 1
     assert several.beyond_range == names[0].split(".", 1)[1]
-    assert screened(effect=gains, detectable={**detectable, names[-1]: 1e-6}).beyond_range is None
-    assert screened(detectable={}).beyond_range is None
+    assert screened(effect=gains, limits=lambda: {**far, names[-1]: 1e-6}).beyond_range is None
+    assert screened(limits=dict).beyond_range is None
 
 
 def test_the_first_rule_decides_and_a_list_without_one_is_an_error() -> None:

@@ -21,8 +21,9 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
+from scipy.linalg import cho_solve_banded, solve_banded
 from scipy.linalg.blas import dsbmv
+from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from estimation.recordings.derivatives.b_spline import BSpline, basis_values, transposed_sum, weighted_sum
 
@@ -35,10 +36,15 @@ ORDERS = (4, 5, 6, 7, 8)
 CORRELATIONS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99)
 """Of neighbouring samples' noise."""
 FIRST_ORDER = 4
-LOG_PENALTIES = np.arange(-36.0, 61.0, 6.0)
+GRID_STEP = 6.0
+LOG_PENALTIES = np.arange(-36.0, 61.0, GRID_STEP)
 """Grid of ln lambda, and its limits."""
 INTERPOLATION = -20.0
 """ln lambda below which the samples hold nothing but motion, and the cutoff is above half their rate."""
+SCORE_ERROR, MAX_PASSES = 0.01, 6
+"""Of the score, by rounding: a solution is refined again above it; that often at most."""
+LARGEST_ROUNDING = 0.1
+"""Of lambda P, over a sample's part of G: refinement converges by this factor."""
 BETTER_SCORE = 20.0
 """Of -2 ln likelihood: more than the knots' own share of it differs between two bases."""
 FIRST_STEP, LAST_STEP = 2.0, 0.5
@@ -175,11 +181,35 @@ class SmoothingSpline:
 
 
 @dataclass(frozen=True, eq=False)
+class _Solution:
+    """Of one smoothness: score, variance of the noise's white part, coefficients (m, k) and banded Cholesky factor.
+
+    bent         the differences' share of the sum of squares
+    step         coefficients less the problem's first ones, (m, k)
+    moved        G times it
+    correlation  of the noise in G
+    """
+
+    score: float
+    variance: float
+    bent: float
+    coefficients: Array
+    factor: Array
+    step: Array
+    moved: Array
+    correlation: float
+
+
+@dataclass(frozen=True, eq=False)
 class _Problem:
-    """Normal equations of one basis for every smoothness; symmetric banded matrices in lower storage."""
+    """Normal equations of one basis for every smoothness; symmetric banded matrices in lower storage.
+
+    series  less their `offset`s (k,), the means, which are as free as all polynomials and would only cost digits
+    """
 
     times: Array
     series: Array
+    offset: Array
     place: Array
     knots: Array
     first: NDArray[np.intp]
@@ -191,7 +221,8 @@ class _Problem:
         place = (times - times[0]) * (pieces / (times[-1] - times[0]))
         knots = np.arange(-DEGREE, pieces + DEGREE + 1, dtype=float)
         first, basis = basis_values(place, knots, DEGREE)
-        return cls(times, series, place, knots, first, basis, _products(first, basis, pieces + DEGREE))
+        offset = series.mean(axis=0)
+        return cls(times, series - offset, offset, place, knots, first, basis, _products(first, basis, pieces + DEGREE))
 
     @property
     def count(self) -> int:
@@ -202,7 +233,9 @@ class _Problem:
         """Whether the smoothness found needs more knots, or more knots find a motion where these found noise."""
         if self.freedom(found) * PIECES_PER_FREEDOM >= self.count:
             return True
-        return min(map(finer.score, _grid(found))) < self.score(found) - BETTER_SCORE
+        same = found.log_penalty + (2 * found.order - 1) * math.log(finer.count / self.count)
+        rougher = [smoothness for smoothness in _grid(found) if smoothness.log_penalty <= same + GRID_STEP]
+        return min(map(finer.score, rougher)) < self.score(found) - BETTER_SCORE
 
     def likeliest(self, first: Smoothness) -> Smoothness:
         """The smoothness of largest restricted likelihood, from a first one: order, then correlation, then order."""
@@ -241,57 +274,100 @@ class _Problem:
         return [replace(at, correlation=rho) for rho in CORRELATIONS[place : place + 1]]
 
     def _with_best_penalty(self, candidate: Smoothness) -> Smoothness:
-        """The minimum of the score over the penalty that is downhill from a candidate."""
+        """The minimum of the score over the penalty that is downhill from a candidate, where its slope is zero."""
+        tried = [candidate]
+        below, above = (-math.inf, 0.0), (math.inf, 0.0)
+        lowest, highest = LOG_PENALTIES[0], LOG_PENALTIES[-1]
         step = FIRST_STEP
-        while step >= LAST_STEP:
-            around = [replace(candidate, log_penalty=candidate.log_penalty + x) for x in (-step, step)]
-            best = min(around, key=self.score)
-            lowest, highest = LOG_PENALTIES[0], LOG_PENALTIES[-1]
-            if self.score(best) < self.score(candidate) and lowest <= best.log_penalty <= highest:
-                candidate = best
+        while True:
+            at, slope = tried[-1].log_penalty, self._slope(tried[-1])
+            if slope < 0:
+                below = (at, slope)
             else:
-                step /= 2
-        return candidate
+                above = (at, slope)
+            width = above[0] - below[0]
+            if math.isinf(width):
+                following = at + math.copysign(step, -slope)
+                step *= 2
+            else:
+                share = below[1] / (below[1] - above[1]) if math.isfinite(above[1]) else 0.5
+                following = below[0] + width * min(max(share, 0.1), 0.9)
+            if lowest <= following <= highest:
+                tried.append(replace(candidate, log_penalty=following))
+            if abs(following - at) < LAST_STEP or tried[-1].log_penalty == at:
+                return min(tried, key=self.score)
+
+    def _slope(self, smoothness: Smoothness) -> float:
+        """d score / d ln lambda: only the sum of squares and the determinant depend on it; infinite without a score."""
+        if math.isinf(self.score(smoothness)):
+            return math.inf
+        samples, width = self.series.shape
+        return float(width * (samples * self._bent[smoothness] - self.freedom(smoothness) + smoothness.order))
+
+    @cached_property
+    def _bent(self) -> dict[Smoothness, float]:
+        """The differences' share of the sum of squares, of each smoothness that has a score."""
+        return {}
 
     def score(self, smoothness: Smoothness) -> float:
-        """-2 ln of the restricted likelihood, computed once."""
+        """-2 ln of the restricted likelihood, computed once, from the best solution until then."""
         if smoothness not in self._scores:
             try:
-                self._scores[smoothness] = self.solution(smoothness)[0]
+                found = self.solution(smoothness, self._best.get("solution"))
             except np.linalg.LinAlgError:
                 self._scores[smoothness] = math.inf
+                return math.inf
+            self._scores[smoothness], self._bent[smoothness] = found.score, found.bent
+            if found.score <= self._best.setdefault("solution", found).score:
+                self._best["solution"] = found
         return self._scores[smoothness]
+
+    @cached_property
+    def _best(self) -> dict[str, _Solution]:
+        return {}
 
     @cached_property
     def _scores(self) -> dict[Smoothness, float]:
         return {}
 
-    def solution(self, smoothness: Smoothness) -> tuple[float, Array, Array, float]:
-        """Score, coefficients (m, k), factor and noise variance.
+    def solution(self, smoothness: Smoothness, near: _Solution | None = None) -> _Solution:
+        """The solution, by iterative refinement of another one, `near` or the start.
 
         Counted from a first solution c0 that follows the samples closely, c = c0 + x, so that residuals are small: with
         v = B' R (y - B c0), (G + lambda P) x = v - lambda P c0, and the residual's part of the sum of squares is that
-        of c0 - 2 x'v + x'Gx. No step but the first solution is over all samples.
+        of c0 - 2 x'v + x'Gx. No step but the first solution is over all samples. The sum is least at the solution, so
+        that an error of x, by rounding in its last change, enters squared.
         """
         samples, width = self.series.shape
         penalty, rho, order = math.exp(smoothness.log_penalty), smoothness.correlation, smoothness.order
-        origin, products, squares = self._near_interpolation(rho)
-        gram = self._gram(rho)
-        factor = self._factor(smoothness)
-        step = np.zeros_like(origin)
-        for _ in range(2):  # the second is iterative refinement
-            right = products - _banded_product(gram, step)
-            right -= penalty * _banded_product(self._penalty(order), origin + step)
-            step = step + cho_solve_banded((factor, True), right, check_finite=False)
-        coefficients = origin + step
-        squares += float(np.sum(step * (_banded_product(gram, step) - 2 * products)))
-        squares = max(squares, 0.0) + penalty * float(np.sum(np.diff(coefficients, order, axis=0) ** 2))
-        rounding = (ROUNDING * float(np.abs(self.series).max())) ** 2 + np.finfo(float).tiny
-        variance = max(squares / (samples * width), rounding)
-        volume = 2 * float(np.log(factor[0]).sum()) - (self.count - order) * smoothness.log_penalty
+        relative = float(np.finfo(float).eps) * penalty * 4**order
+        if relative > LARGEST_ROUNDING:
+            raise np.linalg.LinAlgError("the penalty's rounding hides the samples")
+        origin, products, start_squares = self._near_interpolation(rho)
+        gram, bending, factor = self._gram(rho), self._penalty(order), self._factor(smoothness)
+        step = np.zeros_like(origin) if near is None else near.step
+        moved = near.moved if near is not None and near.correlation == rho else _banded_product(gram, step)
+        for _ in range(MAX_PASSES):
+            right = products - moved - penalty * _banded_product(bending, origin + step)
+            change = _solved(factor, right)
+            step = step + change
+            moved = _banded_product(gram, step)
+            bent = penalty * float(np.sum(np.diff(origin + step, order, axis=0) ** 2))
+            squares = max(start_squares + float(np.sum(step * (moved - 2 * products))), 0.0) + bent
+            if samples * width * (relative * np.linalg.norm(change)) ** 2 <= SCORE_ERROR * squares:
+                break
+        variance = max(squares / (samples * width), self._rounding)
+        self._log_determinants[smoothness] = _log_determinant(factor)
+        volume = self._log_determinants[smoothness] - (self.count - order) * smoothness.log_penalty
         volume -= _log_determinant_of_differences(self.count, order) + self._log_polynomial_information(rho, order)
         score = width * (samples * math.log(variance) + volume - math.log(1 - rho**2))
-        return score, coefficients, factor, variance
+        bent /= max(squares, float(np.finfo(float).tiny))
+        return _Solution(score, variance, bent, origin + step, factor, step, moved, rho)
+
+    @cached_property
+    def _rounding(self) -> float:
+        """Variance below which nothing is motion."""
+        return (ROUNDING * float(np.abs(self.series + self.offset).max())) ** 2 + float(np.finfo(float).tiny)
 
     def _near_interpolation(self, rho: float) -> tuple[Array, Array, float]:
         """Coefficients c0 (m, k) with the least penalty; B' R r (m, k) and r' R r of their residual r."""
@@ -314,7 +390,7 @@ class _Problem:
         for _ in range(2):  # the second is iterative refinement
             right = transposed_sum(self.first, self.basis, residual, self.count)
             right -= math.exp(least.log_penalty) * _banded_product(self._penalty(least.order), coefficients)
-            coefficients = coefficients + cho_solve_banded((factor, True), right, check_finite=False)
+            coefficients = coefficients + _solved(factor, right)
             residual = self.series - weighted_sum(self.first, self.basis, coefficients)
         return coefficients, residual
 
@@ -332,16 +408,19 @@ class _Problem:
         """Banded Cholesky factor of G + lambda P, lower storage."""
         matrix = self._gram(smoothness.correlation).copy(order="F")
         matrix[: smoothness.order + 1] += math.exp(smoothness.log_penalty) * self._penalty(smoothness.order)
-        return np.asarray(cholesky_banded(matrix, overwrite_ab=True, lower=True, check_finite=False))
+        factor, failure = dpbtrf(matrix, lower=1, overwrite_ab=1)
+        if failure:
+            raise np.linalg.LinAlgError("rounding ends the penalties")
+        return np.asarray(factor)
 
     def spline(self, smoothness: Smoothness) -> SmoothingSpline:
-        score, coefficients, factor, variance = self.solution(smoothness)
+        found = self.solution(smoothness, self.solution(smoothness, self._best.get("solution")))
         return SmoothingSpline(
-            spline=BSpline(self.knots, coefficients, DEGREE),
+            spline=BSpline(self.knots, found.coefficients + self.offset, DEGREE),
             scale=float(self.place[-1] / (self.times[-1] - self.times[0])),
             start=float(self.times[0]),
-            smoothness=smoothness, variance=variance, freedom=self.freedom(smoothness), score=score,
-            samples=len(self.times), factor=factor,
+            smoothness=smoothness, variance=found.variance, freedom=self.freedom(smoothness), score=found.score,
+            samples=len(self.times), factor=found.factor,
         )  # fmt: skip
 
     def freedom(self, smoothness: Smoothness) -> float:
@@ -360,7 +439,13 @@ class _Problem:
         return float(smoothness.order)
 
     def _log_determinant(self, smoothness: Smoothness) -> float:
-        return 2 * float(np.log(self._factor(smoothness)[0]).sum())
+        if smoothness not in self._log_determinants:
+            self._log_determinants[smoothness] = _log_determinant(self._factor(smoothness))
+        return self._log_determinants[smoothness]
+
+    @cached_property
+    def _log_determinants(self) -> dict[Smoothness, float]:
+        return {}
 
     def _gram(self, rho: float) -> Array:
         """B' R B with R the inverse covariance of the noise over its white part's: tridiagonal."""
@@ -442,6 +527,16 @@ def _transposed_differences(vectors: Array, order: int) -> Array:
     """D' times vectors (m - d, k)."""
     padded = np.pad(vectors, ((order, order), (0, 0)))
     return (-1.0) ** order * np.diff(padded, order, axis=0)
+
+
+def _log_determinant(factor: Array) -> float:
+    """Of the matrix with this Cholesky factor, lower storage."""
+    return 2 * float(np.log(factor[0]).sum())
+
+
+def _solved(factor: Array, right: Array) -> Array:
+    """Solution (m, k) of a symmetric banded system from its Cholesky factor, lower storage."""
+    return np.asarray(dpbtrs(factor, right, lower=1)[0])
 
 
 def _banded_product(matrix: Array, vectors: Array) -> Array:
