@@ -334,35 +334,45 @@ class _Problem:
         """The solution, by iterative refinement of another one, `near` or the start.
 
         Counted from a first solution c0 that follows the samples closely, c = c0 + x, so that residuals are small: with
-        v = B' R (y - B c0), (G + lambda P) x = v - lambda P c0, and the residual's part of the sum of squares is that
-        of c0 - 2 x'v + x'Gx. No step but the first solution is over all samples. The sum is least at the solution, so
-        that an error of x, by rounding in its last change, enters squared.
+        v = B' R (y - B c0), (G + lambda P) x = v - lambda P c0. No step but the first solution is over all samples. The
+        sum of squares is least at the solution, so that an error of x, by rounding in its last change, enters squared.
         """
-        samples, width = self.series.shape
         penalty, rho, order = math.exp(smoothness.log_penalty), smoothness.correlation, smoothness.order
         relative = float(np.finfo(float).eps) * penalty * 4**order
         if relative > LARGEST_ROUNDING:
             raise np.linalg.LinAlgError("the penalty's rounding hides the samples")
-        origin, products, start_squares = self._near_interpolation(rho)
+        origin, products, _ = self._near_interpolation(rho)
         gram, bending, factor = self._gram(rho), self._penalty(order), self._factor(smoothness)
+        self._log_determinants[smoothness] = _log_determinant(factor)
         step = np.zeros_like(origin) if near is None else near.step
         moved = near.moved if near is not None and near.correlation == rho else _banded_product(gram, step)
-        for _ in range(MAX_PASSES):
-            right = products - moved - penalty * _banded_product(bending, origin + step)
-            change = _solved(factor, right)
+        passes = 0
+        while True:
+            passes += 1
+            change = _solved(factor, products - moved - penalty * _banded_product(bending, origin + step))
             step = step + change
             moved = _banded_product(gram, step)
-            bent = penalty * float(np.sum(np.diff(origin + step, order, axis=0) ** 2))
-            squares = max(start_squares + float(np.sum(step * (moved - 2 * products))), 0.0) + bent
-            if samples * width * (relative * np.linalg.norm(change)) ** 2 <= SCORE_ERROR * squares:
+            squares, bent = self._squares(smoothness, step, moved)
+            error = self.series.size * (relative * float(np.linalg.norm(change))) ** 2
+            if error <= SCORE_ERROR * squares or passes == MAX_PASSES:
                 break
-        variance = max(squares / (samples * width), self._rounding)
-        self._log_determinants[smoothness] = _log_determinant(factor)
-        volume = self._log_determinants[smoothness] - (self.count - order) * smoothness.log_penalty
+        variance = max(squares / self.series.size, self._rounding)
+        share = bent / max(squares, float(np.finfo(float).tiny))
+        return _Solution(self._score(smoothness, variance), variance, share, origin + step, factor, step, moved, rho)
+
+    def _squares(self, smoothness: Smoothness, step: Array, moved: Array) -> tuple[float, float]:
+        """The sum of squares, and the differences' part of it; that of the residual is of c0 - 2 x'v + x'Gx."""
+        origin, products, squares = self._near_interpolation(smoothness.correlation)
+        differences = np.diff(origin + step, smoothness.order, axis=0)
+        bent = math.exp(smoothness.log_penalty) * float(np.sum(differences**2))
+        return max(squares + float(np.sum(step * (moved - 2 * products))), 0.0) + bent, bent
+
+    def _score(self, smoothness: Smoothness, variance: float) -> float:
+        samples, width = self.series.shape
+        rho, order = smoothness.correlation, smoothness.order
+        volume = self._log_determinant(smoothness) - (self.count - order) * smoothness.log_penalty
         volume -= _log_determinant_of_differences(self.count, order) + self._log_polynomial_information(rho, order)
-        score = width * (samples * math.log(variance) + volume - math.log(1 - rho**2))
-        bent /= max(squares, float(np.finfo(float).tiny))
-        return _Solution(score, variance, bent, origin + step, factor, step, moved, rho)
+        return float(width * (samples * math.log(variance) + volume - math.log(1 - rho**2)))
 
     @cached_property
     def _rounding(self) -> float:
