@@ -30,7 +30,12 @@ from diagnosis.verdict.given_alternative import GivenAlternative, given_alternat
 from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.result_json import disturbance_data, unexplained_data
-from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, removed_share, selection_steps
+from diagnosis.verdict.selection_step import (
+    SelectionStep,
+    explainable_power_by_step,
+    removed_share_by_steps,
+    selection_steps,
+)
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import RecordVerdict
@@ -138,7 +143,7 @@ class Diagnosis(Tabular):
     @cached_property
     def removed_share(self) -> float:
         """Share that the effects removed of the residuals of single runs, beyond noise; 1 where the noise is known."""
-        return removed_share(self.steps)
+        return removed_share_by_steps(self.steps)
 
     @property
     def table(self) -> Table:
@@ -363,7 +368,7 @@ def _record_evidence(
         effects=len(final.ids),
         unaccepted=noise_from_residual(final.fit) and len(selection.tried) > 1,
         slow=any(s.above_noise for s in slow_residuals(steps[-1].training)),
-        removed_share=removed_share(steps),
+        removed_share=removed_share_by_steps(steps),
         within_tolerance=all(
             c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
         ),

@@ -12,14 +12,19 @@ import numpy as np
 from diagnosis.acceptance.coefficient_consistency import inconsistent_effect
 from diagnosis.acceptance.foreign_residual import effect_of_foreign_residual
 from diagnosis.acceptance.held_out import HeldOut
-from diagnosis.comparison.comparison import comparison_of, noise_from_residual
+from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
 from diagnosis.comparison.data_split import half_splits
+from diagnosis.comparison.removed_share import remaining_power, removed_power
 from diagnosis.selection.subset_search import CandidateModel
 from diagnosis.verdict_rule import VerdictRule
-from estimation.fit import Fit, refit
+from estimation.fit import Fit, refit, with_ordinary_estimate
 from estimation.noise.recording_noise import RecordingNoise
 from modeling.significance import LEVELS
 from modeling.tool.rigid_body import inertial_parameters
+
+LEAST_SHARE = 0.01
+"""That an effect removes of a single run's residual beyond noise. Its significance is by the residual's spectrum, which
+holds for noise: physics that no effect explains and that comes and goes makes some effect significant in every run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +121,19 @@ class AcceptanceEvidence:
         return effect_of_foreign_residual(self.candidate) if noise_from_residual(self.candidate.fit) else None
 
     @cached_property
+    def hardly_removes(self) -> str | None:
+        """Of single runs the effect that removes least, if less than what remains and than `LEAST_SHARE` of all."""
+        if not noise_from_residual(self.candidate.fit):
+            return None
+        whole, base = _comparisons(self.candidate), _comparisons(self.base)
+        remains = remaining_power(whole)
+        smaller = self.candidate.without_each()
+        removed = {i: removed_power(_comparisons(without), whole) for i, without in smaller.items()}
+        least = min(removed, key=lambda effect_id: removed[effect_id])
+        limit = min(remains, LEAST_SHARE * (removed_power(base, whole) + remains))
+        return least if removed[least] < limit else None
+
+    @cached_property
     def least_significant(self) -> str:
         """The effect whose removal raises the training chi-square least; among lasting effects if there are any."""
         added = self.candidate.added
@@ -124,6 +142,12 @@ class AcceptanceEvidence:
             return ids[0]
         costs = {i: smaller.cost for i, smaller in self.candidate.without_each().items() if i in ids}
         return min(costs, key=lambda effect_id: costs[effect_id])
+
+
+def _comparisons(candidate: CandidateModel) -> list[Comparison]:
+    """Its recordings with its prediction as reported, by ordinary least squares where a run has no other noise."""
+    reported = with_ordinary_estimate(candidate.fit)
+    return [comparison_of(reported, i) for i in range(len(reported.recordings))]
 
 
 def _cost(fitted: Fit, noise: Sequence[RecordingNoise]) -> float:
@@ -172,6 +196,12 @@ ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
         "it is collinear with the tool's {e.collinear_parameter} in these data",
     ),
     VerdictRule("a residual that is not the tool's", lambda e: e.foreign is not None, _foreign, "{e.foreign[1]}"),
+    VerdictRule(
+        "hardly anything beside what remains",
+        lambda e: e.hardly_removes is not None,
+        lambda e: e.hardly_removes,
+        f"it removes less than {LEAST_SHARE:.0%} of what a single run holds beyond noise, and more remains unexplained",
+    ),
     VerdictRule(
         "no smaller error on held-out data",
         lambda e: e.not_improved is not None,

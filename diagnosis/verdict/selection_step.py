@@ -13,7 +13,7 @@ from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.generic_terms import cross_validated_gain
-from diagnosis.comparison.residual_spectrum import ResidualSpectrum
+from diagnosis.comparison.removed_share import removed_share
 from diagnosis.comparison.slow_residual import SlowResidual
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from estimation.fit import Fit, with_ordinary_estimate
@@ -92,21 +92,9 @@ def explainable_power_by_step(steps: Sequence[SelectionStep]) -> Array:
     return np.asarray(np.sum(powers, axis=0))
 
 
-def removed_share(steps: Sequence[SelectionStep]) -> float:
-    """Of the power that the residuals of single runs had, beyond noise, the share that the effects removed.
-
-    What remains counts in the band of the motion, beyond noise that rises as 1/f. One where no noise is taken from the
-    residual of a run, or nothing was added.
-    """
-    removed = remains = 0.0
-    for first, last in zip(steps[0].training, steps[-1].training, strict=True):
-        if last.noise.source is not NoiseSource.RESIDUAL or last.recording.at_rest:
-            continue
-        spectrum = ResidualSpectrum.of(last.residual, last.recording.wrench - last.residual)
-        before, after = ((c.residual**2).mean(axis=0) for c in (first, last))
-        removed += float((np.maximum(before - after, 0.0) / spectrum.noise_variance).sum())
-        remains += float((spectrum.beyond_flicker_noise / spectrum.noise_variance).sum())
-    return removed / max(removed + remains, 1e-300) if len(steps) > 1 and remains else 1.0
+def removed_share_by_steps(steps: Sequence[SelectionStep]) -> float:
+    """`removed_share` of all effects added, one where nothing was."""
+    return removed_share(steps[0].training, steps[-1].training) if len(steps) > 1 else 1.0
 
 
 def _repeating_power(steps: Sequence[SelectionStep], number: int) -> Array:

@@ -64,8 +64,8 @@ class CentreOfMass(Tabular):
 
     @classmethod
     def of(cls, fitted: Estimated) -> CentreOfMass:
-        """Of the model's body, changed by its effects, at the values estimated."""
-        body, space = fitted.model.chain.body, fitted.model.space
+        """Of the model's body, changed by its effects, at the values estimated; without a load that it took up."""
+        body, space = fitted.model.without_recording_specific.chain.body, fitted.model.space
         unit = {"x'": sp.Matrix([1, 0, 0]), "tip": space.tip_axis} if space is Space.PLANE else _unit_vectors()
         centre = {name: axis.dot(body.first_moment) / body.mass for name, axis in unit.items()}
         centre = {name: expression for name, expression in centre.items() if expression != 0}
