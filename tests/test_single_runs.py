@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import binom
 
 from benchmarks.single_run import SingleRun
+from diagnosis.acceptance.acceptance_rules import AcceptanceEvidence
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening.score_test import ScoreTest, screen
@@ -232,6 +233,18 @@ def test_sets_are_compared_in_one_noise() -> None:
     assert abs(base.null_model.cost - best.null_model.cost) < 4 * np.sqrt(2 * rows)  # the spread of a chi-square
     # The base's residual under the right set's noise holds the whole strength, known here to its square root.
     assert alike.null_model.cost - best.null_model.cost == pytest.approx(180, abs=4 * 2 * np.sqrt(180))
+
+
+@pytest.mark.parametrize(("size", "rejected"), [(0.0, None), (2.0, "viscous_drag")])
+def test_an_effect_that_hardly_removes_anything_is_no_finding_beside_other_physics(
+    size: float, rejected: str | None
+) -> None:
+    """A drag of some per cent of the noise, alone and beside a slow force of another body."""
+    recording = run(3000, TINY)
+    push = size * np.sin(np.linspace(0.0, 6 * np.pi, recording.samples))
+    pushed = replace(recording, wrench=recording.wrench + np.outer(push, [0.0, 1.0, 0.0]))
+    base, best = with_drag(pushed)
+    assert AcceptanceEvidence(best, base).hardly_removes == rejected
 
 
 def test_share_removed_grows_with_the_effect() -> None:

@@ -132,6 +132,7 @@ class KnownEvidence:
     lasting: bool = True
     collinear_parameter: str | None = None
     foreign: tuple[str, str] | None = None
+    hardly_removes: str | None = None
     not_improved: str | None = None
     adequate: bool = False
     holds_across_halves: bool = True
@@ -157,6 +158,13 @@ ACCEPTANCE_CASES: dict[str, list[tuple[KnownEvidence, str | None, str]]] = {
             KnownEvidence(foreign=("viscous_drag", "what it explains is mostly on tz"), not_improved="run 7"),
             "viscous_drag",
             "what it explains is mostly on tz",
+        )
+    ],
+    "hardly anything beside what remains": [
+        (
+            KnownEvidence(hardly_removes="viscous_drag", not_improved="run 7"),
+            "viscous_drag",
+            "it removes less than 1% of what a single run holds beyond noise, and more remains unexplained",
         )
     ],
     "no smaller error on held-out data": [
