@@ -30,7 +30,7 @@ def through_transfer_function(record: MotionRecord, series: Array, slope: int | 
 
 def _filtered_run(record: MotionRecord, series: Array, slope: int | None) -> Array:
     assert record.dt is not None
-    pad = 0 if record.clock.periodic else min(len(series) - 1, max(64, len(series) // 8))
+    pad = 0 if record.clock.periodic else _extension(len(series))
     length = len(series) + 2 * pad
     omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, record.dt), dtype=np.float64)
     gain, slopes = record.transfer(omega, record.theta)
@@ -43,6 +43,14 @@ def _filtered_run(record: MotionRecord, series: Array, slope: int | None) -> Arr
         lines *= factor
         found[part] = scipy.fft.irfft(lines, n=length, overwrite_x=True)[:, pad : length - pad]
     return found.reshape(series.T.shape).T
+
+
+def _extension(samples: int) -> int:
+    """Samples at each end of a run: an eighth of it, and as many more as a fast Fourier transform needs."""
+    least = min(samples - 1, max(64, samples // 8))
+    lengths = range(samples + 2 * least, min(3 * samples - 1, samples + 4 * least), 2)
+    length = next((n for n in lengths if scipy.fft.next_fast_len(n, real=True) == n), lengths.start)
+    return (length - samples) // 2
 
 
 def _reflected_ends(series: Array, pad: int) -> Array:
