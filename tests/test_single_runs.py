@@ -37,6 +37,7 @@ from modeling.rig.rig import Convention, Rig
 from modeling.significance import LEVELS
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
+    BiasDrift,
     GravityTilt,
     HiddenEffect,
     NoiseModel,
@@ -187,6 +188,16 @@ def test_second_effect_is_found_where_the_rigid_tool_passes_the_test_of_fit() ->
     assert found.chosen.ids == {"viscous_drag", "sensor_lag"}
     lag = found.chosen.fit.parameters["sensor_lag.time_constant"]
     assert abs(lag.value - 0.02) < 4 * lag.std
+
+
+@pytest.mark.parametrize("seed", [7101, 7102])
+def test_a_drag_beside_a_drift_explains_a_part(seed: int) -> None:
+    """A change slower than the motion speaks neither for nor against the drag, and is said to remain."""
+    recording = SingleRun(noise="white", motion="sines", seed=seed, hidden=(ViscousDrag(), BiasDrift())).recording()
+    found = diagnose(spatial(), recording, effects=FEW)
+    assert found.added == ("viscous_drag",)
+    assert found.verdict is RecordVerdict.PARTLY_EXPLAINED
+    assert any(slow.above_noise for slow in found.slow_residuals)
 
 
 def test_noise_is_no_part_of_what_can_be_explained() -> None:

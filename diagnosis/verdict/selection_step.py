@@ -14,7 +14,7 @@ from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.generic_terms import cross_validated_gain
 from diagnosis.comparison.removed_share import removed_share
-from diagnosis.comparison.slow_residual import SlowResidual
+from diagnosis.comparison.slow_residual import Part, SlowResidual
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from estimation.fit import Fit, with_ordinary_estimate
 from estimation.noise.recording_noise import NoiseSource
@@ -83,7 +83,7 @@ def explainable_power_by_step(steps: Sequence[SelectionStep]) -> Array:
 
     With repeats it is the power that repeats. In a single run it is the power in excess of a stated noise; without one,
     the power in excess of the last step's residual, plus what of that residual is no noise: the cross-validated gain of
-    generic terms, or its slow part.
+    generic terms, or its slow part in the band of the motion.
     """
     powers = [
         _single_run_power(steps, number) if last.explainable_rms is None else _repeating_power(steps, number)
@@ -115,11 +115,15 @@ def _single_run_power(steps: Sequence[SelectionStep], number: int) -> Array:
 
 
 def _slow_power(last: Comparison) -> float:
-    """Power of the slow part of a residual, relative to the noise, summed over the channels where it is significant."""
+    """Power of the slow part of a residual, relative to the noise, summed over the channels where it is significant.
+
+    A change slower than the motion is left out: it is drift as likely, which no effect of the tool could explain.
+    """
     slow = SlowResidual.of(last)
     if slow is None:
         return 0.0
-    return float(sum((slow.rms[c] / max(last.noise_floor[c], 1e-300)) ** 2 for c in slow.above_noise))
+    counted = [c for c in slow.above_noise if slow.part[c] is not Part.SLOWEST]
+    return float(sum((slow.rms[c] / max(last.noise_floor[c], 1e-300)) ** 2 for c in counted))
 
 
 def _relative_to_noise(last: Comparison, powers: Sequence[Mapping[str, float]]) -> Array:
