@@ -183,6 +183,7 @@ def test_rigs_without_what_it_takes_are_refused(
     assert not out.exists()
 
 
+@pytest.mark.long
 def test_processes_plan_the_same(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
     short = (rig, "--series", "paper", "--starts", 2, "--no-bound", "--json")
     alone, together = (json.loads(ran(capsys, *short, "--workers", workers)[1]) for workers in (1, 2))

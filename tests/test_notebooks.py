@@ -184,7 +184,7 @@ def test_notebooks_begin_with_a_question_and_end_with_its_answer() -> None:
         assert any(cell.startswith("## The answer") for cell in cells[-2:]), path
 
 
-LONG = ("02_first_diagnosis", "03_find_it_yourself", "05_design_under_limits")
+LONG = ("02_first_diagnosis", "03_find_it_yourself", "05_design_under_limits", "07_measured_data")
 """What they are made of has tests of its own."""
 
 

@@ -102,6 +102,7 @@ def without_seconds(row: SurveyRow) -> SurveyRow:
     return replace(row, outcome=replace(row.outcome, seconds=None))
 
 
+@pytest.mark.long
 def test_workers_find_what_one_process_finds(bench: Path, one: Executor, tmp_path: Path) -> None:
     paths = [bench / f for f in ("run_2026-03-02.csv", "nan.csv", "missing.csv", "run_2026-03-01.csv", "empty.csv")]
     options = {"rig": bench / "rig.toml", "only": ["viscous_drag"]}
@@ -247,6 +248,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskProcesses]
         yield started
 
 
+@pytest.mark.long
 def test_killed_worker_costs_no_row(tmp_path: Path, cluster: DaskProcesses) -> None:
     paths, out = files(tmp_path), tmp_path / "out"
     killer = once_stored(out, 3, lambda: cluster.kill_worker(0))

@@ -53,7 +53,9 @@ def test_every_start_is_told_of_and_the_best_motion_is_within_its_limits(series:
     assert values == sorted(values, reverse=True)
 
 
-@pytest.mark.parametrize("series", [FEW, RestToRest(inner=FEW, ramp=0.5)], ids=["periodic", "rest"])
+@pytest.mark.parametrize(
+    "series", [FEW, pytest.param(RestToRest(inner=FEW, ramp=0.5), marks=pytest.mark.long)], ids=["periodic", "rest"]
+)
 def test_the_number_of_workers_does_not_decide(series: TrajectorySeries) -> None:
     alone = design(RIG, series=series, starts=4, samples=60, bounded=False)
     with ThreadPoolExecutor(3) as pool:
