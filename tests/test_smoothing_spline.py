@@ -127,11 +127,11 @@ def test_solution_is_that_of_dense_equations() -> None:
         information = free.T @ inverse @ free
         contrast = inverse - inverse @ free @ np.linalg.solve(information, free.T @ inverse)
         squares = float(np.sum(y * (contrast @ y)))
-        assert squares / y.size == pytest.approx(found.variance, rel=1e-6)
+        assert squares == pytest.approx(found.squares, rel=1e-6)
         logs = np.linalg.slogdet(spread)[1] + np.linalg.slogdet(information)[1]
         logs -= np.linalg.slogdet(free.T @ precision @ free)[1]
-        scores.append(found.score)
-        dense.append(y.size * np.log(found.variance) + 2 * logs)
+        scores.append(problem.score(smoothness))
+        dense.append(y.size * np.log(squares) + 2 * logs)
     assert scores[0] - scores[1] == pytest.approx(dense[0] - dense[1], abs=1e-5)
 
 
@@ -183,5 +183,42 @@ def test_at_rest_a_small_noise_moves_no_more_than_a_large_one(correlation: float
     for row in range(1, len(t)):
         noise[row] = correlation * noise[row - 1] + np.sqrt(1 - correlation**2) * noise[row]
     small, large = (SmoothingSpline.of(t, [1.0, -3.0] + size * noise) for size in (1e-6, 1e-2))
-    assert small.freedom == pytest.approx(large.freedom, rel=0.1)
+    assert small.freedom < large.freedom + 5  # which rounding leaves uncertain by as much, where all is polynomial
     assert small.noise_std == pytest.approx(1e-4 * large.noise_std, rel=0.01)
+
+
+@pytest.mark.parametrize(("order", "log_penalty"), [(4, 25.0), (7, 21.5), (8, 22.0)])
+def test_score_of_a_large_penalty_keeps_its_digits(order: int, log_penalty: float) -> None:
+    """Against 60 digits: the sum of squares, whose logarithm the score takes 80 times, to a thousandth of that."""
+    import mpmath  # type: ignore[import-untyped]
+
+    rng = np.random.default_rng(9)
+    t = np.sort(rng.uniform(0.0, 1.0, 80))
+    y = np.sin(4 * np.pi * t)[:, None] + 1e-3 * rng.standard_normal((80, 1))
+    problem = _Problem.of(t, y, 60)
+    problem.score(Smoothness(order=order, log_penalty=log_penalty - 2))
+    near = problem.solution(Smoothness(order=order, log_penalty=log_penalty), problem._best[-1])
+    with mpmath.workdps(60):
+        rows = mpmath.zeros(80, problem.count)
+        for j, weights in enumerate(problem.basis):
+            for i, weight in enumerate(weights):
+                rows[i, int(problem.first[i]) + j] = mpmath.mpf(float(weight))
+        differences = mpmath.matrix(np.diff(np.eye(problem.count), order, axis=0).tolist())
+        penalty, series = mpmath.exp(log_penalty), mpmath.matrix(problem.series.tolist())
+        matrix = rows.T * rows + penalty * differences.T * differences
+        coefficients = mpmath.lu_solve(matrix, rows.T * series)
+        rest, bent = series - rows * coefficients, differences * coefficients
+        squares = float((rest.T * rest + penalty * bent.T * bent)[0])
+    assert near.squares == pytest.approx(squares, rel=1e-3 / 80)
+
+
+@pytest.mark.parametrize("log_penalty", [-6.0, 2.0, 12.0])
+def test_slope_is_that_of_the_score(log_penalty: float) -> None:
+    t = np.linspace(0.0, 5.0, 200)
+    y = sines(t)[0] + 1e-3 * np.random.default_rng(10).standard_normal((200, 1))
+    problem = _Problem.of(t, y, 180)
+    at = Smoothness(order=5, log_penalty=log_penalty)
+    around = [problem.score(Smoothness(order=5, log_penalty=log_penalty + step)) for step in (-0.05, 0.05)]
+    assert problem._slope(at) == pytest.approx(
+        (around[1] - around[0]) / 0.1, rel=0.05, abs=0.2
+    )  # freedom: a difference over 0.1

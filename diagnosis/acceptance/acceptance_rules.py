@@ -18,7 +18,7 @@ from diagnosis.comparison.removed_share import remaining_power, removed_power
 from diagnosis.selection.subset_search import CandidateModel
 from diagnosis.verdict_rule import VerdictRule
 from estimation.fit import Fit, refit, with_ordinary_estimate
-from estimation.noise.recording_noise import RecordingNoise
+from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from modeling.significance import LEVELS
 from modeling.tool.rigid_body import inertial_parameters
 
@@ -122,15 +122,17 @@ class AcceptanceEvidence:
 
     @cached_property
     def hardly_removes(self) -> str | None:
-        """Of single runs the effect that removes least, if less than what remains and than `LEAST_SHARE` of all."""
-        if not noise_from_residual(self.candidate.fit):
+        """Of single runs alone the effect that removes least, if less than what remains and `LEAST_SHARE` of all."""
+        if any(noise.source is not NoiseSource.RESIDUAL for noise in self.candidate.fit.noise):
             return None
-        whole, base = _comparisons(self.candidate), _comparisons(self.base)
+        whole = _comparisons(self.candidate)
         remains = remaining_power(whole)
+        if not remains:
+            return None
         smaller = self.candidate.without_each()
         removed = {i: removed_power(_comparisons(without), whole) for i, without in smaller.items()}
         least = min(removed, key=lambda effect_id: removed[effect_id])
-        limit = min(remains, LEAST_SHARE * (removed_power(base, whole) + remains))
+        limit = min(remains, LEAST_SHARE * (removed_power(_comparisons(self.base), whole) + remains))
         return least if removed[least] < limit else None
 
     @cached_property

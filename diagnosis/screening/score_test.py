@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 from diagnosis.parallel.progress import CountCallback
@@ -39,7 +39,7 @@ class ScoreTest:
     p_value     corrected for the effective number of grid points tested, not for the number of effects
     start       initial values of the exact refit
     amounts     estimated changes of the amplitudes from nominal, with their std
-    limits      computes `detectable`, which takes as long as the rest and is rarely asked for
+    limits      computes `detectable`
     point       grid point of the best score, None when not excited
     reason      why it is not excited, empty when it is
     searched    effective number of grid points tested
@@ -50,7 +50,7 @@ class ScoreTest:
     p_value: float
     start: NuisanceValues
     amounts: Mapping[str, tuple[float, float]]
-    limits: Callable[[], Mapping[str, float]] = dict
+    limits: Callable[[], Mapping[str, float]] = field(default=dict, repr=False)
     point: GridPoint | None = None
     reason: str = ""
     searched: float = 1.0
@@ -62,7 +62,7 @@ class ScoreTest:
 
     @cached_property
     def detectable(self) -> Mapping[str, float]:
-        """Changes of the amplitudes that are detected with 80 % power."""
+        """Changes of the amplitudes that are detected with 80 % power; computed when asked for, as it takes long."""
         return self.limits()
 
 

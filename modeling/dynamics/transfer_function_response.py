@@ -30,8 +30,8 @@ def through_transfer_function(record: MotionRecord, series: Array, slope: int | 
 
 def _filtered_run(record: MotionRecord, series: Array, slope: int | None) -> Array:
     assert record.dt is not None
-    pad = 0 if record.clock.periodic else _extension(len(series))
-    length = len(series) + 2 * pad
+    before, after = (0, 0) if record.clock.periodic else _extension(len(series))
+    length = before + len(series) + after
     omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, record.dt), dtype=np.float64)
     gain, slopes = record.transfer(omega, record.theta)
     factor = gain if slope is None else slopes[slope]
@@ -39,27 +39,25 @@ def _filtered_run(record: MotionRecord, series: Array, slope: int | None) -> Arr
     found = np.empty(columns.shape)
     for first in range(0, len(found), at_once := max(1, FILTER_BATCH // length)):
         part = slice(first, first + at_once)
-        lines = scipy.fft.rfft(_reflected_ends(columns[part], pad))
+        lines = scipy.fft.rfft(_reflected_ends(columns[part], before, after))
         lines *= factor
-        found[part] = scipy.fft.irfft(lines, n=length, overwrite_x=True)[:, pad : length - pad]
+        found[part] = scipy.fft.irfft(lines, n=length, overwrite_x=True)[:, before : length - after]
     return found.reshape(series.T.shape).T
 
 
-def _extension(samples: int) -> int:
-    """Samples at each end of a run: an eighth of it, and as many more as a fast Fourier transform needs."""
+def _extension(samples: int) -> tuple[int, int]:
+    """Samples before and after a run: an eighth of it, and as many more as a fast Fourier transform needs."""
     least = min(samples - 1, max(64, samples // 8))
-    lengths = range(samples + 2 * least, min(3 * samples - 1, samples + 4 * least), 2)
-    length = next((n for n in lengths if scipy.fft.next_fast_len(n, real=True) == n), lengths.start)
-    return (length - samples) // 2
+    after = scipy.fft.next_fast_len(samples + 2 * least, real=True) - samples - least
+    return least, min(after, samples - 1)
 
 
-def _reflected_ends(series: Array, pad: int) -> Array:
+def _reflected_ends(series: Array, before: int, after: int) -> Array:
     """Series (c, n) extended by point reflections at both ends, cross-faded so that they close periodically."""
-    if not pad:
+    if not before:
         return series
-    before = 2 * series[:, :1] - series[:, pad:0:-1]
-    after = 2 * series[:, -1:] - series[:, -2 : -pad - 2 : -1]
-    fade = 0.5 + 0.5 * np.cos(np.linspace(0, np.pi, pad))
+    first = 2 * series[:, :1] - series[:, before:0:-1]
+    last = 2 * series[:, -1:] - series[:, -2 : -after - 2 : -1]
+    rise, fall = (0.5 - 0.5 * np.cos(np.linspace(0, np.pi, before)), 0.5 + 0.5 * np.cos(np.linspace(0, np.pi, after)))
     middle = (series[:, :1] + series[:, -1:]) / 2
-    ends = middle + (before - middle) * fade[::-1], middle + (after - middle) * fade
-    return np.concatenate([ends[0], series, ends[1]], axis=1)
+    return np.concatenate([middle + (first - middle) * rise, series, middle + (last - middle) * fall], axis=1)

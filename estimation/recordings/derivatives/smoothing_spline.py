@@ -8,7 +8,8 @@ which is the posterior mean of a d-fold integrated Wiener process as the knots b
 spline smoothing and the problem of guarding against model errors in regression", 1978; in this basis Eilers and Marx,
 "Flexible smoothing with B-splines and penalties", 1996). The polynomials below degree d are free, so that there is no
 end condition. Order, lambda and rho maximise the restricted likelihood, in which c is integrated out (Patterson and
-Thompson, 1971): a band-limited motion takes a high order, one with jerks a low one.
+Thompson, 1971), the polynomials with a flat prior per s, so that orders compare alike in any unit: a
+band-limited motion takes a high order, one with jerks a low one.
 """
 
 from __future__ import annotations
@@ -42,14 +43,15 @@ LOG_PENALTIES = np.arange(-36.0, 61.0, GRID_STEP)
 INTERPOLATION = -20.0
 """ln lambda below which the samples hold nothing but motion, and the cutoff is above half their rate."""
 SCORE_ERROR, MAX_PASSES = 0.01, 6
-"""Of the score, by rounding: a solution is refined again above it; that often at most."""
+"""Of the score, by rounding in a solution's last change: it is refined again above it; that often at most."""
 LARGEST_ROUNDING = 0.1
 """Of lambda P, over a sample's part of G: refinement converges by this factor."""
 BETTER_SCORE = 20.0
 """Of -2 ln likelihood: more than the knots' own share of it differs between two bases."""
 FIRST_STEP, LAST_STEP = 2.0, 0.5
 """Of ln lambda: half a step more changes no estimate by a tenth of its std."""
-ROUNDING = 64 * np.finfo(float).eps
+ROUNDING_UNIT = float(np.finfo(float).eps)
+ROUNDING = 64 * ROUNDING_UNIT
 """Of the largest sample: std of the sums over the splines, below which nothing is motion."""
 KNOTS_PER_SAMPLE = 2
 """At most: the motion between samples is open then, and its uncertainty not understated."""
@@ -182,22 +184,20 @@ class SmoothingSpline:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Of one smoothness: score, variance of the noise's white part, coefficients (m, k) and banded Cholesky factor.
+    """Of one smoothness: sum of squares, coefficients (m, k) and banded Cholesky factor.
 
-    bent         the differences' share of the sum of squares
-    step         coefficients less the problem's first ones, (m, k)
-    moved        G times it
-    correlation  of the noise in G
+    bent   the differences' share of the sum of squares
+    step   coefficients less the problem's first ones, (m, k)
+    moved  G times it
     """
 
-    score: float
-    variance: float
+    squares: float
     bent: float
+    smoothness: Smoothness
     coefficients: Array
     factor: Array
     step: Array
     moved: Array
-    correlation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +263,7 @@ class _Problem:
         """Neighbouring orders with the same cutoff w: lambda w^2d = n / m."""
         density = math.log(len(self.times) / self.count)
         orders = [d for d in (at.order - 1, at.order + 1) if d in ORDERS]
-        if at.log_penalty < INTERPOLATION:
+        if at.log_penalty <= INTERPOLATION:
             return [self.from_grid(replace(at, order=d)) for d in orders]
         return [replace(at, order=d, log_penalty=density + d / at.order * (at.log_penalty - density)) for d in orders]
 
@@ -292,39 +292,44 @@ class _Problem:
             else:
                 share = below[1] / (below[1] - above[1]) if math.isfinite(above[1]) else 0.5
                 following = below[0] + width * min(max(share, 0.1), 0.9)
-            if lowest <= following <= highest:
-                tried.append(replace(candidate, log_penalty=following))
-            if abs(following - at) < LAST_STEP or tried[-1].log_penalty == at:
+            following = min(max(following, lowest), highest)
+            if following != at:
+                tried.append(replace(candidate, log_penalty=float(following)))
+            if abs(following - at) < LAST_STEP:
                 return min(tried, key=self.score)
 
     def _slope(self, smoothness: Smoothness) -> float:
         """d score / d ln lambda: only the sum of squares and the determinant depend on it; infinite without a score."""
         if math.isinf(self.score(smoothness)):
             return math.inf
-        samples, width = self.series.shape
-        return float(width * (samples * self._bent[smoothness] - self.freedom(smoothness) + smoothness.order))
+        order, width = smoothness.order, self.series.shape[1]
+        fit = self.series.size * self._bent[smoothness]
+        return float(fit - width * (self.freedom(smoothness) - order))
 
     @cached_property
     def _bent(self) -> dict[Smoothness, float]:
-        """The differences' share of the sum of squares, of each smoothness that has a score."""
+        """The differences' share of the sum of squares, of each smoothness that has a score; 0 below rounding."""
         return {}
 
     def score(self, smoothness: Smoothness) -> float:
         """-2 ln of the restricted likelihood, computed once, from the best solution until then."""
         if smoothness not in self._scores:
             try:
-                found = self.solution(smoothness, self._best.get("solution"))
+                found = self.solution(smoothness, self._best[-1] if self._best else None)
             except np.linalg.LinAlgError:
                 self._scores[smoothness] = math.inf
                 return math.inf
-            self._scores[smoothness], self._bent[smoothness] = found.score, found.bent
-            if found.score <= self._best.setdefault("solution", found).score:
-                self._best["solution"] = found
+            score = self._scores[smoothness] = self._score(found)
+            resolved = found.squares > self.series.size * self._rounding
+            self._bent[smoothness] = found.bent if resolved else 0.0
+            if not self._best or score <= self._scores[self._best[-1].smoothness]:
+                self._best[:] = [found]
         return self._scores[smoothness]
 
     @cached_property
-    def _best(self) -> dict[str, _Solution]:
-        return {}
+    def _best(self) -> list[_Solution]:
+        """The solution with the best score so far, if there is one."""
+        return []
 
     @cached_property
     def _scores(self) -> dict[Smoothness, float]:
@@ -335,44 +340,58 @@ class _Problem:
 
         Counted from a first solution c0 that follows the samples closely, c = c0 + x, so that residuals are small: with
         v = B' R (y - B c0), (G + lambda P) x = v - lambda P c0. No step but the first solution is over all samples. The
-        sum of squares is least at the solution, so that an error of x, by rounding in its last change, enters squared.
+        sum of squares is least at the solution, so that an error of x, by rounding in its last change, enters squared:
+        by the largest eigenvalues of the matrix, or by its smallest ones, about lambda.
         """
         penalty, rho, order = math.exp(smoothness.log_penalty), smoothness.correlation, smoothness.order
-        relative = float(np.finfo(float).eps) * penalty * 4**order
-        if relative > LARGEST_ROUNDING:
+        largest = penalty * 4**order
+        if ROUNDING_UNIT * largest > LARGEST_ROUNDING:
             raise np.linalg.LinAlgError("the penalty's rounding hides the samples")
         origin, products, _ = self._near_interpolation(rho)
-        gram, bending, factor = self._gram(rho), self._penalty(order), self._factor(smoothness)
+        gram, factor = self._gram(rho), self._factor(smoothness)
         self._log_determinants[smoothness] = _log_determinant(factor)
         step = np.zeros_like(origin) if near is None else near.step
-        moved = near.moved if near is not None and near.correlation == rho else _banded_product(gram, step)
-        passes = 0
-        while True:
-            passes += 1
-            change = _solved(factor, products - moved - penalty * _banded_product(bending, origin + step))
+        moved = near.moved if near is not None and near.smoothness.correlation == rho else _banded_product(gram, step)
+        found = None
+        for _ in range(MAX_PASSES):
+            bent = _transposed_differences(np.diff(origin + step, order, axis=0), order)  # P c, well rounded
+            change = _solved(factor, products - moved - penalty * bent)
             step = step + change
             moved = _banded_product(gram, step)
-            squares, bent = self._squares(smoothness, step, moved)
-            error = self.series.size * (relative * float(np.linalg.norm(change))) ** 2
-            if error <= SCORE_ERROR * squares or passes == MAX_PASSES:
+            squares, share = self._squares(smoothness, step, moved)
+            if found is not None and squares >= found.squares:
                 break
-        variance = max(squares / self.series.size, self._rounding)
-        share = bent / max(squares, float(np.finfo(float).tiny))
-        return _Solution(self._score(smoothness, variance), variance, share, origin + step, factor, step, moved, rho)
+            found = _Solution(squares, share, smoothness, origin + step, factor, step, moved)
+            error = (ROUNDING_UNIT * float(np.linalg.norm(change))) ** 2 * (largest**2 + 1 / penalty)
+            if self.series.size * error <= SCORE_ERROR * squares:
+                break
+        assert found is not None
+        return found
 
     def _squares(self, smoothness: Smoothness, step: Array, moved: Array) -> tuple[float, float]:
-        """The sum of squares, and the differences' part of it; that of the residual is of c0 - 2 x'v + x'Gx."""
+        """The sum of squares, and the differences' share of it; the residual's part is that of c0 - 2 x'v + x'Gx.
+
+        Raises LinAlgError where it is not finite.
+        """
         origin, products, squares = self._near_interpolation(smoothness.correlation)
         differences = np.diff(origin + step, smoothness.order, axis=0)
         bent = math.exp(smoothness.log_penalty) * float(np.sum(differences**2))
-        return max(squares + float(np.sum(step * (moved - 2 * products))), 0.0) + bent, bent
+        total = max(squares + float(np.sum(step * (moved - 2 * products))), 0.0) + bent
+        if not math.isfinite(total):
+            raise np.linalg.LinAlgError("the solution diverges")
+        return total, bent / max(total, float(np.finfo(float).tiny))
 
-    def _score(self, smoothness: Smoothness, variance: float) -> float:
-        samples, width = self.series.shape
+    def _variance(self, found: _Solution) -> float:
+        """Of the white part of the noise."""
+        return max(found.squares / self.series.size, self._rounding)
+
+    def _score(self, found: _Solution) -> float:
+        width, smoothness = self.series.shape[1], found.smoothness
         rho, order = smoothness.correlation, smoothness.order
         volume = self._log_determinant(smoothness) - (self.count - order) * smoothness.log_penalty
         volume -= _log_determinant_of_differences(self.count, order) + self._log_polynomial_information(rho, order)
-        return float(width * (samples * math.log(variance) + volume - math.log(1 - rho**2)))
+        fit = self.series.size * math.log(self._variance(found))
+        return float(fit + width * (volume - math.log(1 - rho**2)))
 
     @cached_property
     def _rounding(self) -> float:
@@ -424,13 +443,13 @@ class _Problem:
         return np.asarray(factor)
 
     def spline(self, smoothness: Smoothness) -> SmoothingSpline:
-        found = self.solution(smoothness, self.solution(smoothness, self._best.get("solution")))
+        found = self.solution(smoothness, self.solution(smoothness, self._best[-1] if self._best else None))
         return SmoothingSpline(
             spline=BSpline(self.knots, found.coefficients + self.offset, DEGREE),
             scale=float(self.place[-1] / (self.times[-1] - self.times[0])),
             start=float(self.times[0]),
-            smoothness=smoothness, variance=found.variance, freedom=self.freedom(smoothness), score=found.score,
-            samples=len(self.times), factor=found.factor,
+            smoothness=smoothness, variance=self._variance(found), freedom=self.freedom(smoothness),
+            score=self._score(found), samples=len(self.times), factor=found.factor,
         )  # fmt: skip
 
     def freedom(self, smoothness: Smoothness) -> float:
