@@ -18,8 +18,13 @@ KEPT = Path(__file__).resolve().parents[1] / ".pytest_cache" / "derivations"
 os.environ.setdefault("TRUEWRENCH_CACHE", str(KEPT))
 
 
+@pytest.hookimpl(trylast=True)  # when the other tier is left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put a file's tests of one `case` beside each other: they share what was made of it, which a process keeps."""
+    """Put a file's tests of one `case` beside each other: they share what was made of it, which a process keeps.
+
+    The longest ones, by `long(seconds=..)`, come first of each half, as each of two processes begins with a half: one
+    that comes last would leave the other process idle.
+    """
     first: dict[tuple[Path, object], int] = {}
     places: dict[pytest.Item, int] = {}
     for number, item in enumerate(items):
@@ -27,3 +32,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         case = drawn.params.get("case") if drawn else None
         places[item] = first.setdefault((item.path, case), number) if isinstance(case, str) else number
     items.sort(key=places.__getitem__)
+    longest = sorted((item for item in items if _seconds(item)), key=_seconds, reverse=True)
+    others = [item for item in items if not _seconds(item)]
+    middle = max(0, len(items) // 2 - len(longest[::2]))
+    items[:] = [*longest[::2], *others[:middle], *longest[1::2], *others[middle:]]
+
+
+def _seconds(item: pytest.Item) -> float:
+    """What a test states of the processor time that it takes, else 0."""
+    mark = item.get_closest_marker("long")
+    return 0.0 if mark is None else float(mark.kwargs.get("seconds", 0.0))

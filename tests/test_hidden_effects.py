@@ -144,7 +144,7 @@ def test_offset_of_the_first_joint_is_a_tilted_base() -> None:
     assert abs(tilt.value + 0.02) < STANDARD_DEVIATIONS * tilt.std
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=35)
 def test_what_has_no_name_is_not_given_one() -> None:
     result = diagnosed(Hidden(PlanarRig(), Buoyancy()))
     assert result.added == (), str(result)

@@ -65,8 +65,14 @@ def test_the_runs_cannot_decide_the_sign(name: str) -> None:
         decide_convention([recording(name)], 9.806)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("names", [("contact",), ("contact", "calibration_poses")], ids=len)
+@pytest.mark.parametrize(
+    "names",
+    [
+        pytest.param(("contact",), marks=pytest.mark.long(seconds=75)),
+        pytest.param(("contact", "calibration_poses"), marks=pytest.mark.long),
+    ],
+    ids=len,
+)
 def test_the_hand_is_found_and_not_taken_for_a_heavier_tool(names: tuple[str, ...]) -> None:
     """Fitted blindly the contact run weighs 1.20 kg; the hand is on the tool from about 0.6 s to 4.2 s.
 

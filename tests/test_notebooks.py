@@ -184,13 +184,13 @@ def test_notebooks_begin_with_a_question_and_end_with_its_answer() -> None:
         assert any(cell.startswith("## The answer") for cell in cells[-2:]), path
 
 
-LONG = ("02_first_diagnosis", "03_find_it_yourself", "05_design_under_limits", "07_measured_data")
-"""What they are made of has tests of its own."""
+LONG = {"02_first_diagnosis": 40, "03_find_it_yourself": 5, "05_design_under_limits": 60, "07_measured_data": 5}
+"""Processor time, s. What they are made of has tests of its own."""
 
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(p, marks=[pytest.mark.long] * (p.stem in LONG)) for p in NOTEBOOKS],
+    [pytest.param(p, marks=pytest.mark.long(seconds=LONG[p.stem]) if p.stem in LONG else ()) for p in NOTEBOOKS],
     ids=lambda path: path.stem,
 )
 def test_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -89,7 +89,7 @@ def environment_with(wheel: Path, folder: Path) -> Path:
     return folder / "bin"
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=30)
 def test_the_wheel_of_the_sdist_runs_the_demo(tmp_path: Path) -> None:
     """The sdist alone makes the same wheel as the repository; installed, it is what runs, and finds what was hidden."""
     pytest.importorskip("mujoco")

@@ -52,7 +52,7 @@ def rig_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=60)
 def test_the_commands_run(rig_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = [line for block in blocks("sh") for line in block.splitlines()]
     assert {shlex.split(line)[1] for line in lines} == COMMANDS

@@ -69,7 +69,7 @@ def test_little_is_left_on_another_motion(case: str) -> None:
         assert rms**2 <= limit, channel
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=35)
 def test_what_no_catalogue_holds_is_left_unexplained_and_located() -> None:
     result = diagnosed("not_in_the_catalogue")
     assert result.added == ()

@@ -139,7 +139,7 @@ def test_noise_alone_lacks_nothing(noise: NoiseModel | str) -> None:
     assert result.verdict is RecordVerdict.NOTHING_MISSING
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=40)
 def test_slow_noise_is_no_lack_of_fit() -> None:
     """1/f noise goes on from block to block; six axes. Before rows were flattened, 40 % were alarms at 5 %.
 

@@ -173,7 +173,7 @@ def test_it_prints_in_a_few_lines(begun: Study) -> None:
     assert repr(begun) == str(begun)
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=30)
 def test_everything_has_a_report(begun: Study, tmp_path: Path) -> None:
     begun.add("viscous_drag")
     results: list[Any] = [begun, begun.fit, begun.compare(), begun.diagnose()]

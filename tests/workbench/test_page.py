@@ -62,6 +62,7 @@ def suspects(page: Page) -> list[str]:
     return page.locator("#suspects > ol > li > .line strong").all_inner_texts()
 
 
+@pytest.mark.long(seconds=70)
 def test_the_loop_by_hand(opened: Browser, recordings: Path) -> None:
     with workbench(*given(recordings)) as address:
         page = ready(opened, address)
