@@ -71,8 +71,10 @@ class ParameterChanges:
     def _correlation(self) -> tuple[list[str], np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
         """Names and coefficients of the parameters that are estimated; the diagonal is zero."""
         frame = self.after.correlation
-        names = [str(n) for n in frame.index if isfinite(frame.loc[n, n])]
-        matrix = np.nan_to_num(frame.loc[names, names].to_numpy(dtype=np.float64, copy=True))
+        every: np.ndarray[tuple[int, int], np.dtype[np.float64]] = frame.to_numpy(dtype=np.float64)
+        estimated = np.flatnonzero(np.isfinite(np.diag(every)))
+        names = [str(name) for name in frame.index[estimated]]
+        matrix = np.nan_to_num(every[np.ix_(estimated, estimated)])
         np.fill_diagonal(matrix, 0.0)
         return names, matrix
 
