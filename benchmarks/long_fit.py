@@ -77,7 +77,7 @@ def at_once(signals: dict[str, Array], wrench: Array) -> Array:
     """All whitened rows, then `lstsq`."""
     rows = regressor(signals, len(wrench))
     rows[-1] = wrench.T - rows[-1]
-    white = NOISE.whitened(rows)
+    white = NOISE.whitened_chunk(rows)
     return np.asarray(np.linalg.lstsq(white[:-1].reshape(len(TRUTH), -1).T, white[-1].ravel(), rcond=None)[0])
 
 

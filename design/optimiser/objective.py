@@ -83,7 +83,7 @@ class Objective:
         weight = ca.SX.sym("w", len(self._entries))
         slopes = ca.jacobian(entries, x)
         return (
-            ca.Function("entries", [x], [entries]),
+            ca.Function("entries", [x], [ca.densify(entries)]),
             ca.Function("slopes", [x], [ca.densify(slopes)]),
             ca.Function("curvature", [x, weight], [ca.densify(ca.hessian(ca.dot(weight, entries), x)[0])]),
         )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.optimiser.objective import DERIVATIVE_ORDERS, Objective
+from design.optimiser.sampled_function import SampledFunction
 
 Array = NDArray[np.float64]
 
@@ -27,19 +27,18 @@ class ObjectiveDerivatives:
     def value(self, z: Array) -> float:
         """The criterion at z (k,); not a number or minus infinity where M is singular."""
         states = self._states(z)
-        entries = np.array(self._entries(states)).sum(axis=1) / self.objective.samples
+        entries = self._entries(states)[:, 0].sum(axis=-1) / self.objective.samples
         return float(self.objective.score(entries)[0])
 
     def second_order(self, z: Array) -> tuple[Array, Array]:
         """Gradient (k,) and Hessian (k, k) at z (k,)."""
         objective, states = self.objective, self._states(z)
         count = objective.samples
-        entries = np.array(self._entries(states)).sum(axis=1) / count
+        entries = self._entries(states)[:, 0].sum(axis=-1) / count
         _, weight, score_hessian = (np.array(part) for part in objective.score(entries))
-        slopes = np.array(self._slopes(states)).reshape(len(entries), len(states), count, order="F") / count
-        curvature = np.array(self._curvature(states, np.repeat(weight / count, count, axis=1)))
-        jacobian = self._jacobian(slopes)
-        curved = self._state_hessian(curvature.reshape(len(states), len(states), count, order="F").transpose(2, 0, 1))
+        jacobian = self._jacobian(self._slopes(states) / count)
+        curvature = self._curvature(states, np.repeat(weight / count, count, axis=1))
+        curved = self._state_hessian(curvature.transpose(2, 0, 1))
         return jacobian.T @ weight[:, 0], curved + jacobian.T @ score_hessian @ jacobian
 
     # --------------------------------------------------------------------------------------------- parts
@@ -81,13 +80,13 @@ class ObjectiveDerivatives:
         return total
 
     @cached_property
-    def _entries(self) -> Any:
-        return self.objective.sample[0].map(self.objective.samples)
+    def _entries(self) -> SampledFunction:
+        return SampledFunction(self.objective.sample[0], self.objective.samples)
 
     @cached_property
-    def _slopes(self) -> Any:
-        return self.objective.sample[1].map(self.objective.samples)
+    def _slopes(self) -> SampledFunction:
+        return SampledFunction(self.objective.sample[1], self.objective.samples)
 
     @cached_property
-    def _curvature(self) -> Any:
-        return self.objective.sample[2].map(self.objective.samples)
+    def _curvature(self) -> SampledFunction:
+        return SampledFunction(self.objective.sample[2], self.objective.samples)

@@ -15,9 +15,15 @@ from modeling.identifiability import SINGULAR_VALUE_TOLERANCE, ScaledSVD
 
 Array = NDArray[np.float64]
 
-STEP_TOLERANCE = 1e-6
-"""Decrease of chi-square below which a refit has converged: a thousandth of a std from its minimum."""
+STEP_TOLERANCE = 1e-4
+"""Decrease of chi-square below which a refit has converged: a hundredth of a std, or less, from its minimum."""
 MAX_STEPS = 40
+FIRST_DAMPING, LEAST_DAMPING, GREATEST_DAMPING = 1e-6, 1e-9, 1e6
+"""After the first step without gain; below which there is none; above which no step gains."""
+DAMPING_DECREASE = 0.1
+"""Factor of the damping after a step that gained what the linear model predicts."""
+NEGLIGIBLE_CHANGE = 1e-6
+"""Predicted decrease of chi-square of a step that need not be evaluated."""
 NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
@@ -56,20 +62,22 @@ def levenberg_marquardt(
 ) -> LeastSquaresMinimum:
     """The least-squares minimum within bounds; `information(theta)` is that of the rows at theta, for a step from it.
 
-    Gauss-Newton steps with Levenberg's damping on columns of unit norm, clipped to the bounds. A linear model takes one
-    step, and a second one that refines it with the residual in the data. A step that gains nothing by the linear model
-    of the rows (relative offset: Bates and Watts, Technometrics 23, 1981) and moves no parameter by more than
-    `NEGLIGIBLE_STEP` is the last, without evaluating the rows there.
+    Gauss-Newton steps with Levenberg's damping on columns of unit norm, each the minimiser of the damped linear model
+    within the bounds. The damping follows the ratio of the gain in chi-square to the gain that the linear model
+    predicts (`_Damping`). A linear model takes one step, and a second one that refines it with the residual in the
+    data. A step that gains nothing by the linear model of the rows (relative offset: Bates and Watts, Technometrics 23,
+    1981) and moves no parameter by more than `NEGLIGIBLE_STEP` is the last, without evaluating the rows there.
     A trial without a prediction (a spring too soft to carry its tool) counts as a step without gain.
     A caller that only tests whether the chi-square falls below some value gives a limit `far` above it: there the
     iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the chi-square.
     """
-    theta, damping = np.clip(start, *bounds), 0.0
+    theta, damping = np.clip(start, *bounds), _Damping()
     here = information(theta)
     for _ in range(MAX_STEPS):
-        trial = np.clip(theta + levenberg_marquardt_step(here, theta, bounds, damping), *bounds)
+        trial = np.clip(theta + levenberg_marquardt_step(here, theta, bounds, damping.strength), *bounds)
         predicted = here.shifted(trial - theta)
-        if not damping and abs(here.cost - predicted.cost) < STEP_TOLERANCE and _is_negligible_step(theta, trial):
+        expected = here.cost - predicted.cost
+        if not damping.strength and abs(expected) < NEGLIGIBLE_CHANGE and _is_negligible_step(theta, trial):
             return LeastSquaresMinimum.at(trial, predicted, True)
         there = _information_or_none(information, trial)
         gain = -np.inf if there is None else here.cost - there.cost
@@ -77,13 +85,32 @@ def levenberg_marquardt(
             theta, here = trial, there
             if here.cost > far and gain < SLOW_PROGRESS_SHARE * here.cost:
                 return LeastSquaresMinimum.at(theta, here, False)
-            damping = damping / 10 if damping > 1e-9 else 0.0
-        else:
-            damping = max(10 * damping, 1e-6)
+        damping = damping.after(gain, expected)
         # With very many rows the rounding of the chi-square itself exceeds the tolerance.
-        if abs(gain) < STEP_TOLERANCE + 4 * EPS * here.cost or damping > 1e6:
+        if abs(gain) < STEP_TOLERANCE + 4 * EPS * here.cost or damping.strength > GREATEST_DAMPING:
             return LeastSquaresMinimum.at(theta, here, True)
     return LeastSquaresMinimum.at(theta, here, False)
+
+
+@dataclass(frozen=True)
+class _Damping:
+    """Levenberg's damping by the gain ratio (Nielsen, report IMM-REP-1999-05, Technical University of Denmark).
+
+    A step that gained what was predicted lowers it by `DAMPING_DECREASE`, one that gained half of it leaves it, and
+    failures in a row raise it by 2, 4, 8, ..: a fixed factor up and down would make every second step of a curved
+    valley a failure.
+    """
+
+    strength: float = 0.0
+    growth: float = 2.0
+
+    def after(self, gain: float, expected: float) -> _Damping:
+        """After a step of this gain in chi-square, where the linear model predicted another."""
+        if gain <= 0:
+            return _Damping(self.growth * self.strength or FIRST_DAMPING, 2 * self.growth)
+        ratio = gain / expected if expected > 0 else 1.0
+        lowered = self.strength * max(DAMPING_DECREASE, 1 - (2 * ratio - 1) ** 3)
+        return _Damping(lowered if lowered > LEAST_DAMPING else 0.0)
 
 
 def _is_negligible_step(theta: Array, trial: Array) -> bool:
@@ -104,11 +131,30 @@ def _information_or_none(
 def levenberg_marquardt_step(
     here: SquareRootInformation, theta: Array, bounds: tuple[Array, Array], damping: float
 ) -> Array:
-    """A Levenberg step with parameters at active bounds held fixed, zero along unidentifiable directions."""
+    """The minimiser (k,) of the damped linear model within bounds, zero along unidentifiable directions."""
     gradient = here.root.T @ here.target
     free = ~(((theta <= bounds[0]) & (gradient < 0)) | ((theta >= bounds[1]) & (gradient > 0)))
     part = here.restricted(free)
     step = np.zeros_like(theta)
     damped = part.damped(np.sqrt(damping)) if damping else part
     step[free] = least_squares_solution(damped, rounding=SINGULAR_VALUE_TOLERANCE, faint=NEGLIGIBLE_COLUMN_LENGTH)
-    return step
+    low, high = (bound - theta for bound in bounds)
+    if np.all((low <= step) & (step <= high)):
+        return step
+    return _step_within(here.damped(max(np.sqrt(damping), SINGULAR_VALUE_TOLERANCE)), low, high)
+
+
+def _step_within(model: SquareRootInformation, low: Array, high: Array) -> Array:
+    """The minimiser (k,) of |R x - z| within low <= x <= high by bounded-variable least squares; R of full rank.
+
+    A step to the minimum without bounds that is then clipped to them may go uphill where parameters are correlated.
+    """
+    from scipy.optimize import lsq_linear  # slow to import and rarely needed
+
+    lengths = np.linalg.norm(model.root, axis=0)
+    moved = (lengths > NEGLIGIBLE_COLUMN_LENGTH) & (high > low)
+    unit = lengths[moved]
+    within = (low[moved] * unit, high[moved] * unit)
+    step = np.zeros_like(low)
+    step[moved] = lsq_linear(model.root[:, moved] / unit, model.target, within, method="bvls").x / unit
+    return np.clip(step, low, high)

@@ -1,0 +1,112 @@
+"""Levenberg-Marquardt: conditions of optimality within bounds, curved valleys, starts without a prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from estimation.least_squares.levenberg_marquardt import levenberg_marquardt, levenberg_marquardt_step
+from estimation.least_squares.square_root_information import SquareRootInformation
+from modeling.errors import InputError
+
+Array = NDArray[np.float64]
+Rows = Callable[[Array], tuple[Array, Array]]
+
+
+class Counted:
+    """Information of rows (residual, derivative of the prediction) at theta, and the chi-square of each evaluation."""
+
+    def __init__(self, rows: Rows) -> None:
+        self.rows = rows
+        self.costs: list[float] = []
+
+    def __call__(self, theta: Array) -> SquareRootInformation:
+        residual, derivative = self.rows(theta)
+        self.costs.append(float(residual @ residual))
+        return SquareRootInformation.of(derivative, residual)
+
+
+def valley(steepness: float) -> Rows:
+    """A curved valley along y = x², with its minimum at (1, 1): Rosenbrock's function for a steepness of 10."""
+
+    def rows(theta: Array) -> tuple[Array, Array]:
+        x, y = theta
+        residual = np.array([steepness * (x * x - y), 1 - x])
+        return residual, np.array([[-2 * steepness * x, steepness], [1.0, 0.0]])
+
+    return rows
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 10_000), size=st.integers(2, 12))
+def test_the_linear_minimum_within_bounds_takes_two_steps(seed: int, size: int) -> None:
+    """Karush-Kuhn-Tucker: the gradient vanishes between the bounds, and at a bound it points outwards.
+
+    Columns are correlated by up to 0.999, where a step clipped to the bounds often goes uphill.
+    """
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((40, size)) + rng.choice([1.0, 10.0]) * rng.standard_normal((40, 1))
+    target = columns @ rng.standard_normal(size) + 0.1 * rng.standard_normal(40)
+    low = -rng.exponential(0.5, size)
+    bounds = (low, low + rng.exponential(1.0, size) + 1e-3)
+    information = Counted(lambda theta: (target - columns @ theta, columns))
+    found = levenberg_marquardt(information, rng.uniform(*bounds), bounds)
+    assert found.converged
+    assert len(information.costs) <= 3
+    gradient = columns.T @ (target - columns @ found.theta) / np.linalg.norm(columns, axis=0)
+    at_low, at_high = found.theta <= bounds[0] + 1e-12, found.theta >= bounds[1] - 1e-12
+    tolerance = 1e-8 * np.linalg.norm(target)
+    assert (np.abs(gradient[~at_low & ~at_high]) < tolerance).all()
+    assert (gradient[at_low] < tolerance).all()
+    assert (gradient[at_high] > -tolerance).all()
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_no_step_leaves_the_bounds_or_goes_uphill_by_the_linear_model(seed: int) -> None:
+    """Also of columns without full rank, and with damping."""
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((30, 6))
+    columns[:, 3] = columns[:, 0] - 2 * columns[:, 1]
+    columns[:, 4] *= rng.choice([0.0, 1e-8, 1.0])
+    here = SquareRootInformation.of(columns, rng.standard_normal(30))
+    bounds = (-rng.exponential(0.05, 6), rng.exponential(0.05, 6))
+    step = levenberg_marquardt_step(here, np.zeros(6), bounds, float(rng.choice([0.0, 1e-4, 1.0])))
+    assert (bounds[0] <= step).all()
+    assert (step <= bounds[1]).all()
+    assert here.shifted(step).cost <= here.cost
+
+
+@pytest.mark.parametrize("steepness", [1.0, 3.0, 10.0])
+def test_a_curved_valley_is_followed_to_its_end(steepness: float) -> None:
+    """To a hundredth of a std, which is 1 of x and 2 of y."""
+    information = Counted(valley(steepness))
+    found = levenberg_marquardt(information, np.array([-1.2, 1.0]), (np.full(2, -np.inf), np.full(2, np.inf)))
+    assert found.converged
+    np.testing.assert_allclose(found.theta, 1, atol=0.01)
+
+
+def test_a_bound_across_the_valley_is_where_it_ends() -> None:
+    """Of x <= 0.5 the minimum is (0.5, 0.25): y follows x, and the slope in x points outwards."""
+    bounds = (np.array([-2.0, -2.0]), np.array([0.5, 2.0]))
+    found = levenberg_marquardt(Counted(valley(10.0)), np.array([-1.2, 1.0]), bounds)
+    assert found.converged
+    np.testing.assert_allclose(found.theta, [0.5, 0.25], atol=1e-6)
+
+
+def test_a_trial_without_a_prediction_counts_as_one_without_gain() -> None:
+    """1 / x = 4 from x = 0.45, and nothing is predicted below 0.2, where the first step ends."""
+
+    def rows(theta: Array) -> tuple[Array, Array]:
+        if theta[0] < 0.2:
+            raise InputError(what="no prediction", where="x < 0.2", remedy="none")
+        return 4 - 1 / theta, (-1 / theta**2)[:, None]
+
+    found = levenberg_marquardt(Counted(rows), np.array([0.45]), (np.array([-np.inf]), np.array([np.inf])))
+    assert found.converged
+    assert found.theta[0] == pytest.approx(0.25, rel=1e-4)
