@@ -28,8 +28,8 @@ class SampledFunction:
         taken = [np.ravel(argument, order="F") for argument in arguments]
         found = np.empty(self._mapped.nnz_out(0))
         for number, numbers in enumerate(taken):
-            buffer.set_arg(number, memoryview(numbers))
-        buffer.set_res(0, memoryview(found))
+            buffer.set_arg(number, numbers.data)
+        buffer.set_res(0, found.data)
         evaluate()
         return found.reshape(*self.function.size_out(0), self.samples, order="F")
 

@@ -121,8 +121,15 @@ def _derived(recording: Recording) -> list[str]:
 
 
 def _with_columns(recording: Recording, factors: Mapping[str, float]) -> Recording:
+    """The recording with columns times factors, and with the derivatives known of them; phi is unwrapped before."""
     columns = {name: column * factors.get(name, 1.0) for name, column in recording.columns.items()}
-    return replace(recording, columns=columns)
+    other = replace(recording, columns=columns)
+    for key, known in recording.derivatives.items():
+        if "phi" not in key:
+            scale = np.array([factors.get(name, 1.0) for name in key])
+            value, first, second = (part * scale for part in (known.value, known.first, known.second))
+            other.derivatives[key] = replace(known, value=value, first=first, second=second, spline=None)
+    return other
 
 
 def _reading(

@@ -12,11 +12,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.recordings.derivatives.recent_derivatives import RecentDerivatives
 from estimation.recordings.derivatives.sample_hold import TrueSamples
 from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
+
+RECENT = RecentDerivatives()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,12 +67,23 @@ def fourier_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -
 def spline_derivatives(run: Array, dt: float, true: TrueSamples | None = None) -> Derivatives:
     """One run (N, k), sampled every dt s, as smoothing splines; of its `true` samples alone where values are held.
 
-    Smoothness and the noise of the samples are those of the largest likelihood, the same for all columns.
+    Smoothness and the noise of the samples are those of the largest likelihood, the same for all columns. They do not
+    depend on the unit of time: a series is smoothed with samples one apart, and only once (`RecentDerivatives`).
     """
-    times = np.arange(len(run)) * np.float64(dt)
-    spline = SmoothingSpline.of(times, run) if true is None else SmoothingSpline.of(true.instants, run[true.rows])
-    found = derivatives_of_spline(spline, times)
-    return replace(found, score=_bayesian_information_criterion(run - found.value, spline.freedom))
+    run = np.asarray(run, dtype=np.float64)
+    every = np.arange(len(run))
+    rows = every if true is None else true.rows
+    places = every.astype(np.float64) if true is None else true.instants / dt
+    found, spline = RECENT.get((rows, places, run), lambda: _smoothed(rows, places, run))
+    first, second = found.first / dt, found.second / dt**2
+    return replace(found, first=first, second=second, spline=spline.with_samples_every(dt))
+
+
+def _smoothed(rows: NDArray[np.intp], places: Array, run: Array) -> tuple[Derivatives, SmoothingSpline]:
+    """Derivatives per row and row² of a run (N, k), by a smoothing spline through some rows, true at places in rows."""
+    spline = SmoothingSpline.of(places, run[rows])
+    found = derivatives_of_spline(spline, np.arange(len(run), dtype=np.float64))
+    return replace(found, score=_bayesian_information_criterion(run - found.value, spline.freedom)), spline
 
 
 def derivatives_of_spline(spline: SmoothingSpline, times: Array) -> Derivatives:

@@ -141,6 +141,10 @@ class SmoothingSpline:
             spline = spline.derivative()
         return spline((times - self.start) * self.scale) * self.scale**order
 
+    def with_samples_every(self, step: float) -> Self:
+        """The same spline of samples `step` s apart that are taken to be one second apart here."""
+        return replace(self, scale=self.scale / step, start=self.start * step)
+
     def drawn(self, rng: np.random.Generator) -> Self:
         """A spline at random from what the samples leave open.
 
