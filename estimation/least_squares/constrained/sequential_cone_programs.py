@@ -11,12 +11,14 @@ from estimation.least_squares.constrained.kkt_conditions import KKTConditions, s
 from estimation.least_squares.constrained.null_space_step import NullSpaceStep
 from estimation.least_squares.constrained.quadratic_model import LeastSquaresProblem, QuadraticModel
 from estimation.least_squares.constraints.feasible_region import FeasibleRegion
-from estimation.least_squares.levenberg_marquardt import MAX_STEPS, STEP_TOLERANCE
+from estimation.least_squares.levenberg_marquardt import MAX_STEPS
 from modeling.errors import TruewrenchError
 
 Array = NDArray[np.float64]
 
 MAX_NEWTON_STEPS = 20
+LEAST_DECREASE = 1e-6
+"""Of chi-square: where steps gain less, the point is as near to the conditions as they bring it."""
 
 
 def sequential_cone_programs(problem: LeastSquaresProblem, region: FeasibleRegion, start: Array) -> KKTConditions:
@@ -38,7 +40,7 @@ def sequential_cone_programs(problem: LeastSquaresProblem, region: FeasibleRegio
             cost = active_set.local.cost + region.added(solution.theta)
             if cost < merit:
                 found = newton_polished(problem, active_set)
-                if found.met or merit - cost < STEP_TOLERANCE:
+                if found.met or merit - cost < LEAST_DECREASE:
                     break
                 local, merit, damping = active_set.local, cost, damping / 10 if damping > 1e-9 else 0.0
                 continue
