@@ -61,8 +61,8 @@ $(STAMP): pyproject.toml constraints.txt
 	  done; \
 	  "$$python" -m venv --clear .venv; \
 	fi
-	@$(PIP) uv setuptools
-	@$(UV) --no-build-isolation -e '.[development]' \
-	  || { echo "uv found no way to the packages; pip, which may know of a mirror, tries" >&2; \
+	@$(PIP) setuptools
+	@{ $(PIP) uv && $(UV) --no-build-isolation -e '.[development]'; } \
+	  || { echo "uv could not install the packages; pip tries" >&2; \
 	       $(PIP) --no-build-isolation -e '.[development]'; }
 	@touch $@

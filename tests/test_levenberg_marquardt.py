@@ -99,6 +99,31 @@ def test_a_bound_across_the_valley_is_where_it_ends() -> None:
     np.testing.assert_allclose(found.theta, [0.5, 0.25], atol=1e-6)
 
 
+@pytest.mark.parametrize("difference", [0.0, 1e-11])
+def test_what_is_not_seen_stays_where_it_is_beside_an_active_bound(difference: float) -> None:
+    """Of two equal columns only the sum is known: both take half of it, whatever the bounds of another parameter."""
+    rng = np.random.default_rng(3)
+    columns = rng.standard_normal((50, 4))
+    columns[:, 1] = columns[:, 0] + difference * columns[:, 3]
+    bounds = (np.array([-np.inf, -np.inf, -0.1, -np.inf]), np.array([np.inf, np.inf, 0.1, np.inf]))
+    target = columns @ [0.5, 0.5, 2.0, 1.0]
+    found = levenberg_marquardt(Counted(lambda theta: (target - columns @ theta, columns)), np.zeros(4), bounds)
+    assert found.theta[2] == 0.1
+    assert found.theta[0] == pytest.approx(found.theta[1], abs=1e-6)
+    assert 0.2 < found.theta[0] < 1.0
+
+
+def test_a_trial_that_is_no_number_counts_as_one_without_gain() -> None:
+    """4 = ln x from x = 200, where the first steps end below zero."""
+
+    def rows(theta: Array) -> tuple[Array, Array]:
+        return 4 - np.log(np.where(theta > 0, theta, np.nan)), (1 / theta)[:, None]
+
+    found = levenberg_marquardt(Counted(rows), np.array([200.0]), (np.array([-np.inf]), np.array([np.inf])))
+    assert found.converged
+    assert found.theta[0] == pytest.approx(np.exp(4), rel=0.02)
+
+
 def test_a_trial_without_a_prediction_counts_as_one_without_gain() -> None:
     """1 / x = 4 from x = 0.45, and nothing is predicted below 0.2, where the first step ends."""
 

@@ -25,7 +25,7 @@ class SampledFunction:
     def __call__(self, *arguments: Array) -> Array:
         """The results (r, c, samples) at the columns of each argument (.., samples)."""
         buffer, evaluate = self._mapped.buffer()
-        taken = [np.ravel(argument, order="F") for argument in arguments]
+        taken = [np.ravel(np.asarray(argument, dtype=np.float64), order="F") for argument in arguments]
         found = np.empty(self._mapped.nnz_out(0))
         for number, numbers in enumerate(taken):
             buffer.set_arg(number, numbers.data)

@@ -16,14 +16,15 @@ from modeling.identifiability import SINGULAR_VALUE_TOLERANCE, ScaledSVD
 Array = NDArray[np.float64]
 
 STEP_TOLERANCE = 1e-4
-"""Decrease of chi-square below which a refit has converged: a hundredth of a std, or less, from its minimum."""
+"""Decrease of chi-square by an undamped step below which a refit has converged: a hundredth of a std, or less, from its
+minimum, as the next such step would gain less."""
 MAX_STEPS = 40
 FIRST_DAMPING, LEAST_DAMPING, GREATEST_DAMPING = 1e-6, 1e-9, 1e6
 """After the first step without gain; below which there is none; above which no step gains."""
 DAMPING_DECREASE = 0.1
 """Factor of the damping after a step that gained what the linear model predicts."""
 NEGLIGIBLE_CHANGE = 1e-6
-"""Predicted decrease of chi-square of a step that need not be evaluated."""
+"""Of chi-square: predicted of a step that need not be evaluated, or found after one that was damped."""
 NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
@@ -85,9 +86,11 @@ def levenberg_marquardt(
             theta, here = trial, there
             if here.cost > far and gain < SLOW_PROGRESS_SHARE * here.cost:
                 return LeastSquaresMinimum.at(theta, here, False)
+        settled = 0 < gain < STEP_TOLERANCE and not damping.strength
         damping = damping.after(gain, expected)
         # With very many rows the rounding of the chi-square itself exceeds the tolerance.
-        if abs(gain) < STEP_TOLERANCE + 4 * EPS * here.cost or damping.strength > GREATEST_DAMPING:
+        settled |= abs(gain) < NEGLIGIBLE_CHANGE + 4 * EPS * here.cost
+        if settled or damping.strength > GREATEST_DAMPING:
             return LeastSquaresMinimum.at(theta, here, True)
     return LeastSquaresMinimum.at(theta, here, False)
 
@@ -97,8 +100,8 @@ class _Damping:
     """Levenberg's damping by the gain ratio (Nielsen, report IMM-REP-1999-05, Technical University of Denmark).
 
     A step that gained what was predicted lowers it by `DAMPING_DECREASE`, one that gained half of it leaves it, and
-    failures in a row raise it by 2, 4, 8, ..: a fixed factor up and down would make every second step of a curved
-    valley a failure.
+    failures in a row raise it by 2, 4, 8, ..: with a fixed factor up and down, up to every second step along a curved
+    valley fails.
     """
 
     strength: float = 0.0
@@ -106,7 +109,7 @@ class _Damping:
 
     def after(self, gain: float, expected: float) -> _Damping:
         """After a step of this gain in chi-square, where the linear model predicted another."""
-        if gain <= 0:
+        if not gain > 0:
             return _Damping(self.growth * self.strength or FIRST_DAMPING, 2 * self.growth)
         ratio = gain / expected if expected > 0 else 1.0
         lowered = self.strength * max(DAMPING_DECREASE, 1 - (2 * ratio - 1) ** 3)
@@ -121,11 +124,12 @@ def _is_negligible_step(theta: Array, trial: Array) -> bool:
 def _information_or_none(
     information: Callable[[Array], SquareRootInformation], trial: Array
 ) -> SquareRootInformation | None:
-    """The information at a trial, None where the model has no prediction."""
+    """The information at a trial, None where the model has no prediction, or none that is a number."""
     try:
-        return information(trial)
-    except InputError:
+        found = information(trial)
+    except (InputError, np.linalg.LinAlgError):
         return None
+    return found if np.isfinite(found.cost) else None
 
 
 def levenberg_marquardt_step(
@@ -138,23 +142,30 @@ def levenberg_marquardt_step(
     step = np.zeros_like(theta)
     damped = part.damped(np.sqrt(damping)) if damping else part
     step[free] = least_squares_solution(damped, rounding=SINGULAR_VALUE_TOLERANCE, faint=NEGLIGIBLE_COLUMN_LENGTH)
-    low, high = (bound - theta for bound in bounds)
+    low, high = (np.where(theta == bound, 0.0, bound - theta) for bound in bounds)
     if np.all((low <= step) & (step <= high)):
         return step
-    return _step_within(here.damped(max(np.sqrt(damping), SINGULAR_VALUE_TOLERANCE)), low, high)
+    lengths = np.linalg.norm(here.root, axis=0)
+    moved = np.flatnonzero((lengths > NEGLIGIBLE_COLUMN_LENGTH) & (high > low))
+    step = np.zeros_like(theta)
+    damped = here.damped(np.sqrt(damping)) if damping else here
+    unit = lengths[moved]
+    step[moved] = _bounded_minimum(damped.root[:, moved] / unit, damped.target, low[moved] * unit, high[moved] * unit)
+    step[moved] /= unit
+    return np.clip(step, low, high)
 
 
-def _step_within(model: SquareRootInformation, low: Array, high: Array) -> Array:
-    """The minimiser (k,) of |R x - z| within low <= x <= high by bounded-variable least squares; R of full rank.
+def _bounded_minimum(rows: Array, target: Array, low: Array, high: Array) -> Array:
+    """The minimiser (k,) of |R x - z| within low <= x <= high, by bounded-variable least squares; columns of unit norm.
 
     A step to the minimum without bounds that is then clipped to them may go uphill where parameters are correlated.
+    Along directions without information it is zero as far as the bounds allow.
     """
+    if not len(low):
+        return low
     from scipy.optimize import lsq_linear  # slow to import and rarely needed
 
-    lengths = np.linalg.norm(model.root, axis=0)
-    moved = (lengths > NEGLIGIBLE_COLUMN_LENGTH) & (high > low)
-    unit = lengths[moved]
-    within = (low[moved] * unit, high[moved] * unit)
-    step = np.zeros_like(low)
-    step[moved] = lsq_linear(model.root[:, moved] / unit, model.target, within, method="bvls").x / unit
-    return np.clip(step, low, high)
+    left, sizes, right = np.linalg.svd(rows, full_matrices=False)
+    seen = sizes > SINGULAR_VALUE_TOLERANCE * sizes[0]
+    scaled, target = np.where(seen, sizes, 1.0)[:, None] * right, np.where(seen, left.T @ target, 0.0)
+    return np.asarray(lsq_linear(scaled, target, (low, high), method="bvls").x)

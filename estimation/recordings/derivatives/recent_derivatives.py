@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 
 KEPT_BYTES = 64_000_000
-"""Of all that is kept, by this process: two dozen motions of ten minutes at 100 Hz."""
+"""Of all that is kept, by this process: about ten motions with position of ten minutes at 100 Hz."""
 
 
 class RecentDerivatives:
@@ -42,8 +42,10 @@ class RecentDerivatives:
                 self._kept.move_to_end(key)
                 return known
         found = derive()
-        for array in (found[0].value, found[1].spline.coefficients, found[1].factor):
+        for array in (found[0].value, found[0].score, found[1].spline.coefficients, found[1].factor):
             array.flags.writeable = False  # others get the same ones
+        if _bytes(found) > self.limit:  # it would drive out all others
+            return found
         with self._lock:
             self._kept[key] = found
             while self.size > self.limit:
