@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import estimation.recordings.derivatives.differentiation as differentiation
-from estimation.recordings.derivatives.differentiation import spline_derivatives
+from estimation.recordings.derivatives.differentiation import Derivatives, spline_derivatives
 from estimation.recordings.derivatives.recent_derivatives import RecentDerivatives
 from estimation.recordings.derivatives.sample_hold import TrueSamples
 
@@ -22,7 +22,7 @@ class Counted:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, limit: int = 10_000_000) -> None:
         self.count, derive = 0, differentiation._smoothed
-        self.kept = RecentDerivatives(limit)
+        self.kept: RecentDerivatives[Derivatives] = RecentDerivatives(limit)
 
         def smoothed(*arguments: Any) -> Any:
             self.count += 1

@@ -19,8 +19,6 @@ from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
-RECENT = RecentDerivatives()
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Derivatives:
@@ -36,6 +34,9 @@ class Derivatives:
     second: Array
     score: Array
     spline: SmoothingSpline | None = None
+
+
+RECENT: RecentDerivatives[Derivatives] = RecentDerivatives()
 
 
 def fourier_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:
