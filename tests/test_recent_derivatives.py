@@ -9,9 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 import estimation.recordings.derivatives.differentiation as differentiation
-from estimation.recordings.derivatives.differentiation import Derivatives, spline_derivatives
+from estimation.recordings.derivatives.differentiation import spline_derivatives
 from estimation.recordings.derivatives.recent_derivatives import RecentDerivatives
 from estimation.recordings.derivatives.sample_hold import TrueSamples
+from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 
 Array = NDArray[np.float64]
 SAMPLES = 300
@@ -22,7 +23,7 @@ class Counted:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, limit: int = 10_000_000) -> None:
         self.count, derive = 0, differentiation._smoothed
-        self.kept: RecentDerivatives[Derivatives] = RecentDerivatives(limit)
+        self.kept = RecentDerivatives(limit)
 
         def smoothed(*arguments: Any) -> Any:
             self.count += 1
@@ -59,6 +60,11 @@ def test_the_unit_of_time_scales_what_is_kept(monkeypatch: pytest.MonkeyPatch) -
     assert slow.spline.end == pytest.approx(0.02 * (SAMPLES - 1))
     times: Array = np.linspace(0.0, 0.02 * (SAMPLES - 1), SAMPLES)
     np.testing.assert_allclose(slow.spline.derivative(times, 1), slow.first, rtol=1e-6, atol=1e-9)
+    by_differences = np.gradient(slow.value, 0.02, axis=0)[1:-1]  # per s, to the third derivative's part
+    np.testing.assert_allclose(slow.first[1:-1], by_differences, atol=3e-3 * np.abs(slow.first).max())
+    anew = SmoothingSpline.of(times, series(1))
+    assert slow.spline.noise_std == pytest.approx(anew.noise_std, rel=0.05)  # rounding moves the flat optimum a little
+    np.testing.assert_allclose(slow.spline.std(times, 2), anew.std(times, 2), rtol=0.2)
 
 
 def test_every_difference_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,8 +19,8 @@ from modeling.table import Column, Table, Tabular, Value
 if TYPE_CHECKING:
     import pandas as pd
 
-    from estimation.recordings.derivatives.differentiation import Derivatives
     from estimation.recordings.derivatives.sample_hold import TrueSamples
+    from estimation.recordings.derivatives.series_derivatives import Derivatives
     from estimation.recordings.reports.reading_report import ReadingReport
     from modeling.kinematics.arm import Arm
 
@@ -252,11 +252,11 @@ class Recording(Tabular):
 
     def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
         from estimation.recordings.derivatives.differentiation import (  # slow to import
-            Derivatives,
             fourier_derivatives,
             fourier_or_spline_derivatives,
             spline_derivatives,
         )
+        from estimation.recordings.derivatives.series_derivatives import Derivatives
 
         series = self._rebuilt(series, names)
         true = self.true_samples(names) if names else None

@@ -6,7 +6,7 @@ spline where the likelihood puts it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,29 +14,13 @@ from numpy.typing import NDArray
 
 from estimation.recordings.derivatives.recent_derivatives import RecentDerivatives
 from estimation.recordings.derivatives.sample_hold import TrueSamples
+from estimation.recordings.derivatives.series_derivatives import Derivatives
 from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Derivatives:
-    """A series and its first two derivatives in time, each (N, k), per s and per s².
-
-    `score` (k,) is the Bayesian information criterion n ln RSS + p ln n of the fit, by which two fits to the same
-    series are compared. `spline` is the smoothing spline that they come from, None for a Fourier series and static
-    poses.
-    """
-
-    value: Array
-    first: Array
-    second: Array
-    score: Array
-    spline: SmoothingSpline | None = None
-
-
-RECENT: RecentDerivatives[Derivatives] = RecentDerivatives()
+RECENT = RecentDerivatives()
 
 
 def fourier_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:

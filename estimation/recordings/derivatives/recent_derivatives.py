@@ -6,36 +6,19 @@ import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
 from threading import Lock
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.recordings.derivatives.series_derivatives import Derivatives
 from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
-
-Array = NDArray[np.float64]
-
-
-class SampledDerivatives(Protocol):
-    """A series and its derivatives, each (n, k), and the score (k,) of their fit."""
-
-    @property
-    def value(self) -> Array: ...
-    @property
-    def first(self) -> Array: ...
-    @property
-    def second(self) -> Array: ...
-    @property
-    def score(self) -> Array: ...
-
-
-Found = TypeVar("Found", bound=SampledDerivatives)
 
 KEPT_BYTES = 64_000_000
 """Of all that is kept, by this process: about ten motions with position of ten minutes at 100 Hz."""
 
 
-class RecentDerivatives(Generic[Found]):
+class RecentDerivatives:
     """Derivatives by the content of what they come from; the ones not used for longest go first.
 
     A recording is copied with another rig, other readings or a report, and reading reports and the evidence of frames
@@ -44,12 +27,12 @@ class RecentDerivatives(Generic[Found]):
 
     def __init__(self, limit: int = KEPT_BYTES) -> None:
         self.limit = limit
-        self._kept: OrderedDict[bytes, tuple[Found, SmoothingSpline]] = OrderedDict()
+        self._kept: OrderedDict[bytes, tuple[Derivatives, SmoothingSpline]] = OrderedDict()
         self._lock = Lock()
 
     def get(
-        self, source: tuple[NDArray[Any], ...], derive: Callable[[], tuple[Found, SmoothingSpline]]
-    ) -> tuple[Found, SmoothingSpline]:
+        self, source: tuple[NDArray[Any], ...], derive: Callable[[], tuple[Derivatives, SmoothingSpline]]
+    ) -> tuple[Derivatives, SmoothingSpline]:
         """Derivatives and their spline that follow from the arrays `source`, by `derive` where they are not kept."""
         key = _digest(source)
         with self._lock:
@@ -82,7 +65,7 @@ def _digest(arrays: tuple[NDArray[Any], ...]) -> bytes:
     return digest.digest()
 
 
-def _bytes(kept: tuple[SampledDerivatives, SmoothingSpline]) -> int:
+def _bytes(kept: tuple[Derivatives, SmoothingSpline]) -> int:
     found, spline = kept
     arrays = (found.value, found.first, found.second, spline.spline.coefficients, spline.factor)
     return sum(array.nbytes for array in arrays)

@@ -1,0 +1,28 @@
+"""A sampled series with its first two derivatives in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Derivatives:
+    """A series and its first two derivatives in time, each (N, k), per s and per s².
+
+    `score` (k,) is the Bayesian information criterion n ln RSS + p ln n of the fit, by which two fits to the same
+    series are compared. `spline` is the smoothing spline that they come from, None for a Fourier series and static
+    poses.
+    """
+
+    value: Array
+    first: Array
+    second: Array
+    score: Array
+    spline: SmoothingSpline | None = None
