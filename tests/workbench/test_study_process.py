@@ -5,13 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 
-DROPPED = """
+BEGINNING = """
 import os, signal, time
-from truewrench.workbench import study_process
-from truewrench.workbench.study_process import Cancelled, _answer, _cancellable
-
-study_process.AGAIN = 0.2
-
+from truewrench.workbench.study_process import AGAIN, Cancelled, _answer, _cancellable
+"""
+DROPPED = """
 class Finalised:
     def __del__(self):
         os.kill(os.getpid(), signal.SIGUSR1)
@@ -26,12 +24,33 @@ class Actions:
 
 busy = _cancellable()
 assert isinstance(_answer(Actions(), {}, busy), Cancelled)
-time.sleep(0.5)  # nothing is under way: no signal comes any more
+time.sleep(3 * AGAIN)  # nothing is under way: no signal comes any more
 print("cancelled")
+"""
+CLEANED_UP = """
+class Actions:
+    def answer(self, request):
+        try:
+            os.kill(os.getpid(), signal.SIGUSR1)
+            time.sleep(30)
+        finally:
+            time.sleep(3 * AGAIN)
+            print("cleaned up")
+
+assert isinstance(_answer(Actions(), {}, _cancellable()), Cancelled)
 """
 
 
 def test_a_cancellation_that_python_drops_is_made_again() -> None:
-    found = subprocess.run([sys.executable, "-c", DROPPED], capture_output=True, text=True, timeout=60, check=True)
+    found = _run(DROPPED)
     assert "Exception ignored" in found.stderr  # the first was dropped
     assert found.stdout.strip() == "cancelled"
+
+
+def test_what_cleans_up_after_a_cancellation_is_let_finish() -> None:
+    assert _run(CLEANED_UP).stdout.strip() == "cleaned up"
+
+
+def _run(program: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", BEGINNING + program]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)

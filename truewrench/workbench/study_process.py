@@ -21,9 +21,9 @@ GRACE = 5.0
 """Seconds after which a process that does not stop is ended."""
 LEAST_MEMORY = 4 << 30
 """Bytes of addresses that a process may have on any machine: libraries reserve more than they use."""
-AGAIN = 2.0
+AGAIN = 0.1
 """Seconds after which what was cancelled and goes on is cancelled again: Python drops exceptions within finalisers, and
-in what runs about a fork."""
+in what runs about a fork, where a signal that comes during the fork is always handled."""
 CANCEL = getattr(signal, "SIGUSR1", None)
 """Signal that cancels; where the system has none, the process is ended."""
 
@@ -201,7 +201,8 @@ def _cancellable() -> list[bool]:
     def cancel(_number: int, _frame: object) -> None:
         if busy[0]:
             signal.setitimer(signal.ITIMER_REAL, AGAIN)
-            raise CancelRequest
+            if not isinstance(sys.exception(), CancelRequest):  # what cleans up after a cancellation is let finish
+                raise CancelRequest
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if CANCEL is not None:
