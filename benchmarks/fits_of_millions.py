@@ -92,7 +92,7 @@ def written(path: Path, samples: int) -> None:
     first = 0
     with pq.ParquetWriter(path, schema) as writer:
         for chunk in log(samples):
-            series = chunk.signals | dict(zip(("fx", "fy", "tau"), chunk.wrench.T, strict=True))
+            series = {**chunk.signals, **dict(zip(("fx", "fy", "tau"), chunk.wrench.T, strict=True))}
             time = 1e-3 * np.arange(first, first + len(chunk.wrench))
             held.append(pa.table({"time": time, **{name: series[name] for name in columns}}, schema=schema))
             first += len(time)
@@ -189,7 +189,8 @@ def spatial_task(samples: int, emitted: ModuleType) -> Task:
     time = 1e-3 * np.arange(samples)
 
     def sines(size: float) -> Array:
-        return size * sum(np.sin(2 * np.pi * f * time + rng.uniform(0, 2 * np.pi)) for f in (0.23, 0.7, 1.9))
+        frequencies, phases = np.array([0.23, 0.7, 1.9]), rng.uniform(0, 2 * np.pi, 3)
+        return np.asarray(size * np.sin(2 * np.pi * np.outer(time, frequencies) + phases).sum(axis=1))
 
     angles = np.stack([sines(0.5) for _ in range(3)])
     signals = dict(zip(("qx", "qy", "qz", "qw"), Rotation.from_euler("xyz", angles.T).as_quat().T.copy(), strict=True))

@@ -66,7 +66,7 @@ def hidden_on(day: int, count: int) -> Sequence[HiddenEffect]:
 
     if day % 2 == 0:
         return [ViscousDrag(c=0.5 * (1 + day / count))]
-    others = (["cable_spring"], ["sensor_lag"], ["sensor_crosstalk"], [])
+    others: tuple[list[str], ...] = (["cable_spring"], ["sensor_lag"], ["sensor_crosstalk"], [])
     return [HIDDEN_EFFECTS[effect_id] for effect_id in others[day // 2 % len(others)]]
 
 
@@ -82,8 +82,8 @@ def surveyed(paths: Sequence[Path], folder: Path, started: DaskProcesses, only: 
         started.kill_worker(0)
 
     Thread(target=kill, daemon=True).start()
-    options = {"rig": folder / "rig.toml", "out": folder / "survey"}
-    return survey(paths, **options, scheduler=started.address, only=only)
+    rig, out = folder / "rig.toml", folder / "survey"
+    return survey(paths, rig=rig, out=out, scheduler=started.address, only=only)
 
 
 def alone(paths: Sequence[Path], folder: Path, only: Sequence[str] | None) -> Survey:
