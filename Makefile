@@ -25,13 +25,8 @@ long: $(STAMP)
 check: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(MAKE) --no-print-directory -j 2 --output-sync types
+	$(BIN)/mypy
 	$(BIN)/lint-imports
-
-.PHONY: types mypy basedpyright
-types: mypy basedpyright
-mypy basedpyright: $(STAMP)
-	$(BIN)/$@
 
 # The manual: build/docs/index.html. A warning, such as a link that leads nowhere, is an error.
 docs: $(STAMP)

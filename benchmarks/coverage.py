@@ -221,7 +221,7 @@ def covered(
     case: str, setting: Setting, noise: simulated.NoiseModel, estimator: Estimator, seeds: Sequence[int]
 ) -> Iterator[Coverage]:
     """Coverage of each kind of parameter that the recordings show."""
-    truth, normal, student, freedom = setting.truth, [], [], []
+    truth, normal, student, freedom, kinds = setting.truth, [], [], [], list[str]()
     for seed in seeds:
         found, std = estimator(setting, setting.drawn(noise, seed))
         names = [p.name for p in found.fit.unknowns]
@@ -230,9 +230,9 @@ def covered(
         normal.append((error <= NORMAL * std)[kept])
         student.append((error <= found.half_width)[kept])
         freedom.append(found.freedom[kept])
-    kinds = np.array([kind_of(names[i]) for i in kept])
+        kinds = [kind_of(names[i]) for i in kept]
     for kind in dict.fromkeys(kinds):
-        own = np.flatnonzero(kinds == kind)
+        own = np.flatnonzero(np.array(kinds) == kind)
         hits, own_freedom = [np.array(rows)[:, own] for rows in (normal, student)], np.array(freedom)[:, own]
         yield Coverage(case, str(kind), hits[0], hits[1], float(np.median(own_freedom)))
 

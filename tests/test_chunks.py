@@ -88,9 +88,9 @@ def test_recordings_one_by_one(space: Space, order: int, block: int) -> None:
     for parts in (runs(space), iter(runs(space))):
         found = fit(base(space), parts, noise=model)
         assert_same(found, whole)
-    left = np.concatenate([n.whitener.series(e) for n, e in zip(whole.noise, whole.residuals, strict=True)])
-    assert found.misfit == pytest.approx(float(left @ left) / (len(left) - len(whole.theta)), rel=1e-9)
-    assert found.identifiable.all()
+        left = np.concatenate([n.whitener.series(e) for n, e in zip(whole.noise, whole.residuals, strict=True)])
+        assert found.misfit == pytest.approx(float(left @ left) / (len(left) - len(whole.theta)), rel=1e-9)
+        assert found.identifiable.all()
 
 
 @given(data=st.data())
@@ -302,7 +302,7 @@ def test_sums_are_lstsq_of_every_row(space: Space, convention: Convention, turn:
         np.testing.assert_allclose(found.theta / std, theta / std, rtol=0, atol=allowed)
         np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), std, rtol=allowed)
         assert found.information.rows == chunk.wrench.size
-    assert (found.condition > 1e3) == (turn < 0.1)
+        assert (found.condition > 1e3) == (turn < 0.1)
 
 
 def test_wrench_may_lie_in_memory_as_it_likes() -> None:

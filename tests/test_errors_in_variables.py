@@ -109,7 +109,7 @@ def test_linear_model_solves_the_corrected_normal_equations() -> None:
     logged, names = dict(recording.signals), list(ACCELERATION)
     phi = _regressor(case.model, logged)
     slopes = np.stack([_regressor(case.model, logged | {n: logged[n] + 1}) - phi for n in names])
-    theta, weight = found.theta, np.eye(3)
+    theta, weight, plain, excess = found.theta, np.eye(3), np.eye(len(found.theta)), np.eye(len(found.theta))
     for _ in range(5):
         added = np.einsum("inpk,inqj,k,j->pq", slopes, slopes, theta, theta) / len(phi)
         weight = np.asarray(np.linalg.inv(np.diag(np.square(case.rig.noise)) + added))

@@ -111,8 +111,8 @@ def test_a_step_goes_down_whatever_the_curvature() -> None:
         matrix = rng.standard_normal((8, 8))
         matrix, slope = matrix + matrix.T + shift * np.eye(8), rng.standard_normal(8)
         assert slope @ newton_descent_step(matrix, slope) < 0
-    definite = matrix @ matrix.T + np.eye(8)
-    np.testing.assert_allclose(definite @ newton_descent_step(definite, slope), -slope, atol=1e-10)
+        definite = matrix @ matrix.T + np.eye(8)
+        np.testing.assert_allclose(definite @ newton_descent_step(definite, slope), -slope, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["free", "rest", "spline"])

@@ -39,9 +39,9 @@ def rig_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     rig = PlanarRig()
     assert Rig.read(tmp_path / "rig.toml").link_lengths == rig.link_lengths
     drag = HIDDEN_EFFECTS["viscous_drag"]
-    for name, seed, repeats in (("train.csv", 1, 4), ("validate.csv", 2, 3)):
-        motion = rig.random_motion(seed=seed, harmonics=3)
-        frame = simulate(rig, motion, hidden=[drag], repeats=repeats, samples_per_period=150, seed=seed)
+    first, motion = (rig.random_motion(seed=seed, harmonics=3) for seed in (1, 2))
+    for name, moved, seed, repeats in (("train.csv", first, 1, 4), ("validate.csv", motion, 2, 3)):
+        frame = simulate(rig, moved, hidden=[drag], repeats=repeats, samples_per_period=150, seed=seed)
         write_recording(frame, tmp_path / name)
     frame = simulate(rig, motion, hidden=[drag, PUSH], repeats=3, samples_per_period=150, seed=3)
     write_recording(frame, tmp_path / "pushed.csv")
