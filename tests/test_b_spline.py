@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline as SciPySpline
 
-from estimation.recordings.derivatives.b_spline import BSpline, basis_matrix
+from estimation.recordings.derivatives.b_spline import BasisRows, BSpline, basis_matrix
 
 
 def clamped(pieces: int, degree: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -26,6 +26,21 @@ def test_a_spline_and_its_slopes_are_scipys(degree: int) -> None:
         wanted = expected(place, order)
         np.testing.assert_allclose(found(place), wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
         found = found.derivative()
+
+
+@pytest.mark.parametrize(("degree", "derivatives"), [(3, 0), (3, 3), (7, 2)])
+def test_rows_serve_a_spline_and_its_derivatives(degree: int, derivatives: int) -> None:
+    rng = np.random.default_rng(2)
+    knots = clamped(30, degree, rng)
+    place = np.linspace(0.0, knots[-1], 120)
+    rows = BasisRows.of(place, knots, degree, derivatives)
+    for _ in range(2):
+        coefficients = rng.normal(size=(len(knots) - degree - 1, 3))
+        found = rows.derivatives(BSpline(knots, coefficients, degree))
+        assert len(found) == derivatives + 1
+        for order, values in enumerate(found):
+            wanted = SciPySpline(knots, coefficients, degree)(place, order)
+            np.testing.assert_allclose(values, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
 
 
 def test_basis_splines_are_scipys() -> None:

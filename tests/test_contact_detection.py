@@ -15,8 +15,8 @@ from estimation.contact.contact_detection import (
     BlockMeans,
     ContactDetection,
     ContactSearch,
+    WindowSums,
     detect_contacts,
-    largest_samples,
 )
 from estimation.contact.variance_of_means import VarianceOfMeans
 from modeling.noise.autoregressive_noise import NoiseModel
@@ -128,17 +128,20 @@ def test_variance_of_means_from_differences(robust: bool) -> None:
 def test_largest_sample_of_each_window(values: list[float], data: st.DataObject) -> None:
     length = data.draw(st.integers(1, len(values)))
     series = np.array(values)[:, None]
-    found = largest_samples(series, length)
-    assert found.shape == (len(values) - length + 1, 1)
-    for first, value in enumerate(found[:, 0]):
+    zero = np.array([data.draw(st.floats(-10, 10))])
+    sums = WindowSums.of(series, np.append(0.0, np.cumsum(series))[:, None], length)
+    found = sums.largest(zero)
+    assert found.shape == sums.total.shape == (len(values) - length + 1, 1)
+    for first, (value, total) in enumerate(zip(found[:, 0], sums.total[:, 0], strict=True)):
         window = series[first : first + length, 0]
-        assert value in window
-        assert abs(value) == np.abs(window).max()
+        assert value in window - zero
+        assert abs(value) == np.abs(window - zero).max()
+        assert total == pytest.approx(window.sum(), rel=1e-12, abs=1e-12 * (1 + np.abs(series).sum()))
 
 
 @given(st.integers(4, 9), st.integers(0, 1000))
 def test_the_best_disjoint_windows_are_the_best(blocks: int, seed: int) -> None:
-    """Against every subset of the windows."""
+    """Against every subset of the windows; of no gain, none."""
     windows = ContactSearch(np.zeros((blocks, 1)), np.zeros(1), 0.01).windows
     gain = np.random.default_rng(seed).standard_normal(len(windows.first))
     chosen = windows.best_disjoint(gain)
@@ -152,6 +155,7 @@ def test_the_best_disjoint_windows_are_the_best(blocks: int, seed: int) -> None:
         return float(max(best(start + 1), *options)) if options else best(start + 1)
 
     assert gain[chosen].sum() == pytest.approx(best(0))
+    assert windows.best_disjoint(-np.abs(gain)) == []
 
 
 def test_blocks_cover_every_sample() -> None:

@@ -227,7 +227,7 @@ class ContactSearch:
         The statistic is the squared mean over its variance, twice the logarithm of the likelihood ratio; the threshold
         is Bonferroni-corrected for windows and channels.
         """
-        size = standardised_means(self.windows, self.means - zero, noise, int(quiet.sum()))
+        size = self._standardised_means(zero, noise, int(quiet.sum()))
         limit = normal_isf(self.false_alarms / size.size / 2)
         merged: list[ContactInterval] = []
         for index in self.windows.best_disjoint((size**2).max(axis=1) - limit**2):
@@ -239,22 +239,49 @@ class ContactSearch:
             merged.append(ContactInterval(first, last, p_value))
         return tuple(merged)
 
+    def _standardised_means(self, zero: Array, noise: VarianceOfMeans, quiet: int) -> Array:
+        """Mean of each window and channel over its std (w, p), the zero's own error included, as absolute values.
 
-def standardised_means(windows: Windows, deviation: Array, noise: VarianceOfMeans, quiet: int) -> Array:
-    """Mean of each window and channel over its std (w, p), the zero's own error included, as absolute values.
+        The smaller of the whole window's and of that without its largest block, a mean over one block less. The zero
+        is the mean of `quiet` blocks.
+        """
+        error = noise.variance[max(1, quiet) - 1]
+        sizes = []
+        for length, sums in self._window_sums.items():
+            total, largest = sums.total - length * zero, sums.largest(zero)
+            whole, without = (np.sqrt(noise.variance[n - 1] + noise.constant + error) for n in (length, length - 1))
+            reduced = (total - largest) / (length - 1)
+            sizes.append(np.minimum(np.abs(total / length) / whole, np.abs(reduced) / without))
+        return np.concatenate(sizes)
 
-    The smaller of the whole window's and of that without its largest block, a mean over one block less. The zero is the
-    mean of `quiet` blocks.
-    """
-    zero, sums = noise.variance[max(1, quiet) - 1], cumulative_sums(deviation)
-    lengths, size = windows.last - windows.first, np.empty((len(windows), deviation.shape[1]))
-    for length in map(int, np.unique(lengths)):
-        these = np.flatnonzero(lengths == length)
-        total = sums[windows.last[these]] - sums[windows.first[these]]
-        reduced = total - largest_samples(deviation, length)[windows.first[these]]
-        whole, without = (np.sqrt(noise.variance[n - 1] + noise.constant + zero) for n in (length, length - 1))
-        size[these] = np.minimum(np.abs(total / length) / whole, np.abs(reduced / (length - 1)) / without)
-    return size
+    @cached_property
+    def _window_sums(self) -> dict[int, WindowSums]:
+        """By length, in the order of `windows`."""
+        sums = cumulative_sums(self.means)
+        lengths = np.unique(self.windows.last - self.windows.first)
+        return {length: WindowSums.of(self.means, sums, length) for length in map(int, lengths)}
+
+
+class WindowSums(NamedTuple):
+    """Sums and extremes (w, p) of all windows of one length."""
+
+    total: Array
+    lowest: Array
+    highest: Array
+
+    @classmethod
+    def of(cls, series: Array, cumulative: Array, length: int) -> WindowSums:
+        """Of a series (n, p) from each sample on, w = n - length + 1."""
+        count, origin = len(series) - length + 1, -(length // 2)
+        lowest, highest = (
+            extreme(series, length, axis=0, origin=origin)[:count] for extreme in (minimum_filter1d, maximum_filter1d)
+        )
+        return cls(cumulative[length:] - cumulative[:count], lowest, highest)
+
+    def largest(self, zero: Array) -> Array:
+        """The sample furthest from a zero (p,) in each window, less the zero."""
+        low, high = self.lowest - zero, self.highest - zero
+        return np.where(high >= -low, high, low)
 
 
 def _refined_intervals(
@@ -313,11 +340,3 @@ def largest_cluster(means: Array, floor: Array, constant: Array) -> SampleMask:
         members = grown
     smoothed = median_filter(members.astype(np.uint8), size=MERGE_GAP + 1, mode="nearest") > 0
     return smoothed if smoothed.sum() > 2 * means.shape[1] else np.ones(len(means), dtype=bool)
-
-
-def largest_samples(series: Array, length: int) -> Array:
-    """The sample of largest magnitude among `length` samples from each one on: (n - length + 1, p) of (n, p)."""
-    count, origin = len(series) - length + 1, -(length // 2)
-    high = maximum_filter1d(series, length, axis=0, origin=origin)[:count]
-    low = minimum_filter1d(series, length, axis=0, origin=origin)[:count]
-    return np.where(high >= -low, high, low)

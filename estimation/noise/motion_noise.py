@@ -48,7 +48,7 @@ class MotionNoise:
             return None
         draws = int(np.clip(DRAWN_SAMPLES // recording.samples, FEWEST_DRAWS, MOST_DRAWS))
         rng, centre = np.random.default_rng(0), predicted(recording)
-        errors = np.stack([predicted(recording.with_drawn_motion(rng)) - centre for _ in range(draws)])
+        errors = np.stack([predicted(drawn) - centre for drawn in recording.drawn_motions(rng, draws)])
         length = max(spline.half_rate / spline.cutoff * recording.samples / spline.samples for spline in splines)
         return cls(errors=errors, correlation_length=max(1.0, length))
 

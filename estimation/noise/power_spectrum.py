@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 MAX_TONE_ROUNDS = 4
 """Fits of the curve, each without the tones that the last one left above it."""
+EULER = 0.5772
+"""Mean of -log of an exponential variable of mean one."""
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
 CURVATURE_PRIORS = (1.0, 0.5)
@@ -116,27 +118,24 @@ def _penalised_spline(
     best: tuple[float, Array, Array, float] | None = None
     for curvature in CURVATURE_PRIORS:
         penalty = second.T @ second / (curvature**2 * step**3)
-        normal = shape * gram + penalty
-        coefficients = _fisher_scoring(basis, power, normal, penalty, shape)
-        freedom = float(np.trace(np.linalg.solve(normal, shape * gram)))
+        covariance = np.linalg.inv(shape * gram + penalty)
+        coefficients = _fisher_scoring(basis, power, covariance, penalty, shape)
+        freedom = float(np.sum(covariance * (shape * gram)))
         log_power = basis @ coefficients
         criterion = 2 * shape * float(np.sum(log_power + power * np.exp(-log_power))) + 2 * freedom
         if best is None or criterion < best[0]:
-            best = (criterion, coefficients, np.linalg.inv(normal), freedom)
+            best = (criterion, coefficients, covariance, freedom)
     assert best is not None
     return PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(u.min()))
 
 
-def _fisher_scoring(basis: Array, power: Array, normal: Array, penalty: Array, shape: float) -> Array:
-    coefficients = np.linalg.lstsq(
-        basis.T @ basis + 1e-6 * np.eye(basis.shape[1]) + penalty,
-        basis.T @ np.log(power) + basis.T @ np.full(len(power), 0.5772),
-        rcond=None,
-    )[0]
+def _fisher_scoring(basis: Array, power: Array, covariance: Array, penalty: Array, shape: float) -> Array:
+    """Coefficients of the largest penalised likelihood, `covariance` the inverse of the penalised information."""
+    coefficients = covariance @ (shape * basis.T @ (np.log(power) + EULER))
     for _ in range(30):
         log_power = basis @ coefficients
         gradient = shape * basis.T @ (power * np.exp(-log_power) - 1) - penalty @ coefficients
-        step = np.linalg.solve(normal, gradient)
+        step = covariance @ gradient
         step *= min(1.0, 2.0 / (np.abs(step).max() + 1e-12))
         coefficients = coefficients + step
         if np.abs(step).max() < 1e-8:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cached_property
@@ -236,19 +236,21 @@ class Recording(Tabular):
         """What was derived so far, by the columns that it comes from."""
         return {}
 
-    def with_drawn_motion(self, rng: np.random.Generator) -> Recording:
-        """The recording with motion at random from what its samples leave open, without auxiliary columns.
+    def drawn_motions(self, rng: np.random.Generator, count: int) -> Iterator[Recording]:
+        """The recording with `count` motions at random from what its samples leave open, without auxiliary columns.
 
         Of the `derivatives` so far: those of `signals`, which were derived before.
         """
-        from estimation.recordings.derivatives.differentiation import derivatives_of_spline
+        from estimation.recordings.derivatives.differentiation import SplineTimes
 
-        other = replace(self, columns={name: self.columns[name] for name in self.columns if name not in self.auxiliary})
-        times = np.arange(self.samples) * np.float64(self.dt or 0.0)
-        for key, known in self.derivatives.items():
-            drawn = known.spline is not None and derivatives_of_spline(known.spline.drawn(rng), times)
-            other.derivatives[key] = drawn or known
-        return other
+        times, known = np.arange(self.samples) * np.float64(self.dt or 0.0), dict(self.derivatives)
+        splines = {key: found.spline for key, found in known.items() if found.spline is not None}
+        at = {key: SplineTimes.of(spline, times) for key, spline in splines.items()}
+        columns = {name: self.columns[name] for name in self.columns if name not in self.auxiliary}
+        for _ in range(count):
+            other = replace(self, columns=columns)
+            other.derivatives.update(known | {key: at[key].derivatives(s.drawn(rng)) for key, s in splines.items()})
+            yield other
 
     def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
         from estimation.recordings.derivatives.differentiation import (  # slow to import

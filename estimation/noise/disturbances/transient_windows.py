@@ -65,15 +65,19 @@ class Windows:
 
         Weighted interval scheduling: best[t] = max(best[t - 1], best[first] + gain of the windows that end at t).
         """
-        order, samples = np.argsort(self.last, kind="stable"), int(self.last.max(initial=0))
-        first, gain, edges = self.first[order], gain[order], np.searchsorted(self.last[order], np.arange(samples + 2))
-        best, choice = np.zeros(samples + 1), np.full(samples + 1, -1)
-        for end in range(1, samples + 1):
-            best[end] = best[end - 1]
-            ending = slice(edges[end], edges[end + 1])
-            total = best[first[ending]] + gain[ending]
-            if len(total) and total.max() > best[end]:
-                best[end], choice[end] = total.max(), ending.start + total.argmax()
+        gainful = np.flatnonzero(gain > 0)  # the others never add to the sum
+        order = gainful[np.argsort(self.last[gainful], kind="stable")]
+        first, gain, last = self.first[order], gain[order], self.last[order]
+        samples, ends = int(last.max(initial=0)), np.unique(last)
+        best, choice, previous = np.zeros(samples + 1), np.full(samples + 1, -1), 0
+        for end, begin, stop in zip(
+            ends, np.searchsorted(last, ends), np.searchsorted(last, ends, "right"), strict=True
+        ):
+            best[previous + 1 : end + 1] = best[previous]
+            total = best[first[begin:stop]] + gain[begin:stop]
+            if total.max() > best[end]:
+                best[end], choice[end] = total.max(), begin + total.argmax()
+            previous = end
         chosen, end = list[int](), samples
         while end > 0:
             if choice[end] >= 0:

@@ -36,6 +36,32 @@ class BSpline:
         return weighted_sum(*basis_values(place, self.knots, self.degree), self.coefficients)
 
 
+@dataclass(frozen=True, eq=False)
+class BasisRows:
+    """B-splines at some places, for a spline on their knots and its derivatives.
+
+    first   (n,) index of the first nonzero one
+    values  (degree + 1 - d, n) each, of the d-th derivative's degree, d = 0, 1, ..
+    """
+
+    first: NDArray[np.intp]
+    values: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, place: Array, knots: Array, degree: int, derivatives: int) -> BasisRows:
+        """At places (n,), for so many derivatives."""
+        first, values = _basis_of_degrees(place, knots, degree, degree - derivatives)
+        return cls(first, tuple(values[::-1]))
+
+    def derivatives(self, spline: BSpline) -> list[Array]:
+        """Values (n, k) of a spline and of its derivatives."""
+        found = [weighted_sum(self.first, self.values[0], spline.coefficients)]
+        for basis in self.values[1:]:
+            spline = spline.derivative()
+            found.append(weighted_sum(self.first, basis, spline.coefficients))
+        return found
+
+
 def basis_matrix(place: Array, knots: Array, degree: int) -> Array:
     """Values (n, m) of the m B-splines on these knots at places (n,)."""
     first, basis = basis_values(place, knots, degree)
@@ -46,23 +72,32 @@ def basis_matrix(place: Array, knots: Array, degree: int) -> Array:
 
 
 def basis_values(place: Array, knots: Array, degree: int) -> tuple[NDArray[np.intp], Array]:
-    """The nonzero B-splines at each place: the first one's index (n,), and their values (degree + 1, n).
+    """The nonzero B-splines at each place: the first one's index (n,), and their values (degree + 1, n)."""
+    first, values = _basis_of_degrees(place, knots, degree, degree)
+    return first, values[0]
 
-    By the recurrence of Cox and de Boor from degree to degree (Piegl and Tiller, The NURBS Book, A2.2).
+
+def _basis_of_degrees(place: Array, knots: Array, degree: int, lowest: int) -> tuple[NDArray[np.intp], list[Array]]:
+    """Index (n,) of the first nonzero B-spline, and values (d + 1, n) of the nonzero ones of degrees d from `lowest`.
+
+    By the recurrence of Cox and de Boor from degree to degree (Piegl and Tiller, The NURBS Book, A2.2). The index is
+    that of a lower degree too, on knots less one at each end for each degree, which are those of the derivatives.
     """
     piece = np.clip(np.searchsorted(knots, place, side="right") - 1, degree, len(knots) - degree - 2)
     after = [knots[piece + 1 + i] - place for i in range(degree)]
     before = [place - knots[piece - i] for i in range(degree)]
-    basis = np.zeros((degree + 1, len(place)))
+    basis, found = np.zeros((degree + 1, len(place))), list[Array]()
     basis[0] = 1.0
     for order in range(degree):
+        if order >= lowest:
+            found.append(basis[: order + 1].copy())
         carry = np.zeros(len(place))
         for j in range(order + 1):
             share = basis[j] / (after[j] + before[order - j])
             basis[j] = carry + after[j] * share
             carry = before[order - j] * share
         basis[order + 1] = carry
-    return piece - degree, basis
+    return piece - degree, [*found, basis]
 
 
 def weighted_sum(first: NDArray[np.intp], basis: Array, coefficients: Array) -> Array:

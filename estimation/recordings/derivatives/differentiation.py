@@ -6,12 +6,13 @@ spline where the likelihood puts it.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.recordings.derivatives.b_spline import BasisRows
 from estimation.recordings.derivatives.recent_derivatives import RecentDerivatives
 from estimation.recordings.derivatives.sample_hold import TrueSamples
 from estimation.recordings.derivatives.series_derivatives import Derivatives
@@ -67,17 +68,32 @@ def spline_derivatives(run: Array, dt: float, true: TrueSamples | None = None) -
 def _smoothed(rows: NDArray[np.intp], places: Array, run: Array) -> tuple[Derivatives, SmoothingSpline]:
     """Derivatives per row and row² of a run (N, k), by a smoothing spline through some rows, true at places in rows."""
     spline = SmoothingSpline.of(places, run[rows])
-    found = derivatives_of_spline(spline, np.arange(len(run), dtype=np.float64))
+    found = SplineTimes.of(spline, np.arange(len(run), dtype=np.float64)).derivatives(spline)
     return replace(found, score=_bayesian_information_criterion(run - found.value, spline.freedom)), spline
 
 
-def derivatives_of_spline(spline: SmoothingSpline, times: Array) -> Derivatives:
-    """Of a smoothing spline at times (N,), s; with constant acceleration before its first and after its last sample."""
-    inside = np.clip(times, spline.start, spline.end)
-    value, first, second = (spline.derivative(inside, order) for order in range(3))
-    beyond = (times - inside)[:, None]
-    value, first = value + beyond * first + beyond**2 / 2 * second, first + beyond * second
-    return Derivatives(value=value, first=first, second=second, score=np.zeros(value.shape[1]), spline=spline)
+@dataclass(frozen=True, eq=False)
+class SplineTimes:
+    """Times at which a smoothing spline, and others drawn from it, are differentiated.
+
+    rows    the B-splines there, or at the first or last sample where that is nearer
+    beyond  (N, 1) s after the last sample, or before the first, < 0
+    """
+
+    rows: BasisRows
+    beyond: Array
+
+    @classmethod
+    def of(cls, spline: SmoothingSpline, times: Array) -> SplineTimes:
+        """Times (N,), s, for splines on these knots."""
+        inside = np.clip(times, spline.start, spline.end)
+        return cls(spline.rows(inside, 2), (times - inside)[:, None])
+
+    def derivatives(self, spline: SmoothingSpline) -> Derivatives:
+        """Of the spline at the times; with constant acceleration before its first and after its last sample."""
+        value, first, second = spline.derivatives(self.rows)
+        value, first = value + self.beyond * first + self.beyond**2 / 2 * second, first + self.beyond * second
+        return Derivatives(value=value, first=first, second=second, score=np.zeros(value.shape[1]), spline=spline)
 
 
 def fourier_or_spline_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -> Derivatives:

@@ -26,7 +26,13 @@ from scipy.linalg import cho_solve_banded, solve_banded
 from scipy.linalg.blas import dsbmv
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
-from estimation.recordings.derivatives.b_spline import BSpline, basis_values, transposed_sum, weighted_sum
+from estimation.recordings.derivatives.b_spline import (
+    BasisRows,
+    BSpline,
+    basis_values,
+    transposed_sum,
+    weighted_sum,
+)
 
 Array = NDArray[np.float64]
 
@@ -140,6 +146,14 @@ class SmoothingSpline:
         for _ in range(order):
             spline = spline.derivative()
         return spline((times - self.start) * self.scale) * self.scale**order
+
+    def rows(self, times: Array, derivatives: int) -> BasisRows:
+        """B-splines at times (n,), s, for so many derivatives of this spline and of others `drawn` from it."""
+        return BasisRows.of((times - self.start) * self.scale, self.spline.knots, DEGREE, derivatives)
+
+    def derivatives(self, rows: BasisRows) -> list[Array]:
+        """Values (n, k) and derivatives, per s^order, where `rows` are."""
+        return [part * self.scale**order for order, part in enumerate(rows.derivatives(self.spline))]
 
     def with_samples_every(self, step: float) -> Self:
         """The same spline of samples `step` s apart that are taken to be one second apart here."""
