@@ -283,6 +283,7 @@ def test_an_edited_source_is_another(tmp_path: Path) -> None:
     assert len(set(digests)) == 3
 
 
+@pytest.mark.long
 def test_many_processes_at_once_on_an_empty_store(folder: Path) -> None:
     code = (
         "from modeling import effects\nfrom modeling.chain.model import planar\n"

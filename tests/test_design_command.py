@@ -113,7 +113,7 @@ def test_the_text_says_bound_and_efficiency(capsys: pytest.CaptureFixture[str], 
     assert data["bound_kind"] in ("proven", "checked")
 
 
-@pytest.mark.parametrize("criterion", ["a", "e"])
+@pytest.mark.parametrize("criterion", ["a", pytest.param("e", marks=pytest.mark.long)])
 def test_other_criteria_are_named(rig: Path, capsys: pytest.CaptureFixture[str], criterion: str) -> None:
     text = ran(capsys, rig, *QUICK, "--criterion", criterion)[1]
     assert {"a": "mean variance", "e": "smallest eigenvalue"}[criterion] in text

@@ -169,9 +169,8 @@ print(peak_resident(), sorted(heavy | ({"pandas"} & set(sys.modules) if sys.argv
 """
 
 
-@pytest.mark.parametrize(
-    ("suffix", "samples"), [(".parquet", 250_000), pytest.param(".csv", 80_000, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("suffix", "samples"), [(".parquet", 250_000), (".csv", 80_000)])
 def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str, samples: int) -> None:
     """Peak resident memory of a process that fits four times as many rows, in one row group: a quarter of what the
     longer log has more in its columns is what allocators may differ by. A stream of Parquet needs no pandas, and of a

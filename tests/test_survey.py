@@ -290,6 +290,7 @@ def test_recording_that_kills_its_workers_is_one_row(tmp_path: Path) -> None:
     assert stored(tmp_path / "out") == 5
 
 
+@pytest.mark.long
 def test_killed_client_goes_on(tmp_path: Path, one: Executor) -> None:
     paths, out = files(tmp_path), tmp_path / "out"
     client = subprocess.Popen(
@@ -305,6 +306,7 @@ def test_killed_client_goes_on(tmp_path: Path, one: Executor) -> None:
     assert lengths(found) == [n + 1 for n in range(MANY)]
 
 
+@pytest.mark.long
 def test_lost_scheduler_is_an_error_and_keeps_what_is_done(tmp_path: Path) -> None:
     paths, out = files(tmp_path), tmp_path / "out"
     with dask_processes(tmp_path, workers=1, processes=1) as started:
@@ -327,6 +329,7 @@ def test_nothing_listens_beyond_the_loopback(cluster: DaskProcesses) -> None:
 # -------------------------------------------------------------------------------------- the command
 
 
+@pytest.mark.long
 def test_command(bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recordings = [str(bench / name) for name in ("nan.csv", "missing.csv")]
     options = ["--rig", str(bench / "rig.toml"), "--out", str(tmp_path / "out"), "--workers", "1"]
