@@ -85,15 +85,18 @@ def _extrema(around: Array, centre: Indices) -> tuple[Array, Array]:
     """
     rows, size = np.arange(len(around)), around.shape[1]
     to_powers = np.linalg.inv(np.vander(np.arange(size) - (size - 1) / 2, increasing=True))
-    powers, orders = around @ to_powers.T, np.arange(size)
+    powers, orders = around @ to_powers.T, np.arange(1, size)
+    by_place = powers[:, 1:] * orders
+    by_place_twice = by_place[:, 1:] * orders[:-1]
     before, extremum, after = (around[rows, centre + k] for k in (-1, 0, 1))
     origin = centre - (size - 1) / 2
     z = origin - _ratio(after - before, 2 * (after - 2 * extremum + before))
     for _ in range(NEWTON_CORRECTIONS):
-        slope = np.sum(powers[:, 1:] * orders[1:] * z[:, None] ** orders[:-1], axis=1)
-        curvature = np.sum(powers[:, 2:] * (orders[2:] * orders[1:-1]) * z[:, None] ** orders[:-2], axis=1)
+        monomials = np.vander(z, size - 1, increasing=True)
+        slope = np.einsum("ij,ij->i", by_place, monomials)
+        curvature = np.einsum("ij,ij->i", by_place_twice, monomials[:, :-1])
         z = np.clip(z - _ratio(slope, curvature), origin - 0.5, origin + 0.5)
-    return z - origin, z[:, None] ** orders @ to_powers
+    return z - origin, np.vander(z, size, increasing=True) @ to_powers
 
 
 def _ratio(numerator: Array, denominator: Array) -> Array:
