@@ -170,6 +170,11 @@ class SlowResidual:
         """Of these the channels in which it exceeds the noise floor: a misfit, whatever its cause."""
         return tuple(c for c in self.units if self._is_misfit(c))
 
+    @property
+    def foreign_forces(self) -> tuple[str, ...]:
+        """Force channels whose readings are mostly not the tool's."""
+        return tuple(c for c in self.above_noise if self.part[c] is Part.FOREIGN and self.units[c] == "N")
+
     def _is_misfit(self, channel: str, tests: int = 1) -> bool:
         """Whether a channel's part is significant, one of so many tested, and exceeds the noise floor."""
         return tests * self.p_value[channel] < LEVELS.effect and self.rms[channel] > self.floor[channel]
@@ -203,6 +208,15 @@ def slow_residuals(comparisons: Sequence[Comparison]) -> tuple[SlowResidual, ...
     """The significant slow residuals of the recordings."""
     found = (SlowResidual.of(comparison) for comparison in comparisons)
     return tuple(slow for slow in found if slow is not None and slow.significant)
+
+
+def foreign_forces(residuals: Sequence[SlowResidual], recordings: int) -> tuple[str, ...]:
+    """Force channels that are mostly not the tool's, in any of so many recordings if in each; else none.
+
+    A recording without such a channel says what the tool weighs.
+    """
+    found = [slow.foreign_forces for slow in residuals if slow.foreign_forces]
+    return tuple(dict.fromkeys(c for channels in found for c in channels)) if len(found) == recordings else ()
 
 
 def _p_value(power: Array) -> float:

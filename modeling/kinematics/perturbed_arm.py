@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 from modeling import symbolic as sp
 from modeling.expressions.intermediate_variables import Definitions, IntermediateVariables
@@ -51,6 +53,9 @@ class PerturbedArm:
         backlash is not: the impact at its crossing lasts milliseconds and depends on unrecorded quantities, so that the
         joint is at one end or the other; sign is tanh(T / 0.02 N m).
         """
+        return _definitions(self, body.mass, tuple(body.first_moment), tuple(gravity))
+
+    def _derived(self, body: RigidBody, gravity: sp.Matrix) -> Definitions:
         joints = self.arm.joints
         steps = IntermediateVariables(joint_rates(joints))
         calculus = MathBackend(sin=sp.sin, cos=sp.cos, let=steps.let)
@@ -85,6 +90,14 @@ class PerturbedArm:
             torque = (position - vector(*origin)).cross(weight) + about_sensor
             loads.append(steps.let(vector(*axis).dot(weight if kind is JointKind.PRISMATIC else torque)))
         return loads
+
+
+@lru_cache(maxsize=64)
+def _definitions(
+    arm: PerturbedArm, mass: sp.Expr, first_moment: tuple[Any, ...], gravity: tuple[Any, ...]
+) -> Definitions:
+    """`PerturbedArm.definitions` of tuples, cached: most effects change neither the arm nor the tool's weight."""
+    return arm._derived(RigidBody(mass, sp.Matrix(first_moment), sp.zeros(3, 3)), sp.Matrix(gravity))
 
 
 def pose_transform(space: Space, pose: Sequence[sp.Expr]) -> tuple[sp.Matrix, sp.Matrix]:

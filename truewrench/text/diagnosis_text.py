@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from diagnosis.comparison.error_table import error_table
+from diagnosis.comparison.slow_residual import foreign_forces
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.motion_notes import motion_notes
@@ -38,13 +39,18 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
         verdict_sentence(diagnosis),
         *(_given_text(diagnosis, effect_id) for effect_id in diagnosis.given),
         *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
-        *([tool] if (tool := tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting))) else []),
+        *([tool] if (tool := _tool_text(diagnosis)) else []),
         *([extent] if (extent := tool_extent_text(diagnosis.fit)) else []),
         error_reduction_text(diagnosis),
         "\n".join(_evidence(diagnosis)),
         f"Candidate effects:\n{diagnosis.table}\n{CANDIDATES_NOTE}",
     ]
     return "\n\n".join(parts if diagnosis.unexplained is None else [*parts, _unexplained_text(diagnosis.unexplained)])
+
+
+def _tool_text(diagnosis: Diagnosis) -> str:
+    foreign = foreign_forces(diagnosis.slow_residuals, len(diagnosis.fit.recordings))
+    return tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting), foreign=foreign)
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:

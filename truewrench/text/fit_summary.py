@@ -9,7 +9,7 @@ from math import isfinite
 from typing import Any
 
 from diagnosis.comparison.comparison import Comparison, comparison_of
-from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
+from diagnosis.comparison.slow_residual import SlowResidual, foreign_forces, slow_residuals
 from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share, motion_notes
 from diagnosis.verdict.unexplained_residual import describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance
@@ -122,7 +122,8 @@ class FitSummary:
         names = ("parameter", "value", f"{self.intervals.level:.0%} interval", "degrees of freedom")
         found = Table.of(names, self._parameter_rows())
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
-        tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting))) else []
+        foreign = foreign_forces(self.slow, len(self.fit.recordings))
+        tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), foreign=foreign)) else []
         tool += [text] if (text := tool_extent_text(self.fit)) else []
         return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
 

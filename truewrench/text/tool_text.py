@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 
 from estimation.fit import Fit
@@ -22,18 +23,21 @@ BIASED = "the model does not fit, and what it lacks biases these"
 SIGNIFICANT = 5.0
 """Std of a mass from which there is one."""
 WEIGHTLESS = "these readings hold no weight; was the tool compensated already?"
+FOREIGN = "is not the tool's: contact, another load or a disturbance"
 
 
-def tool_text(fitted: Fit, *, misfitting: bool) -> str:
+def tool_text(fitted: Fit, *, misfitting: bool, foreign: Sequence[str] = ()) -> str:
     """Mass and centre of mass with std, as far as they are identifiable; empty where the mass is not.
 
-    Of readings without weight it says that there is none.
+    Of readings without weight it says that there is none, of `foreign` force channels that the tool is not known.
 
     Of a `misfitting` model it says that the std are too small.
     """
     mass = fitted.parameters["m"]
     if not isfinite(mass.std):
         return ""
+    if foreign:
+        return f"Tool: not known, as most of what {', '.join(foreign)} read {FOREIGN}."
     if abs(mass.value) < SIGNIFICANT * mass.std:
         return f"Tool: none, m {estimate_text(mass.value, mass.std, mass.unit)}: {WEIGHTLESS}"
     centre = CentreOfMass.of(fitted)

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
 from diagnosis.comparison.residual_map import ResidualMap
+from diagnosis.comparison.slow_residual import foreign_forces, slow_residuals
 from diagnosis.screening.suspects import Suspects
 from diagnosis.verdict.verdict import EffectVerdict
 from estimation.recordings.recording import Recording
@@ -118,11 +119,16 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         effects=[_effect_values(effect, study) for effect in study.model.effects],
         failing=study.steps[-1].misfitting,
         undone=study.undone,
-        tool=tool_text(study.fit, misfitting=bool(study.misfitting)),
+        tool=_tool(study),
         parameters=Markup(study.fit.table),
         puzzle=puzzle,
         weak=noise_from_residual(study.fit),
     )
+
+
+def _tool(study: Study) -> str:
+    foreign = foreign_forces(slow_residuals(study.steps[-1].training), len(study.fit.recordings))
+    return tool_text(study.fit, misfitting=bool(study.misfitting), foreign=foreign)
 
 
 def _effect_values(effect: Effect, study: Study) -> dict[str, Any]:
