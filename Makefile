@@ -9,8 +9,6 @@ unexport PYTHONDONTWRITEBYTECODE
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check install -c constraints.txt
 # Installs the pinned versions several times faster than pip.
 UV := $(BIN)/uv pip install -q --python $(BIN)/python -c constraints.txt
-# uv compiles no bytecode: what every process imports is compiled here, on all cores, and not by each process at once.
-COMPILED := bokeh casadi distributed hypothesis matplotlib mpmath numpy pandas scipy sympy
 
 .PHONY: demo test long check docs pictures bench notebooks clean
 .DEFAULT_GOAL := test
@@ -62,5 +60,4 @@ $(STAMP): pyproject.toml constraints.txt
 	@{ $(PIP) uv && $(UV) --no-build-isolation -e '.[development]'; } \
 	  || { echo "uv could not install the packages; pip tries" >&2; \
 	       $(PIP) --no-build-isolation -e '.[development]'; }
-	@-$(BIN)/python -m compileall -q -j 0 -x '/tests/' $(patsubst %,.venv/lib/python3*/site-packages/%,$(COMPILED))
 	@touch $@
