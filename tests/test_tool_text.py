@@ -10,7 +10,7 @@ import pytest
 from benchmarks.single_run import RIG, SingleRun
 from benchmarks.unlisted_physics import GuidingHand
 from diagnosis.comparison.comparison import comparison_of
-from diagnosis.comparison.slow_residual import Part, SlowResidual, foreign_forces, slow_residuals
+from diagnosis.comparison.slow_residual import Part, SlowResidual, foreign_forces
 from estimation.confidence_intervals import intervals
 from estimation.fit import Fit, fit
 from estimation.recordings.recording import Recording
@@ -42,15 +42,21 @@ def test_a_hand_most_of_the_time_leaves_the_tool_unknown(seed: int) -> None:
 
 def test_a_recording_without_the_hand_says_what_the_tool_is() -> None:
     found = fitted([run(41, GuidingHand()), replace(run(43), name="free")])
-    slow = slow_residuals([comparison_of(found, number) for number in range(2)])
-    assert any(residual.foreign_forces for residual in slow)
-    assert foreign_forces(slow, 2) == ()
+    held, free = (comparison_of(found, number) for number in range(2))
+    assert foreign_forces([held])
+    assert foreign_forces([held, free]) == ()
+    assert "Tool: m " in FitSummary(found, intervals(found)).text(None)
+
+
+def test_a_hand_that_is_the_smaller_part_of_the_force_does_not_hide_the_tool() -> None:
+    """3 N at random beside 12 N of weight."""
+    found = fitted([run(41, GuidingHand(force=3.0))])
     assert "Tool: m " in FitSummary(found, intervals(found)).text(None)
 
 
 def test_the_tool_of_a_free_run_is_known() -> None:
     found = fitted([run(44)])
-    text = tool_text(found, misfitting=False, foreign=foreign_forces(slow_residuals([comparison_of(found, 0)]), 1))
+    text = tool_text(found, misfitting=False, foreign=foreign_forces([comparison_of(found, 0)]))
     assert text.startswith("Tool: m ")
     mass = found.parameters["m"]
     assert abs(mass.value - RIG.mass) < 4 * mass.std

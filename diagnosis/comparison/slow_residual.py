@@ -210,13 +210,22 @@ def slow_residuals(comparisons: Sequence[Comparison]) -> tuple[SlowResidual, ...
     return tuple(slow for slow in found if slow is not None and slow.significant)
 
 
-def foreign_forces(residuals: Sequence[SlowResidual], recordings: int) -> tuple[str, ...]:
-    """Force channels that are mostly not the tool's, in any of so many recordings if in each; else none.
+def foreign_forces(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
+    """Force channels that are mostly not the tool's, where most of the force of each recording is not; else none.
 
-    A recording without such a channel says what the tool weighs.
+    The force of all channels together counts, as which of them the weight acts on is a matter of axes; a recording
+    whose force is mostly the tool's says what it weighs.
     """
-    found = [slow.foreign_forces for slow in residuals if slow.foreign_forces]
-    return tuple(dict.fromkeys(c for channels in found for c in channels)) if len(found) == recordings else ()
+    found: list[str] = []
+    for comparison in comparisons:
+        forces = [comparison.space.channel_units[c] == "N" for c in comparison.recording.channels]
+        slow = SlowResidual.of(comparison)
+        residual = comparison.residual[:, forces].var(axis=0).sum()
+        readings = comparison.recording.wrench[:, forces].var(axis=0).sum()
+        if slow is None or not slow.foreign_forces or residual < FOREIGN_SHARE * readings:
+            return ()
+        found += slow.foreign_forces
+    return tuple(dict.fromkeys(found))
 
 
 def _p_value(power: Array) -> float:

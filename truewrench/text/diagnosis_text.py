@@ -49,7 +49,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
 
 
 def _tool_text(diagnosis: Diagnosis) -> str:
-    foreign = foreign_forces(diagnosis.slow_residuals, len(diagnosis.fit.recordings))
+    foreign = foreign_forces(diagnosis.steps[-1].training)
     return tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting), foreign=foreign)
 
 

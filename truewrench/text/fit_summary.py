@@ -122,7 +122,7 @@ class FitSummary:
         names = ("parameter", "value", f"{self.intervals.level:.0%} interval", "degrees of freedom")
         found = Table.of(names, self._parameter_rows())
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
-        foreign = foreign_forces(self.slow, len(self.fit.recordings))
+        foreign = foreign_forces(self.comparisons)
         tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), foreign=foreign)) else []
         tool += [text] if (text := tool_extent_text(self.fit)) else []
         return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])

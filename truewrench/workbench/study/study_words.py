@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
 from diagnosis.comparison.residual_map import ResidualMap
-from diagnosis.comparison.slow_residual import foreign_forces, slow_residuals
+from diagnosis.comparison.slow_residual import foreign_forces
 from diagnosis.screening.suspects import Suspects
 from diagnosis.verdict.verdict import EffectVerdict
 from estimation.recordings.recording import Recording
@@ -127,7 +127,7 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
 
 
 def _tool(study: Study) -> str:
-    foreign = foreign_forces(slow_residuals(study.steps[-1].training), len(study.fit.recordings))
+    foreign = foreign_forces(study.steps[-1].training)
     return tool_text(study.fit, misfitting=bool(study.misfitting), foreign=foreign)
 
 
