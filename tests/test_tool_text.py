@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from benchmarks.single_run import RIG, SingleRun
+from benchmarks.robot_motions import sines
+from benchmarks.single_run import RIG, SingleRun, recorded
 from benchmarks.unlisted_physics import GuidingHand
 from diagnosis.comparison.comparison import comparison_of
-from diagnosis.comparison.slow_residual import Part, SlowResidual, foreign_forces
+from diagnosis.comparison.residual_spectrum import ResidualSpectrum
+from diagnosis.comparison.slow_residual import SlowResidual, foreign_forces
 from estimation.confidence_intervals import intervals
 from estimation.fit import Fit, fit
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
 from modeling.rig.rig import Convention
-from truewrench.simulated_rig import HiddenEffect
+from truewrench.simulated_rig import HiddenEffect, simulate
 from truewrench.text.fit_summary import FitSummary
 from truewrench.text.tool_text import tool_text
 
@@ -63,14 +66,20 @@ def test_the_tool_of_a_free_run_is_known() -> None:
 
 
 def test_a_torque_that_is_not_the_tools_does_not_hide_its_weight() -> None:
-    channels = {"fx": "N", "tx": "N m"}
-    slow = SlowResidual(
+    frame = SingleRun(noise="white", motion="sines", seed=45).frame()
+    found = fitted([recorded(frame.assign(tx=frame["tx"] + 5 * np.sin(3 * frame["time"])))])
+    assert SlowResidual.of_foreign(
         "run",
-        rms=dict.fromkeys(channels, 5.0),
-        floor=dict.fromkeys(channels, 0.1),
-        units=channels,
-        p_value=dict.fromkeys(channels, 0.0),
-        part={"fx": Part.MOTION_BAND, "tx": Part.FOREIGN},
-    )
-    assert slow.foreign_forces == ()
-    assert replace(slow, part=dict.fromkeys(channels, Part.FOREIGN)).foreign_forces == ("fx",)
+        ResidualSpectrum.of(found.residuals[0], found.recordings[0].wrench - found.residuals[0]),
+        found.recordings[0].wrench.var(axis=0),
+        found.model.space.channel_units,
+    ).above_noise == ("tx",)
+    assert foreign_forces([comparison_of(found, 0)]) == ()
+
+
+@pytest.mark.parametrize("samples", [200, 25_000])
+def test_the_length_of_a_record_does_not_hide_the_hand(samples: int) -> None:
+    """With many samples the p-value of a residual in the motion's band is 0 too; 200 samples are not tested."""
+    frame = simulate(RIG, sines(41), hidden=(GuidingHand(),), repeats=1, samples_per_period=samples, seed=41)
+    comparison = comparison_of(fitted([recorded(frame)]), 0)
+    assert bool(foreign_forces([comparison])) == (samples > 200)

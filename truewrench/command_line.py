@@ -58,12 +58,12 @@ GC_THRESHOLDS = (50_000, 20, 50)
 class Parser(argparse.ArgumentParser):
     """Argument parser whose errors are InputErrors: no usage text, no exit from within."""
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse, each option of effects by as many ids as follow it."""
         options = {option for action in self._actions if action.metavar == "ID" for option in action.option_strings}
         return super().parse_known_args(ids_apart(list(sys.argv[1:] if args is None else args), options), namespace)
 
-    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; InputError, with the help of the subcommand, for what it does not know."""
         found, unknown = self.parse_known_args(args, namespace)
         if unknown:

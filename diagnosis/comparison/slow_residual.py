@@ -91,8 +91,7 @@ class SlowResidual:
     def of(cls, comparison: Comparison) -> SlowResidual | None:
         """The slow part; None with repeats, which show it by themselves, of static poses, and of a short record."""
         recording, residual = comparison.recording, comparison.residual
-        short = len(residual) < 4 * REFERENCE_MODES.stop
-        if comparison.noise.source is NoiseSource.REPEATS or recording.at_rest or short:
+        if not _is_tested(comparison):
             return None
         name, units = recording.name, comparison.space.channel_units
         spectrum = ResidualSpectrum.of(residual, recording.wrench - residual)
@@ -170,11 +169,6 @@ class SlowResidual:
         """Of these the channels in which it exceeds the noise floor: a misfit, whatever its cause."""
         return tuple(c for c in self.units if self._is_misfit(c))
 
-    @property
-    def foreign_forces(self) -> tuple[str, ...]:
-        """Force channels whose readings are mostly not the tool's."""
-        return tuple(c for c in self.above_noise if self.part[c] is Part.FOREIGN and self.units[c] == "N")
-
     def _is_misfit(self, channel: str, tests: int = 1) -> bool:
         """Whether a channel's part is significant, one of so many tested, and exceeds the noise floor."""
         return tests * self.p_value[channel] < LEVELS.effect and self.rms[channel] > self.floor[channel]
@@ -211,21 +205,35 @@ def slow_residuals(comparisons: Sequence[Comparison]) -> tuple[SlowResidual, ...
 
 
 def foreign_forces(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
-    """Force channels that are mostly not the tool's, where most of the force of each recording is not; else none.
+    """Force channels that are mostly not the tool's, where most of the changing force of each recording is not.
 
-    The force of all channels together counts, as which of them the weight acts on is a matter of axes; a recording
-    whose force is mostly the tool's says what it weighs.
+    None otherwise: the force of all channels together counts, as which of them the weight acts on is a matter of axes,
+    and a recording whose force is mostly the tool's, or that is not tested as it repeats or rests, says what it weighs.
     """
     found: list[str] = []
     for comparison in comparisons:
-        forces = [comparison.space.channel_units[c] == "N" for c in comparison.recording.channels]
-        slow = SlowResidual.of(comparison)
-        residual = comparison.residual[:, forces].var(axis=0).sum()
-        readings = comparison.recording.wrench[:, forces].var(axis=0).sum()
-        if slow is None or not slow.foreign_forces or residual < FOREIGN_SHARE * readings:
+        foreign = _foreign_forces(comparison)
+        if not foreign:
             return ()
-        found += slow.foreign_forces
+        found += foreign
     return tuple(dict.fromkeys(found))
+
+
+def _foreign_forces(comparison: Comparison) -> list[str]:
+    recording, residual, units = comparison.recording, comparison.residual, comparison.space.channel_units
+    forces = [units[c] == "N" for c in recording.channels]
+    missed, read = (series[:, forces].var(axis=0).sum() for series in (residual, recording.wrench))
+    if not _is_tested(comparison) or missed < FOREIGN_SHARE * read:
+        return []
+    spectrum = ResidualSpectrum.of(residual, recording.wrench - residual)
+    foreign = SlowResidual.of_foreign(recording.name, spectrum, recording.wrench.var(axis=0), units)
+    return [c for c in foreign.above_noise if units[c] == "N"]
+
+
+def _is_tested(comparison: Comparison) -> bool:
+    """Not with repeats, which show what is slow by themselves, nor static poses, nor a short record."""
+    short = len(comparison.residual) < 4 * REFERENCE_MODES.stop
+    return comparison.noise.source is not NoiseSource.REPEATS and not comparison.recording.at_rest and not short
 
 
 def _p_value(power: Array) -> float:

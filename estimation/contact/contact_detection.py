@@ -245,7 +245,7 @@ class ContactSearch:
         The smaller of the whole window's and of that without its largest block, a mean over one block less. The zero
         is the mean of `quiet` blocks.
         """
-        error = noise.variance[max(1, quiet) - 1]
+        error, zero = noise.variance[max(1, quiet) - 1], zero - self._centre
         sizes = []
         for length, sums in self._window_sums.items():
             total, largest = sums.total - length * zero, sums.largest(zero)
@@ -255,11 +255,17 @@ class ContactSearch:
         return np.concatenate(sizes)
 
     @cached_property
+    def _centre(self) -> Array:
+        """Mean of all blocks (p,), without which sums keep their digits."""
+        return np.asarray(self.means.mean(axis=0))
+
+    @cached_property
     def _window_sums(self) -> dict[int, WindowSums]:
-        """By length, in the order of `windows`."""
-        sums = cumulative_sums(self.means)
+        """By length, in the order of `windows`, of the means less their centre."""
+        means = self.means - self._centre
+        sums = cumulative_sums(means)
         lengths = np.unique(self.windows.last - self.windows.first)
-        return {length: WindowSums.of(self.means, sums, length) for length in map(int, lengths)}
+        return {length: WindowSums.of(means, sums, length) for length in map(int, lengths)}
 
 
 class WindowSums(NamedTuple):

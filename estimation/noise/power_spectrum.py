@@ -130,7 +130,10 @@ def _penalised_spline(
 
 
 def _fisher_scoring(basis: Array, power: Array, covariance: Array, penalty: Array, shape: float) -> Array:
-    """Coefficients of the largest penalised likelihood, `covariance` the inverse of the penalised information."""
+    """Coefficients of the largest penalised likelihood, `covariance` the inverse of the penalised information.
+
+    They start at the penalised least squares of the logarithms, corrected for their mean with shape 1.
+    """
     coefficients = covariance @ (shape * basis.T @ (np.log(power) + EULER))
     for _ in range(30):
         log_power = basis @ coefficients

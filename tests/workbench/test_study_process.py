@@ -39,6 +39,24 @@ class Actions:
 
 assert isinstance(_answer(Actions(), {}, _cancellable()), Cancelled)
 """
+FAILED = """
+class Slow(Exception):
+    def __str__(self):
+        time.sleep(3 * AGAIN)
+        return "slow to say what is wrong"
+
+class Finalised:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGUSR1)
+        time.sleep(0.01)
+
+class Actions:
+    def answer(self, request):
+        Finalised()
+        raise Slow
+
+print(_answer(Actions(), {}, _cancellable()).what)
+"""
 
 
 def test_a_cancellation_that_python_drops_is_made_again() -> None:
@@ -49,6 +67,10 @@ def test_a_cancellation_that_python_drops_is_made_again() -> None:
 
 def test_what_cleans_up_after_a_cancellation_is_let_finish() -> None:
     assert _run(CLEANED_UP).stdout.strip() == "cleaned up"
+
+
+def test_work_that_fails_before_it_is_cancelled_says_so() -> None:
+    assert _run(FAILED).stdout.strip().endswith("slow to say what is wrong")
 
 
 def _run(program: str) -> subprocess.CompletedProcess[str]:

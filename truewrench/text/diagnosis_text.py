@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from diagnosis.comparison.error_table import error_table
-from diagnosis.comparison.slow_residual import foreign_forces
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.motion_notes import motion_notes
@@ -39,8 +38,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
         verdict_sentence(diagnosis),
         *(_given_text(diagnosis, effect_id) for effect_id in diagnosis.given),
         *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
-        *([tool] if (tool := _tool_text(diagnosis)) else []),
-        *([extent] if (extent := tool_extent_text(diagnosis.fit)) else []),
+        *_tool_lines(diagnosis),
         error_reduction_text(diagnosis),
         "\n".join(_evidence(diagnosis)),
         f"Candidate effects:\n{diagnosis.table}\n{CANDIDATES_NOTE}",
@@ -48,9 +46,12 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     return "\n\n".join(parts if diagnosis.unexplained is None else [*parts, _unexplained_text(diagnosis.unexplained)])
 
 
-def _tool_text(diagnosis: Diagnosis) -> str:
-    foreign = foreign_forces(diagnosis.steps[-1].training)
-    return tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting), foreign=foreign)
+def _tool_lines(diagnosis: Diagnosis) -> list[str]:
+    """The tool, and whether it is as large as no tool is; of readings that are not its own, that it is not known."""
+    foreign = diagnosis.steps[-1].foreign_forces
+    tool = tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting), foreign=foreign)
+    extent = "" if foreign else tool_extent_text(diagnosis.fit)
+    return [line for line in (tool, extent) if line]
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:

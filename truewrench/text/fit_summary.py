@@ -124,7 +124,7 @@ class FitSummary:
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
         foreign = foreign_forces(self.comparisons)
         tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), foreign=foreign)) else []
-        tool += [text] if (text := tool_extent_text(self.fit)) else []
+        tool += [text] if not foreign and (text := tool_extent_text(self.fit)) else []
         return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
 
     def _parameter_rows(self) -> Iterator[tuple[str, ...]]:

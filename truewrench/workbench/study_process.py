@@ -23,7 +23,7 @@ LEAST_MEMORY = 4 << 30
 """Bytes of addresses that a process may have on any machine: libraries reserve more than they use."""
 AGAIN = 0.1
 """Seconds after which what was cancelled and goes on is cancelled again: Python drops exceptions within finalisers, and
-in what runs about a fork, where a signal that comes during the fork is always handled."""
+in what it runs right after a fork, which is where it handles a signal that came during the fork."""
 CANCEL = getattr(signal, "SIGUSR1", None)
 """Signal that cancels; where the system has none, the process is ended."""
 
@@ -201,7 +201,7 @@ def _cancellable() -> list[bool]:
     def cancel(_number: int, _frame: object) -> None:
         if busy[0]:
             signal.setitimer(signal.ITIMER_REAL, AGAIN)
-            if not isinstance(sys.exception(), CancelRequest):  # what cleans up after a cancellation is let finish
+            if not _is_being_cancelled(sys.exception()):  # what cleans up is let finish
                 raise CancelRequest
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -211,13 +211,22 @@ def _cancellable() -> list[bool]:
     return busy
 
 
+def _is_being_cancelled(error: BaseException | None) -> bool:
+    """Whether an exception that is handled is a cancellation, or came up while one was handled."""
+    while error is not None and not isinstance(error, CancelRequest):
+        error = error.__context__
+    return error is not None
+
+
 def _answer(actions: Any, request: Request, busy: list[bool]) -> Message:
     from modeling.errors import InputError
 
     try:
         busy[0] = True
-        answer = actions.answer(request)
-        busy[0] = False
+        try:
+            answer = actions.answer(request)
+        finally:
+            busy[0] = False
         return Done(answer)
     except CancelRequest:
         return Cancelled()
@@ -231,6 +240,5 @@ def _answer(actions: Any, request: Request, busy: list[bool]) -> Message:
         what = f"internal error of truewrench, {type(error).__name__}: {error}"
         return Refused(what, where, "report it with the recording")
     finally:
-        busy[0] = False
         if CANCEL is not None:
             signal.setitimer(signal.ITIMER_REAL, 0)

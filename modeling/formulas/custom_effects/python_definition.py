@@ -132,7 +132,7 @@ class _Printer(StrPrinter):  # type: ignore[misc]
     def _print_Float(self, expr: sp.Float) -> str:  # noqa: N802
         return repr(float(expr))
 
-    def _print_Exp1(self, expr: sp.Expr) -> str:  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride]
+    def _print_Exp1(self, expr: sp.Expr) -> str:  # noqa: N802
         return "exp(1)"
 
     def _print_Abs(self, expr: sp.Expr) -> str:  # noqa: N802

@@ -11,7 +11,6 @@ from markupsafe import Markup
 
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
 from diagnosis.comparison.residual_map import ResidualMap
-from diagnosis.comparison.slow_residual import foreign_forces
 from diagnosis.screening.suspects import Suspects
 from diagnosis.verdict.verdict import EffectVerdict
 from estimation.recordings.recording import Recording
@@ -119,16 +118,11 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         effects=[_effect_values(effect, study) for effect in study.model.effects],
         failing=study.steps[-1].misfitting,
         undone=study.undone,
-        tool=_tool(study),
+        tool=tool_text(study.fit, misfitting=bool(study.misfitting), foreign=study.steps[-1].foreign_forces),
         parameters=Markup(study.fit.table),
         puzzle=puzzle,
         weak=noise_from_residual(study.fit),
     )
-
-
-def _tool(study: Study) -> str:
-    foreign = foreign_forces(study.steps[-1].training)
-    return tool_text(study.fit, misfitting=bool(study.misfitting), foreign=foreign)
 
 
 def _effect_values(effect: Effect, study: Study) -> dict[str, Any]:
