@@ -8,13 +8,13 @@ import sys
 BEGINNING = """
 import os, signal, time
 from truewrench.workbench.study_process import AGAIN, Cancelled, _answer, _cancellable
-"""
-DROPPED = """
+
 class Finalised:
     def __del__(self):
         os.kill(os.getpid(), signal.SIGUSR1)
         time.sleep(0.01)
-
+"""
+DROPPED = """
 class Actions:
     def answer(self, request):
         Finalised()
@@ -44,11 +44,6 @@ class Slow(Exception):
     def __str__(self):
         time.sleep(3 * AGAIN)
         return "slow to say what is wrong"
-
-class Finalised:
-    def __del__(self):
-        os.kill(os.getpid(), signal.SIGUSR1)
-        time.sleep(0.01)
 
 class Actions:
     def answer(self, request):
