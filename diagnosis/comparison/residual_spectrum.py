@@ -50,14 +50,19 @@ class ResidualSpectrum:
         return cls(dct(residual, axis=0, norm="ortho") ** 2, motion_band(predicted))
 
     @property
+    def reach(self) -> int:
+        """Highest line of what follows the motion: an octave above its band, as squares and resonances do."""
+        return 2 * self.band
+
+    @property
     def noise_variance(self) -> Array:
-        """Variance (p,) of one sample of white noise of the level above the motion's band."""
-        return np.asarray(self.power[self.band + 1 :].mean(axis=0))
+        """Variance (p,) of one sample of white noise of the level above what follows the motion."""
+        return np.asarray(self.power[self.reach + 1 :].mean(axis=0))
 
     @property
     def band_excess(self) -> Array:
-        """Variance (p,) of the residual in the motion's band in excess of white noise as above it."""
-        low = self.power[1 : self.band + 1]
+        """Variance (p,) of the residual in what follows the motion in excess of white noise as above it."""
+        low = self.power[1 : self.reach + 1]
         return np.asarray(np.maximum(low.sum(axis=0) - len(low) * self.noise_variance, 0.0) / len(self.power))
 
     @property

@@ -1,7 +1,8 @@
 """Slow residual of a single run: drift of the zero, slow noise or physics, which without repeats look alike.
 
-Three parts can be told from the noise: that of the slowest lines, where the zero wanders; that of the motion's band,
-where the physics is that the model lacks; and, where the tool makes the smaller part of a channel's readings, the rest.
+Four parts can be told from the noise: that of the slowest lines, where the zero wanders; that of the motion's band,
+where the physics is that the model lacks; what comes and goes, as noise does not; and, where the tool makes the smaller
+part of a channel's readings, the rest.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from scipy.fft import dct
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.residual_spectrum import ResidualSpectrum
 from diagnosis.comparison.rest_comparison import rest_p_values
+from diagnosis.comparison.steadiness import steadiness_p_values, unsteady_variance
 from estimation.distributions import chi_square_p_value
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.recording import Recording
@@ -55,6 +57,10 @@ class Part(Enum):
         "it changes while the tool moves and not while it rests, so physics that the model lacks, or the robot's own"
         " vibration"
     )
+    UNSTEADY = (
+        "its size comes and goes, which that of noise does not, so impacts, a loose part, vibration or other physics"
+        " that the model lacks, or interference; when it is large tells which"
+    )
     FOREIGN = (
         "most of these readings is not the tool's: contact, another load or a disturbance; record a motion without"
         " contact"
@@ -65,6 +71,7 @@ class Part(Enum):
         """What remains."""
         return {
             Part.SLOWEST: "a slow change",
+            Part.UNSTEADY: "a residual that is not steady",
             Part.FOREIGN: "a residual larger than the tool's own wrench",
         }.get(self, "a residual in the band of the motion")
 
@@ -98,6 +105,7 @@ class SlowResidual:
         band = cls.of_motion_band(name, spectrum, units).or_else(
             cls.of_rest(name, spectrum, recording, residual, units)
         )
+        band = band.or_else(cls.of_unsteady(recording, residual, units))
         found = cls.of_residual(name, residual, units).or_else(band)
         return found.or_else(cls.of_foreign(name, spectrum, recording.wrench.var(axis=0), units), tests=1)
 
@@ -108,6 +116,19 @@ class SlowResidual:
         """The part in the motion's band, tested by how much more a residual (n, p) changes in motion than at rest."""
         size, noise = np.sqrt(spectrum.band_excess), np.sqrt(spectrum.noise_variance)
         return cls._of(name, units, Part.MOTION_ALONE, size, noise, rest_p_values(recording, residual))
+
+    @classmethod
+    def of_unsteady(cls, recording: Recording, residual: Array, units: Mapping[str, str]) -> SlowResidual:
+        """The part that comes and goes of a residual (n, p), where it exceeds the steady noise.
+
+        A smaller one says little: the motion's derivatives err most where a move begins and ends.
+        """
+        unsteady, steady = unsteady_variance(residual)
+        larger = unsteady > steady
+        p_values = (
+            np.where(larger, steadiness_p_values(recording, residual), 1.0) if larger.any() else np.ones(len(units))
+        )
+        return cls._of(recording.name, units, Part.UNSTEADY, np.sqrt(unsteady), np.sqrt(steady), p_values)
 
     @classmethod
     def of_foreign(
@@ -130,11 +151,9 @@ class SlowResidual:
     def or_else(self, other: SlowResidual, tests: int = 2) -> SlowResidual:
         """In each channel one of two parts, of which so many were tested.
 
-        One that is significant and above the noise, where only one is; else the more certain one.
+        One that is significant and above the noise; the larger one where both are, the more certain one where none is.
         """
-        parts = {
-            c: min(self, other, key=lambda part: (not part._is_misfit(c, tests), part.p_value[c])) for c in self.p_value
-        }
+        parts = {c: min(self, other, key=lambda part: part._rank(c, tests)) for c in self.p_value}
         return SlowResidual(
             self.recording,
             {c: part.rms[c] for c, part in parts.items()},
@@ -172,6 +191,11 @@ class SlowResidual:
     def _is_misfit(self, channel: str, tests: int = 1) -> bool:
         """Whether a channel's part is significant, one of so many tested, and exceeds the noise floor."""
         return tests * self.p_value[channel] < LEVELS.effect and self.rms[channel] > self.floor[channel]
+
+    def _rank(self, channel: str, tests: int) -> tuple[bool, float]:
+        """Of two parts the one to be told has the lower rank."""
+        misfit = self._is_misfit(channel, tests)
+        return not misfit, -self.rms[channel] if misfit else self.p_value[channel]
 
     def to_data(self) -> dict[str, Any]:
         """Plain data."""

@@ -50,6 +50,10 @@ class InverseCovarianceFilter:
         weights = (self.weights / self.weights.mean(axis=0)).reshape(*self.weights.shape, *[1] * (series.ndim - 3))
         return np.asarray(idct(weights * dct(series, axis=1, norm="ortho"), axis=1, norm="ortho"))
 
+    def whitened(self, series: Array) -> Array:
+        """Series (runs, once, p) filtered to white noise of unit variance, without delay and without the tones."""
+        return np.asarray(idct(np.sqrt(self.weights) * dct(series, axis=1, norm="ortho"), axis=1, norm="ortho"))
+
 
 def inverse_covariance_filter(recording: Recording, residual: Array) -> InverseCovarianceFilter:
     """Inverse covariance of noise (runs, once, p) from smooth power spectra; white for static poses."""
