@@ -17,6 +17,7 @@ from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
@@ -134,9 +135,12 @@ def decided_own_motion(base: WrenchModel, recording: Recording) -> OwnMotion | N
 
     The rigid tool, fitted to the mean of the readings, predicts what the differences of the motion add to them, d. Of
     what the readings e differ between the repeats, that is true (e = d + noise) or an error of the measured motion
-    (e = noise), and the more likely of both is taken: in noise of the spectrum S of e, the first where
+    (e = noise). In noise of the spectrum S of e the chi-square of the second is higher by
 
-        sum Re(conj(D) E) / S > sum |D|² / S / 2.
+        4 sum Re(conj(D) E) / S - 2 sum |D|² / S,
+
+    and above `LEVELS.separated_by_readings` the first is taken: an error of the motion is taken for motion at 0.12 % at
+    the most, whatever its size, and differences that are missed raise the chi-square of the whole record by less.
     """
     own = recording.own_motion
     if own is None:
@@ -148,18 +152,19 @@ def decided_own_motion(base: WrenchModel, recording: Recording) -> OwnMotion | N
     rows = (response.derivative / spread[:, None]).reshape(-1, len(nothing))
     theta = np.linalg.lstsq(rows, (readings / spread).ravel(), rcond=None)[0]
     added = _added(base, own, theta, _mean_motion_response(base, recording, theta, derivative=False))
-    return own if _is_likely(difference_of(added, own.repeats), difference_of(recording.wrench, own.repeats)) else None
+    added, readings = (difference_of(series, own.repeats) for series in (added, recording.wrench))
+    return own if _is_separated(added, readings) else None
 
 
-def _is_likely(added: Array, differences: Array) -> bool:
-    """Whether differences (n, p) of the readings contain what the motion adds to them (n, p), rather than not."""
+def _is_separated(added: Array, differences: Array) -> bool:
+    """Whether differences (n, p) of the readings surely contain what the motion adds to them (n, p)."""
     expected, found = np.fft.rfft(added, axis=0)[1:], np.fft.rfft(differences, axis=0)[1:]
     edges = np.unique(np.geomspace(1, len(found) + 1, SPECTRUM_BANDS + 1).astype(int)) - 1
     bands = [slice(a, b) for a, b in pairwise(edges)]
     power = np.concatenate([np.broadcast_to((np.abs(found[b]) ** 2).mean(axis=0), found[b].shape) for b in bands])
     weight = 1 / np.maximum(power, np.finfo(float).tiny)
     agreement = float((np.real(expected.conj() * found) * weight).sum())
-    return agreement > float((np.abs(expected) ** 2 * weight).sum()) / 2
+    return 4 * agreement - 2 * float((np.abs(expected) ** 2 * weight).sum()) > LEVELS.separated_by_readings
 
 
 def _columns_of(parts: Sequence[ResponsePart], count: int) -> tuple[int, ...]:
