@@ -312,7 +312,7 @@ class Recording(Tabular):
         return np.tile(period, (self.repeats, 1))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class OwnMotion(Recording):
     """A recording whose signals are the motion of each repeat: the mean motion and what the repeat adds to it."""
 
