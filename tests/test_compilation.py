@@ -75,10 +75,31 @@ def numpy_values(emitted: VectorFunction, signals: Mapping[str, Array], theta: A
 
 @cache
 def sympy_function(emitted: VectorFunction) -> Callable[..., Any]:
-    """The expressions as they stand, no subexpression shared, for SymPy's numbers of any length."""
+    """The expressions as they stand, operation by operation, for SymPy's numbers of any length."""
     symbols = [sp.Symbol(name, real=True) for name in emitted.inputs]
-    function: Callable[..., Any] = sp.lambdify([*symbols, *emitted.parameters], list(emitted.expression), "mpmath")
+    function: Callable[..., Any] = sp.lambdify(
+        [*symbols, *emitted.parameters], list(emitted.expression), "mpmath", cse=every_operation
+    )
     return function
+
+
+def every_operation(expressions: list[sp.Expr]) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+    """Each operation as a step of its own, so that equal ones are printed once; nothing is searched or rearranged."""
+    known: dict[sp.Basic, sp.Basic] = {}
+    steps: list[tuple[sp.Symbol, sp.Expr]] = []
+
+    def named(node: sp.Basic) -> sp.Basic:
+        if not node.args:
+            return node
+        if node not in known:
+            whole = node.func(*map(named, node.args), evaluate=False)
+            known[node] = whole
+            if isinstance(node, sp.Expr):
+                known[node] = sp.Symbol(f"step_{len(steps)}", real=True)
+                steps.append((known[node], whole))
+        return known[node]
+
+    return steps, [named(expression) for expression in expressions]
 
 
 def sympy_values(emitted: VectorFunction, signals: Mapping[str, Array], theta: Array, sample: int) -> Array:
