@@ -82,8 +82,10 @@ def _with_room(panels: NDArray[Any], grid: PanelGrid, head: float) -> PanelGrid:
 
 def _turn_long_ticks(axes: Axes) -> None:
     """Turn the names below an axis where they would touch each other or the next panel."""
+    if not isinstance(axes.xaxis.get_major_locator(), FixedLocator):
+        return
     labels = [label for label in axes.get_xticklabels() if label.get_text() and not label.get_rotation()]
-    if not isinstance(axes.xaxis.get_major_locator(), FixedLocator) or not labels:
+    if not labels:
         return
     boxes = sorted((label.get_window_extent() for label in labels), key=lambda box: box.x0)
     panel: Bbox = axes.get_window_extent()
