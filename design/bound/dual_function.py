@@ -93,8 +93,9 @@ class DualFunction:
 
     def moments(self, states: Array) -> tuple[Array, Array]:
         """Phi'Phi (N, k, k) and L h (N, K) in states (N, 3n)."""
-        gram, rates = self._moments.map(len(states))(states.T)
-        return np.array(gram).T.reshape(-1, self.size, self.size), np.array(rates).T
+        found = self._moments.values(list(states.T))
+        gram, rates = found[: self.size**2], found[self.size**2 :]
+        return gram.T.reshape(-1, self.size, self.size), rates.T
 
     def values(self, points: Array, dual: DualVariables) -> Array:
         """F (N, 2^n) at points (N, 2n) of the cube and every vertex of ddq."""
@@ -172,13 +173,15 @@ class DualFunction:
         )
 
     @cached_property
-    def _moments(self) -> Any:
+    def _moments(self) -> TapeEvaluation:
+        """Phi'Phi column by column, then L h, in a state."""
         import casadi as ca
 
         q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
         columns = self._columns(q, dq, ddq)
         rates = ca.jtimes(self.conditions.graph(q, dq), ca.vertcat(q, dq), ca.vertcat(dq, ddq))
-        return _function([ca.vertcat(q, dq, ddq)], [ca.vec(columns.T @ columns), rates])
+        results = ca.vertcat(ca.vec(columns.T @ columns), rates)
+        return TapeEvaluation(Tape.of(ca.vertcat(q, dq, ddq), ca.SX(0, 1), results))
 
 
 def _value(parts: Any, ddq: Any, root: Any) -> Any:

@@ -82,10 +82,11 @@ class Objective:
         entries = ca.vertcat(*[ca.dot(columns[:, i], columns[:, j]) for i, j in self._entries])
         weight = ca.SX.sym("w", len(self._entries))
         slopes = ca.jacobian(entries, x)
+        curvature = ca.hessian(ca.dot(weight, entries), x)[0]
         return (
-            ca.Function("entries", [x], [ca.densify(entries)]),
-            ca.Function("slopes", [x], [ca.densify(slopes)]),
-            ca.Function("curvature", [x, weight], [ca.densify(ca.hessian(ca.dot(weight, entries), x)[0])]),
+            ca.Function("entries", [x], [ca.cse(ca.densify(entries))]),
+            ca.Function("slopes", [x], [ca.cse(ca.densify(slopes))]),
+            ca.Function("curvature", [x, weight], [ca.cse(ca.densify(curvature))]),
         )
 
     @cached_property

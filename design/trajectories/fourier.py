@@ -4,8 +4,9 @@ Sensor for Robot Manipulators", Bassi et al.), and independent joints."""
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -51,16 +52,11 @@ class FourierSeries(TrajectorySeries):
 
     def functions(self, time: Array, order: int) -> Array:
         """(N, 1 + 2 H): each derivative multiplies by h w and turns sin into cos, -sin, -cos."""
-        rate = 2 * np.pi / self.duration * np.array(self.waves, dtype=float)
-        angle = np.multiply.outer(time, rate)
-        sin, cos = np.sin(angle), np.cos(angle)
-        first, second = ((sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin))[order % 4]
-        constant = np.full((len(time), 1), float(order == 0))
-        return np.hstack([constant, rate**order * first, rate**order * second])
+        return _functions(self.waves, self.duration, time, order)
 
     def grid(self) -> Array:
         """Times over one period, 256 to a wave of the highest harmonic, s."""
-        return np.linspace(0.0, self.duration, POINTS_PER_WAVE * max(self.waves), endpoint=False)
+        return _grid(self.waves, self.duration)
 
     def enclosure(self, coefficients: Array, order: int) -> tuple[Array, Array]:
         """The extremes on the grid, their half range times `EHLICH_ZELLER_FACTOR`.
@@ -68,10 +64,29 @@ class FourierSeries(TrajectorySeries):
         Less the middle of these extremes the derivative is a trigonometric polynomial of the same degree, whose
         largest absolute value on the grid is their half range.
         """
-        values = self.evaluate(coefficients, self.grid(), order)
+        values = _functions_on_grid(tuple(self.waves), self.duration, order) @ (self.mixing @ coefficients).T
         low, high = values.min(axis=0), values.max(axis=0)
         middle, half = (low + high) / 2, (high - low) / 2 * EHLICH_ZELLER_FACTOR
         return middle - half, middle + half
+
+
+def _functions(waves: Sequence[int], duration: float, time: Array, order: int) -> Array:
+    rate = 2 * np.pi / duration * np.array(waves, dtype=float)
+    angle = np.multiply.outer(time, rate)
+    sin, cos = np.sin(angle), np.cos(angle)
+    first, second = ((sin, cos), (cos, -sin), (-sin, -cos), (-cos, sin))[order % 4]
+    constant = np.full((len(time), 1), float(order == 0))
+    return np.hstack([constant, rate**order * first, rate**order * second])
+
+
+def _grid(waves: Sequence[int], duration: float) -> Array:
+    return np.linspace(0.0, duration, POINTS_PER_WAVE * max(waves), endpoint=False)
+
+
+@lru_cache(maxsize=8)
+def _functions_on_grid(waves: tuple[int, ...], duration: float, order: int) -> Array:
+    """Kept: the limits of every motion that is tried ask for the same."""
+    return _functions(waves, duration, _grid(waves, duration), order)
 
 
 @dataclass(frozen=True, kw_only=True)
