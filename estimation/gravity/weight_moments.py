@@ -101,7 +101,7 @@ class WeightMoments:
         from scipy.optimize import minimize  # slow to import
 
         directions = _grid(self.axes)
-        start = directions[int(np.argmin([self.fit(d).rms for d in directions]))]
+        start = directions[int(np.argmin(self._squares(directions)))]
         tangent = np.linalg.svd(start[None])[2][1:]
 
         def at(coordinates: Array) -> Array:
@@ -116,8 +116,18 @@ class WeightMoments:
 
     def rival(self, direction: Array, angle: float) -> Array:
         """The best direction (d,) of those further than `angle` (rad) from this one and its opposite."""
-        others = [d for d in _grid(self.axes) if abs(float(d @ direction)) < np.cos(angle)]
-        return min(others, key=lambda d: self.fit(d).rms)
+        directions = _grid(self.axes)
+        others = directions[np.abs(directions @ direction) < np.cos(angle)]
+        return np.asarray(others[int(np.argmin(self._squares(others)))])
+
+    def _squares(self, directions: Array) -> Array:
+        """Sums of squares (m,) of the residuals with gravity along unit vectors (m, d), up to what all share."""
+        eye = np.eye(self.axes)
+        regressors = np.stack([np.vstack([eye, *(-self.gravity * part * eye for part in d)]) for d in directions])
+        turned, inputs = regressors.transpose(0, 2, 1), self.gram[: -self.axes, : -self.axes]
+        mixed = turned @ self.gram[: -self.axes, -self.axes :]
+        solutions = np.linalg.pinv(turned @ inputs @ regressors, rcond=1e-10, hermitian=True) @ mixed
+        return np.asarray(-(solutions * mixed).sum(axis=(1, 2)))
 
 
 def _grid(axes: int) -> Array:
