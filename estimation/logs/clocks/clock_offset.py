@@ -211,7 +211,8 @@ def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: flo
     std, weights = np.inf, np.ones(len(stamps))
     window = max(int(WEIGHT_WINDOW / max(float(np.median(np.diff(stamps))), 1e-6)), 1)
     for _ in range(ITERATIONS):
-        late, residual = _linearised(motion, stamps, wrench, offset, np.sqrt(weights))
+        aligned = _AlignedFit(motion, stamps - offset, wrench, np.sqrt(weights))
+        late, residual = aligned.late, aligned.residual
         weights = _row_weights(residual / np.sqrt(weights)[:, None], window)
         weight = 1 / np.maximum((residual**2).mean(axis=0), TINY)
         information = float(((late**2) * weight).sum())
@@ -250,45 +251,88 @@ def _chi_square(motion: MotionRegressors, stamps: Array, wrench: Array, offsets:
         return np.zeros(0)
     every = slice(None, None, max(len(stamps) // NEAR_ROWS, 1))
     roots = np.sqrt(weights[every])
-    fits = [_linearised(motion, stamps[every], wrench[every], float(offset), roots)[1] for offset in offsets]
-    sums = np.array([(residual**2).sum(axis=0) for residual in fits])
+    fits = [_AlignedFit(motion, stamps[every] - float(offset), wrench[every], roots) for offset in offsets]
+    sums = np.array([(fit.residual**2).sum(axis=0) for fit in fits])
     found = (sums / np.maximum(sums.min(axis=0) / len(stamps), TINY)).sum(axis=1)
     return np.asarray(found - found.min())
 
 
-def _linearised(
-    motion: MotionRegressors, stamps: Array, wrench: Array, offset: float, roots: Array
-) -> tuple[Array, Array]:
-    """Derivative of the prediction by the offset, and the residual, (n, p), without what coefficients explain.
+@dataclass(frozen=True, eq=False)
+class _AlignedFit:
+    """The fit of the whole model to the wrench (n, p) with the motion at instants (n,), s.
 
-    Both are multiplied by the roots (n,) of the rows' weights.
+    Rows are multiplied by the roots (n,) of their weights, as are derivative and residual.
     """
-    d, root = motion.dimension, roots[:, None]
-    (free, vectors, every), (free_rate, vectors_rate, every_rate) = (
-        (root * a, root[:, :, None] * b, root * c) for a, b, c in (motion.at(stamps - offset, i) for i in (0, 1))
-    )
-    wrench = root * wrench
-    late, residual = np.empty_like(wrench), np.empty_like(wrench)
-    forces, torques = wrench[:, :d], wrench[:, d:]
-    mounting = _mounting(_coefficients(free, forces)[:d].T)
-    shared, shared_rate = vectors @ mounting.T, vectors_rate @ mounting.T
-    basis = _basis(free)
-    design = (
-        _cleared(basis, shared.reshape(len(stamps), -1))
-        .reshape(shared.shape)
-        .transpose(0, 2, 1)
-        .reshape(-1, shared.shape[1])
-    )
-    target = _cleared(basis, forces).reshape(-1)
-    amounts = _coefficients(design, target)
-    residual[:, :d] = (target - design @ amounts).reshape(-1, d)
-    coefficients = _coefficients(free, forces - np.einsum("nrd,r->nd", shared, amounts))
-    slope = _cleared(basis, -free_rate @ coefficients - np.einsum("nrd,r->nd", shared_rate, amounts)).reshape(-1)
-    late[:, :d] = (slope - design @ _coefficients(design, slope)).reshape(-1, d)
-    basis = _basis(every)
-    residual[:, d:] = _cleared(basis, torques)
-    late[:, d:] = _cleared(basis, -every_rate @ _coefficients(every, torques))
-    return late, residual
+
+    motion: MotionRegressors
+    instants: Array
+    wrench: Array
+    roots: Array
+
+    @property
+    def residual(self) -> Array:
+        """(n, p), without what coefficients explain."""
+        target = self.free.cleared(self.forces).reshape(-1)
+        of_forces = self.design.cleared(target).reshape(self.forces.shape)
+        return np.hstack([of_forces, self.every.cleared(self.torques)])
+
+    @property
+    def late(self) -> Array:
+        """Derivative (n, p) of the prediction by the offset, without what coefficients explain."""
+        free_rate, vectors_rate, every_rate = self._regressors(1)
+        amounts = self.design.coefficients(self.free.cleared(self.forces).reshape(-1))
+        coefficients = self.free.coefficients(self.forces - np.einsum("nrd,r->nd", self.shared, amounts))
+        turned = np.einsum("nrd,r->nd", vectors_rate @ self.mounting.T, amounts)
+        slope = self.free.cleared(-free_rate @ coefficients - turned).reshape(-1)
+        of_torques = self.every.cleared(-every_rate @ self.every.coefficients(self.torques))
+        return np.hstack([self.design.cleared(slope).reshape(self.forces.shape), of_torques])
+
+    @property
+    def forces(self) -> Array:
+        """The forces (n, d)."""
+        return self.roots[:, None] * self.wrench[:, : self.motion.dimension]
+
+    @property
+    def torques(self) -> Array:
+        """The torques (n, p - d)."""
+        return self.roots[:, None] * self.wrench[:, self.motion.dimension :]
+
+    @cached_property
+    def free(self) -> _Span:
+        """Free regressors of the forces."""
+        return _Span(self._now[0])
+
+    @cached_property
+    def every(self) -> _Span:
+        """Free regressors of the torques."""
+        return _Span(self._now[2])
+
+    @cached_property
+    def mounting(self) -> Array:
+        """Rotation (d, d) from the motion's to the readings' axes."""
+        return _mounting(self.free.coefficients(self.forces)[: self.motion.dimension].T)
+
+    @cached_property
+    def shared(self) -> Array:
+        """Forces (n, r, d) whose amounts all directions share, along the readings' axes."""
+        return np.asarray(self._now[1] @ self.mounting.T)
+
+    @cached_property
+    def design(self) -> _Span:
+        """The shared forces (n d, r) without their part in the free ones."""
+        count, amounts, directions = self.shared.shape
+        cleared = self.free.cleared(self.shared.reshape(count, -1)).reshape(count, amounts, directions)
+        return _Span(cleared.transpose(0, 2, 1).reshape(-1, amounts))
+
+    @cached_property
+    def _now(self) -> tuple[Array, Array, Array]:
+        return self._regressors(0)
+
+    def _regressors(self, order: int) -> tuple[Array, Array, Array]:
+        """Those of `MotionRegressors.at`, weighted."""
+        free, vectors, every = self.motion.at(self.instants, order)
+        root = self.roots[:, None]
+        return root * free, root[:, :, None] * vectors, root * every
 
 
 def _misfit(residual: Array) -> float:
@@ -313,16 +357,25 @@ def _mounting(force: Array) -> Array:
     return quarter if np.array_equal(np.abs(quarter).sum(axis=0), np.ones(len(force))) else turned
 
 
-def _coefficients(regressors: Array, series: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(regressors, series, rcond=1e-10)[0])
+@dataclass(frozen=True, eq=False)
+class _Span:
+    """The span of regressors (n, k), of which some may be collinear."""
 
+    regressors: Array
 
-def _basis(regressors: Array) -> Array:
-    """Orthonormal basis (n, r) of the span of regressors (n, k), of which some may be collinear."""
-    left, values, _ = np.linalg.svd(regressors, full_matrices=False)
-    return np.asarray(left[:, values > 1e-10 * values[0]])
+    def coefficients(self, series: Array) -> Array:
+        """The smallest coefficients (k, ..) of least squares for series (n, ..)."""
+        left, values, right = self._parts
+        return np.asarray(right.T @ ((left.T @ series).T / values).T)
 
+    def cleared(self, columns: Array) -> Array:
+        """Columns (n, ..) without their part in the span."""
+        left = self._parts[0]
+        return np.asarray(columns - left @ (left.T @ columns))
 
-def _cleared(basis: Array, columns: Array) -> Array:
-    """Columns (n, p) without their part in the span of an orthonormal basis (n, k)."""
-    return np.asarray(columns - basis @ (basis.T @ columns))
+    @cached_property
+    def _parts(self) -> tuple[Array, Array, Array]:
+        """Singular vectors (n, r) and (r, k), and values (r,)."""
+        left, values, right = np.linalg.svd(self.regressors, full_matrices=False)
+        kept = values > 1e-10 * values[0]
+        return left[:, kept], values[kept], right[kept]
