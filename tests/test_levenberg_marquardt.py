@@ -91,6 +91,18 @@ def test_a_curved_valley_is_followed_to_its_end(steepness: float) -> None:
     np.testing.assert_allclose(found.theta, 1, atol=0.01)
 
 
+def test_failed_trials_need_no_derivative() -> None:
+    """Given the chi-square alone the path is the same, and damped steps that fail are not linearised."""
+    rows = valley(10.0)
+    plain, spared = Counted(rows), Counted(rows)
+    start, bounds = np.array([-1.2, 1.0]), (np.full(2, -np.inf), np.full(2, np.inf))
+    expected = levenberg_marquardt(plain, start, bounds)
+    found = levenberg_marquardt(spared, start, bounds, chi_square=lambda theta: float(np.sum(rows(theta)[0] ** 2)))
+    np.testing.assert_array_equal(found.theta, expected.theta)
+    assert spared.costs == [cost for cost in plain.costs if cost in spared.costs]
+    assert len(plain.costs) - len(spared.costs) >= 3
+
+
 def test_a_bound_across_the_valley_is_where_it_ends() -> None:
     """Of x <= 0.5 the minimum is (0.5, 0.25): y follows x, and the slope in x points outwards."""
     bounds = (np.array([-2.0, -2.0]), np.array([0.5, 2.0]))

@@ -60,6 +60,7 @@ def levenberg_marquardt(
     start: Array,
     bounds: tuple[Array, Array],
     far: float = np.inf,
+    chi_square: Callable[[Array], float] | None = None,
 ) -> LeastSquaresMinimum:
     """The least-squares minimum within bounds; `information(theta)` is that of the rows at theta, for a step from it.
 
@@ -68,7 +69,8 @@ def levenberg_marquardt(
     predicts (`_Damping`). A linear model takes one step, and a second one that refines it with the residual in the
     data. A step that gains nothing by the linear model of the rows (relative offset: Bates and Watts, Technometrics 23,
     1981) and moves no parameter by more than `NEGLIGIBLE_STEP` is the last, without evaluating the rows there.
-    A trial without a prediction (a spring too soft to carry its tool) counts as a step without gain.
+    A trial without a prediction (a spring too soft to carry its tool) counts as a step without gain. Half of
+    all damped steps gain nothing: with `chi_square(theta)`, which needs no derivative of the rows, they end there.
     A caller that only tests whether the chi-square falls below some value gives a limit `far` above it: there the
     iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the chi-square.
     """
@@ -80,8 +82,7 @@ def levenberg_marquardt(
         expected = here.cost - predicted.cost
         if not damping.strength and abs(expected) < NEGLIGIBLE_CHANGE and _is_negligible_step(theta, trial):
             return LeastSquaresMinimum.at(trial, predicted, True)
-        there = _information_or_none(information, trial)
-        gain = -np.inf if there is None else here.cost - there.cost
+        gain, there = _tried(trial, here.cost, information, chi_square if damping.strength else None)
         if there is not None and gain > 0:
             theta, here = trial, there
             if here.cost > far and gain < SLOW_PROGRESS_SHARE * here.cost:
@@ -121,15 +122,23 @@ def _is_negligible_step(theta: Array, trial: Array) -> bool:
     return bool(np.all(np.abs(trial - theta) <= NEGLIGIBLE_STEP * np.abs(trial)))
 
 
-def _information_or_none(
-    information: Callable[[Array], SquareRootInformation], trial: Array
-) -> SquareRootInformation | None:
-    """The information at a trial, None where the model has no prediction, or none that is a number."""
+def _tried(
+    trial: Array,
+    cost: float,
+    information: Callable[[Array], SquareRootInformation],
+    chi_square: Callable[[Array], float] | None,
+) -> tuple[float, SquareRootInformation | None]:
+    """Gain of a trial over a chi-square, and the information there; none (-inf) where the model has no prediction.
+
+    With `chi_square` the information is left out where there is no gain.
+    """
     try:
-        found = information(trial)
+        gain = np.inf if chi_square is None else cost - chi_square(trial)
+        found = information(trial) if gain > 0 else None
     except (InputError, np.linalg.LinAlgError):
-        return None
-    return found if np.isfinite(found.cost) else None
+        return -np.inf, None
+    gain = gain if found is None else cost - found.cost
+    return (gain, found) if np.isfinite(gain) else (-np.inf, None)
 
 
 def levenberg_marquardt_step(

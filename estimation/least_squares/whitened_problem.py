@@ -84,6 +84,16 @@ class WhitenedProblem:
         """Whitened readings of each recording, (rows,)."""
         return tuple(n.readings(r) for n, r in zip(self.noise, self.recordings, strict=True))
 
+    def chi_square(self, theta: Array) -> float:
+        """Whitened chi-square at theta (k,), without a derivative."""
+        total = 0.0
+        for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
+            model, values = self.layout.models[number], theta[self.layout.index[number]]
+            predicted = noise.whitener.response(model_response(model, recording, values, derivative=False))[0]
+            residual = self.measured[number] - predicted
+            total += float(residual @ residual)
+        return total
+
     def linearised(self, theta: Array) -> LinearisedRows:
         """The whitened rows about theta (k,)."""
         residuals, parts, reached, start = [], [], [], 0
@@ -118,7 +128,7 @@ class WhitenedProblem:
     def minimise(self, start: Array, far: float = np.inf) -> LeastSquaresMinimum:
         """The least-squares minimum within the parameters' bounds; `far` as `levenberg_marquardt` takes it."""
         low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
-        return levenberg_marquardt(self.information, start, (low, high), far)
+        return levenberg_marquardt(self.information, start, (low, high), far, self.chi_square)
 
 
 def _joined(parts: Sequence[Array]) -> Array:
