@@ -91,6 +91,49 @@ def test_a_curved_valley_is_followed_to_its_end(steepness: float) -> None:
     np.testing.assert_allclose(found.theta, 1, atol=0.01)
 
 
+def tethered(seed: int, samples: int = 200, std: float = 0.02) -> Rows:
+    """The force of a tether (stiffness, anchor, length) in the plane, which goes taut between two samples, in a walk.
+
+    Whitened: where it goes taut the slope jumps, and a difference of two samples sees the whole jump.
+    """
+    angle = np.linspace(0, 4 * np.pi, samples)
+    point = np.stack([0.3 * np.sin(angle), 0.2 * np.sin(2 * angle + 1)], axis=1)
+
+    def force(theta: Array) -> tuple[Array, Array]:
+        stiffness, anchor, length = theta[0], theta[1:3], theta[3]
+        distance = np.linalg.norm(anchor - point, axis=1)
+        along = (anchor - point) / distance[:, None]
+        stretch, taut = np.maximum(distance - length, 0), (distance > length).astype(float)
+        derivative = np.zeros((samples, 2, 4))
+        derivative[:, :, 0] = stretch[:, None] * along
+        across = (np.eye(2) - along[:, :, None] * along[:, None, :]) * (stretch / distance)[:, None, None]
+        derivative[:, :, 1:3] = stiffness * (taut[:, None, None] * along[:, :, None] * along[:, None, :] + across)
+        derivative[:, :, 3] = -stiffness * taut[:, None] * along
+        return stiffness * stretch[:, None] * along, derivative
+
+    walk = std * np.cumsum(np.random.default_rng(seed).standard_normal((samples, 2)), axis=0)
+    measured = force(np.array([3.0, 0.6, 0.1, 0.5]))[0] + walk
+
+    def rows(theta: Array) -> tuple[Array, Array]:
+        value, derivative = force(theta)
+        return np.diff(measured - value, axis=0).ravel() / std, np.diff(derivative, axis=0).reshape(-1, 4) / std
+
+    return rows
+
+
+def test_a_minimum_at_a_kink_is_one() -> None:
+    """Of 20 tethers a quarter ends where the slope jumps; from there no start finds a chi-square lower by 0.1."""
+    bounds = (np.array([0.0, -2.0, -2.0, 0.0]), np.array([50.0, 2.0, 2.0, 3.0]))
+    found = [
+        levenberg_marquardt(Counted(tethered(seed)), np.array([2.0, 0.9, -0.1, 0.7]), bounds) for seed in range(20)
+    ]
+    assert sum(minimum.converged for minimum in found) >= 19
+    for seed, minimum in enumerate(found):
+        for part in (0.999, 1.001):
+            again = levenberg_marquardt(Counted(tethered(seed)), part * minimum.theta, bounds)
+            assert again.cost > minimum.cost - 0.1
+
+
 def test_failed_trials_need_no_derivative() -> None:
     """Given the chi-square alone the path is the same, and damped steps that fail are not linearised."""
     rows = valley(10.0)

@@ -25,6 +25,9 @@ DAMPING_DECREASE = 0.1
 """Factor of the damping after a step that gained what the linear model predicts."""
 NEGLIGIBLE_CHANGE = 1e-6
 """Of chi-square: predicted of a step that need not be evaluated, or found after one that was damped."""
+STALLED_TRIALS, STALL_TOLERANCE = 8, 0.01
+"""Damped trials in a row, and what they must lower chi-square by together: a tenth of a std. Where the slope of a model
+jumps (a cable that goes taut between two samples), a minimum may be a kink: no undamped step ends there."""
 NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
@@ -75,7 +78,7 @@ def levenberg_marquardt(
     iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the chi-square.
     """
     theta, damping = np.clip(start, *bounds), _Damping()
-    here = information(theta)
+    here, gains = information(theta), [np.inf]
     for _ in range(MAX_STEPS):
         trial = np.clip(theta + levenberg_marquardt_step(here, theta, bounds, damping.strength), *bounds)
         predicted = here.shifted(trial - theta)
@@ -87,7 +90,9 @@ def levenberg_marquardt(
             theta, here = trial, there
             if here.cost > far and gain < SLOW_PROGRESS_SHARE * here.cost:
                 return LeastSquaresMinimum.at(theta, here, False)
+        gains = [*gains, max(gain, 0.0)][-STALLED_TRIALS:] if damping.strength else [np.inf]
         settled = 0 < gain < STEP_TOLERANCE and not damping.strength
+        settled |= len(gains) == STALLED_TRIALS and sum(gains) < STALL_TOLERANCE
         damping = damping.after(gain, expected)
         # With very many rows the rounding of the chi-square itself exceeds the tolerance.
         settled |= abs(gain) < NEGLIGIBLE_CHANGE + 4 * EPS * here.cost
