@@ -62,6 +62,11 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         EffectVerdict.NEGLIGIBLE,
         "the upper 95 % limit of its contribution is below tolerance",
     ),
+    "significant beside a model that has not converged": (
+        replace(screened(p_value=9e-4), untried=True),
+        EffectVerdict.NOT_SUPPORTED,
+        "not tried, because the refit of the final model has not converged: give it fewer candidates by --only",
+    ),
     "significant only in the score test": (
         screened(p_value=9e-4),
         EffectVerdict.NOT_SUPPORTED,

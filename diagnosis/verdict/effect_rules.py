@@ -38,6 +38,7 @@ class EffectEvidence:
     rejection   why it was not accepted, None unless it was tried for acceptance
     negligible  whether the upper 95 % limit of its contribution is within tolerance
     one_run     whether no recording has repeats
+    untried     whether effects beside the added ones were not refitted, as the refit of those has not converged
     """
 
     screening: ScoreTest
@@ -48,6 +49,7 @@ class EffectEvidence:
     rejection: str | None = None
     negligible: bool = False
     one_run: bool = False
+    untried: bool = False
 
     @property
     def beyond_range(self) -> str | None:
@@ -90,6 +92,12 @@ EFFECT_RULES: tuple[EffectRule, ...] = (
     VerdictRule("not identifiable", lambda e: not e.screening.excited, V.NOT_EXCITED, "{e.screening.reason}"),
     VerdictRule("only beyond its physical range", lambda e: e.beyond_range is not None, V.NOT_EXCITED, RANGE_SENTENCE),
     VerdictRule("upper limit within tolerance", lambda e: e.negligible, V.NEGLIGIBLE, LIMIT_SENTENCE),
+    VerdictRule(
+        "significant beside a model that has not converged",
+        lambda e: e.untried and e.screening.p_value < LEVELS.refuted,
+        V.NOT_SUPPORTED,
+        "not tried, because the refit of the final model has not converged: give it fewer candidates by --only",
+    ),
     VerdictRule(
         "significant only in the score test",
         lambda e: e.screening.p_value < LEVELS.refuted,

@@ -172,6 +172,7 @@ def judge_effects(
             rejection=evidence.rejections.get(effect_id),
             negligible=limit is not None and within_tolerance(limit, tolerance),
             one_run=one_run,
+            untried=not final.fit.converged,
         )
         others.append(
             _finding(
