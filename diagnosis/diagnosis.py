@@ -27,7 +27,7 @@ from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, sear
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
 from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
 from diagnosis.verdict.given_alternative import GivenAlternative, given_alternatives
-from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share
+from diagnosis.verdict.motion_notes import lacks_acceleration
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.result_json import disturbance_data, unexplained_data
 from diagnosis.verdict.selection_step import (
@@ -373,7 +373,7 @@ def _record_evidence(
             c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
         ),
         power_share=float(power[-1] / max(power[0], 1e-300)),
-        unrecorded_acceleration=any(inertial_share(c, final.fit.parameters) > LIKELY_SHARE for c in steps[-1].training),
+        unrecorded_acceleration=lacks_acceleration(steps[-1].training, final.fit.model),
     )
 
 

@@ -12,8 +12,10 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.robot_motions import QuinticPath, point_to_point
+from benchmarks.single_run import SingleRun
 from diagnosis.comparison.comparison import comparison_of
-from diagnosis.verdict.motion_notes import motion_notes
+from diagnosis.verdict.motion_notes import inertial_share, motion_notes
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
@@ -23,7 +25,8 @@ from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
 from modeling.rig.rig import Rig
-from truewrench.simulated_rig import SpatialRig, simulate
+from truewrench.simulated_rig import CableSpring, HiddenEffect, SpatialRig, ViscousDrag, simulate
+from truewrench.text.tool_text import tool_text, unknown_tool_reason
 
 pytest.importorskip("mujoco")
 
@@ -96,11 +99,34 @@ def test_a_rate_that_loses_the_motion_is_said() -> None:
     assert any("10 Hz cannot carry the motion in qx, qy, qz, qw: what is above" in s for s in lost), lost
 
 
+@pytest.mark.parametrize("motion", ["sines", "raster", "point to point"])
+def test_an_unrecorded_acceleration_is_recognised_whatever_it_biases(motion: str) -> None:
+    """A raster's accelerations go with its orientation: the mass fitted without them is a quarter too small."""
+    frame = SingleRun(noise="1/f", motion=motion, seed=7002).frame()
+    fitted = fit(spatial(), recorded(frame.drop(columns=POSITION), rig=None))
+    assert inertial_share(comparison_of(fitted, 0), fitted.model) > 0.9
+    reason = unknown_tool_reason([comparison_of(fitted, 0)], fitted.model)
+    assert tool_text(fitted, misfitting=True, unknown=reason) == (
+        "Tool: not known, as its acceleration was not recorded: log the position."
+    )
+
+
+@pytest.mark.parametrize("hidden", [(), (CableSpring(),), (ViscousDrag(),)])
+def test_other_loads_are_not_taken_for_an_unrecorded_acceleration(hidden: tuple[HiddenEffect, ...]) -> None:
+    """The sensor's origin stays where it is, so that nothing is lost without its position."""
+    path = point_to_point(7003)
+    turn = QuinticPath(path.period, path.poses * [0, 0, 0, 1, 1, 1], path.start, path.move)
+    frame = simulate(SIMULATED, turn, hidden=hidden, repeats=1, samples_per_period=1500, seed=3)
+    fitted = fit(spatial(), recorded(frame.drop(columns=[*POSITION, "repeat"]), rig=None))
+    assert inertial_share(comparison_of(fitted, 0), fitted.model) < 0.3
+    assert not unknown_tool_reason([comparison_of(fitted, 0)], fitted.model)
+
+
 def test_an_acceleration_that_was_not_recorded_is_recognised() -> None:
     whole = fit(spatial(), recorded(run(3000, 20), rig=None))
     without = fit(spatial(), recorded(run(3000, 20).drop(columns=POSITION), rig=None))
-    assert not motion_notes([comparison_of(whole, 0)], whole.parameters)
-    notes = motion_notes([comparison_of(without, 0)], without.parameters)
+    assert not motion_notes([comparison_of(whole, 0)], whole.model)
+    notes = motion_notes([comparison_of(without, 0)], without.model)
     assert any("looks like mass times an acceleration that was not recorded" in note for note in notes)
     evidence = RecordEvidence(lack_of_fit=0.5, unrecorded_acceleration=True)
     assert judge(RECORD_RULES, evidence)[0] is RecordVerdict.UNEXPLAINED

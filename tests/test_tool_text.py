@@ -21,7 +21,7 @@ from modeling.chain.model import spatial
 from modeling.rig.rig import Convention
 from truewrench.simulated_rig import HiddenEffect, simulate
 from truewrench.text.fit_summary import FitSummary
-from truewrench.text.tool_text import tool_text
+from truewrench.text.tool_text import tool_text, unknown_tool_reason
 
 pytest.importorskip("mujoco")
 
@@ -59,7 +59,8 @@ def test_a_hand_that_is_the_smaller_part_of_the_force_does_not_hide_the_tool() -
 
 def test_the_tool_of_a_free_run_is_known() -> None:
     found = fitted([run(44)])
-    text = tool_text(found, misfitting=False, foreign=foreign_forces([comparison_of(found, 0)]))
+    assert not unknown_tool_reason([comparison_of(found, 0)], found.model)
+    text = tool_text(found, misfitting=False)
     assert text.startswith("Tool: m ")
     mass = found.parameters["m"]
     assert abs(mass.value - RIG.mass) < 4 * mass.std

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.slow_residual import foreign_forces, slow_residuals
+from diagnosis.comparison.slow_residual import slow_residuals
 from estimation.fit import Fit
 from modeling.number_format import P_VALUE
 from modeling.significance import LEVELS
@@ -30,11 +30,6 @@ class ComparedFit(Tabular):
         fitted = [name for name, p_value in names if p_value < LEVELS.effect or name in slow]
         held_out = [c.recording.name for c in self.validation if c.lack_of_fit < LEVELS.held_out]
         return (*fitted, *(f"{name} (held out)" for name in held_out))
-
-    @property
-    def foreign_forces(self) -> tuple[str, ...]:
-        """Force channels that are mostly not the tool's, where no recording says what it weighs."""
-        return foreign_forces(self.training)
 
     def __repr__(self) -> str:
         held_out = [f"held out {c.recording.name}: {c.remarks()[0]}" for c in self.validation]

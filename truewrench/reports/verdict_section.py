@@ -111,7 +111,7 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
     calibration = "; ".join(diagnosis.calibration_sentences)
     return [
         *noise_notes(diagnosis),
-        *motion_notes(diagnosis.steps[-1].training, diagnosis.fit.parameters),
+        *motion_notes(diagnosis.steps[-1].training, diagnosis.fit.model),
         CONVENTION_SENTENCES[diagnosis.model.convention]
         + (" The sensor's y axis runs along the tip." if diagnosis.model.mirror_y else ""),
         f"Tolerance: {'as stated in the rig file' if stated else 'a tenth of the noise floor'}.",

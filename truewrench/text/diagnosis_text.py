@@ -18,7 +18,7 @@ from truewrench.effect_description import parameter_meaning
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.text.step_names import step_names
 from truewrench.text.tool_extent import tool_extent_text
-from truewrench.text.tool_text import tool_text
+from truewrench.text.tool_text import tool_text, unknown_tool_reason
 from truewrench.text.verdict_words import (
     CANDIDATES_NOTE,
     RECORD_VERDICT_LABELS,
@@ -48,9 +48,9 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
 
 def _tool_lines(diagnosis: Diagnosis) -> list[str]:
     """The tool, and whether it is as large as no tool is; of readings that are not its own, that it is not known."""
-    foreign = diagnosis.steps[-1].foreign_forces
-    tool = tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting), foreign=foreign)
-    extent = "" if foreign else tool_extent_text(diagnosis.fit)
+    unknown = unknown_tool_reason(diagnosis.steps[-1].training, diagnosis.fit.model)
+    tool = tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting), unknown=unknown)
+    extent = "" if unknown else tool_extent_text(diagnosis.fit)
     return [line for line in (tool, extent) if line]
 
 
@@ -107,7 +107,7 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
     lines = [
         *given_sentences(diagnosis),
         *noise_notes(diagnosis),
-        *motion_notes(last.training, diagnosis.fit.parameters),
+        *motion_notes(last.training, diagnosis.fit.model),
     ]
     lines += [warning] if warning else []
     lines += [f"{slow.sentence[0].upper()}{slow.sentence[1:]}." for slow in diagnosis.slow_residuals]

@@ -9,8 +9,8 @@ from math import isfinite
 from typing import Any
 
 from diagnosis.comparison.comparison import Comparison, comparison_of
-from diagnosis.comparison.slow_residual import SlowResidual, foreign_forces, slow_residuals
-from diagnosis.verdict.motion_notes import LIKELY_SHARE, inertial_share, motion_notes
+from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
+from diagnosis.verdict.motion_notes import lacks_acceleration, motion_notes
 from diagnosis.verdict.unexplained_residual import describe_residual
 from diagnosis.verdict.upper_limit import channel_tolerance
 from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
@@ -28,7 +28,7 @@ from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.data_set import DataSet, frame_sentences, frames_data
 from truewrench.text.tool_extent import tool_extent_text
-from truewrench.text.tool_text import LEGEND, tool_text
+from truewrench.text.tool_text import LEGEND, tool_text, unknown_tool_reason
 
 ADVICE = (
     "`truewrench diagnose` with the same recordings tests every effect that could explain it; by hand, in Python,"
@@ -82,9 +82,7 @@ class FitSummary:
         fitted = [
             c
             for c in self.comparisons
-            if c.lack_of_fit < LEVELS.effect
-            or c.recording.name in slow
-            or inertial_share(c, self.fit.parameters) > LIKELY_SHARE
+            if c.lack_of_fit < LEVELS.effect or c.recording.name in slow or lacks_acceleration([c], self.fit.model)
         ]
         return fitted + [c for c in self.validation if c.lack_of_fit < LEVELS.held_out]
 
@@ -115,16 +113,16 @@ class FitSummary:
     def notes(self) -> list[str]:
         """What the motion leaves unknown, and what remains slowly."""
         slow = [f"{s.sentence[0].upper()}{s.sentence[1:]}." for s in self.slow]
-        return [*motion_notes(self.comparisons, self.fit.parameters), *slow]
+        return [*motion_notes(self.comparisons, self.fit.model), *slow]
 
     def parameters(self) -> str:
         """Every estimate with std, 95 % interval and its degrees of freedom, and remarks on identifiability."""
         names = ("parameter", "value", f"{self.intervals.level:.0%} interval", "degrees of freedom")
         found = Table.of(names, self._parameter_rows())
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
-        foreign = foreign_forces(self.comparisons)
-        tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), foreign=foreign)) else []
-        tool += [text] if not foreign and (text := tool_extent_text(self.fit)) else []
+        unknown = unknown_tool_reason(self.comparisons, self.fit.model)
+        tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), unknown=unknown)) else []
+        tool += [text] if not unknown and (text := tool_extent_text(self.fit)) else []
         return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
 
     def _parameter_rows(self) -> Iterator[tuple[str, ...]]:

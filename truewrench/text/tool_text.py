@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.slow_residual import foreign_forces
+from diagnosis.verdict.motion_notes import lacks_acceleration
 from estimation.fit import Fit
 from estimation.static.centre_of_mass import CentreOfMass
+from modeling.chain.model import WrenchModel
 from modeling.number_format import estimate_text
 from modeling.space import Space
 
@@ -24,20 +28,29 @@ SIGNIFICANT = 5.0
 """Std of a mass from which there is one."""
 WEIGHTLESS = "these readings hold no weight; was the tool compensated already?"
 FOREIGN = "is not the tool's: contact, another load or a disturbance"
+UNRECORDED = "its acceleration was not recorded: log the position"
 
 
-def tool_text(fitted: Fit, *, misfitting: bool, foreign: Sequence[str] = ()) -> str:
+def unknown_tool_reason(comparisons: Sequence[Comparison], model: WrenchModel) -> str:
+    """Why the readings do not say what the tool weighs, empty where they do."""
+    if comparisons and all(lacks_acceleration([comparison], model) for comparison in comparisons):
+        return UNRECORDED
+    foreign = foreign_forces(comparisons)
+    return f"most of what {', '.join(foreign)} read {FOREIGN}" if foreign else ""
+
+
+def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     """Mass and centre of mass with std, as far as they are identifiable; empty where the mass is not.
 
-    Of readings without weight it says that there is none, of `foreign` force channels that the tool is not known.
+    Of readings without weight it says that there is none; where the tool is `unknown`, for which reason.
 
     Of a `misfitting` model it says that the std are too small.
     """
     mass = fitted.parameters["m"]
     if not isfinite(mass.std):
         return ""
-    if foreign:
-        return f"Tool: not known, as most of what {', '.join(foreign)} read {FOREIGN}."
+    if unknown:
+        return f"Tool: not known, as {unknown}."
     if abs(mass.value) < SIGNIFICANT * mass.std:
         return f"Tool: none, m {estimate_text(mass.value, mass.std, mass.unit)}: {WEIGHTLESS}"
     centre = CentreOfMass.of(fitted)

@@ -24,7 +24,7 @@ from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
 from truewrench.files.data_set import DataSet, frame_sentences
 from truewrench.reports.effect_row import effect_row
-from truewrench.text.tool_text import tool_text
+from truewrench.text.tool_text import tool_text, unknown_tool_reason
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,
@@ -110,7 +110,7 @@ def _recording_values(recording: Recording, use: str) -> dict[str, Any]:
 
 def steps_words(study: Study, *, puzzle: bool) -> str:
     """The steps with the error of the worst channel, and what can be dropped."""
-    table = study.table
+    table, unknown = study.table, unknown_tool_reason(study.steps[-1].training, study.fit.model)
     return part(
         "steps.html",
         headings=[c.heading for c in table.columns],
@@ -118,7 +118,7 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         effects=[_effect_values(effect, study) for effect in study.model.effects],
         failing=study.steps[-1].misfitting,
         undone=study.undone,
-        tool=tool_text(study.fit, misfitting=bool(study.misfitting), foreign=study.steps[-1].foreign_forces),
+        tool=tool_text(study.fit, misfitting=bool(study.misfitting), unknown=unknown),
         parameters=Markup(study.fit.table),
         puzzle=puzzle,
         weak=noise_from_residual(study.fit),
