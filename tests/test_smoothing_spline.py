@@ -204,16 +204,17 @@ def test_score_of_a_large_penalty_keeps_its_digits(order: int, log_penalty: floa
     problem.score(Smoothness(order=order, log_penalty=log_penalty - 2))
     near = problem.solution(Smoothness(order=order, log_penalty=log_penalty), problem._best[-1])
     with mpmath.workdps(60):
-        rows = mpmath.zeros(80, problem.count)
-        for j, weights in enumerate(problem.basis):
-            for i, weight in enumerate(weights):
-                rows[i, int(problem.first[i]) + j] = mpmath.mpf(float(weight))
-        differences = mpmath.matrix(np.diff(np.eye(problem.count), order, axis=0).tolist())
-        penalty, series = mpmath.exp(log_penalty), mpmath.matrix(problem.series.tolist())
-        matrix = rows.T * rows + penalty * differences.T * differences
-        coefficients = mpmath.lu_solve(matrix, rows.T * series)
-        rest, bent = series - rows * coefficients, differences * coefficients
-        squares = float((rest.T * rest + penalty * bent.T * bent)[0])
+        differences = np.diff(np.eye(problem.count), order, axis=0)
+        matrix = mpmath.exp(log_penalty) * mpmath.matrix((differences.T @ differences).tolist())  # of whole numbers
+        right, power = mpmath.zeros(problem.count, 1), mpmath.mpf(0)
+        for first, weights, sample in zip(problem.first, problem.basis.T, problem.series[:, 0], strict=True):
+            power += mpmath.mpf(float(sample)) ** 2
+            for i, weight in enumerate(map(mpmath.mpf, weights.tolist())):
+                right[int(first) + i] += weight * float(sample)
+                for j, other in enumerate(weights.tolist()):
+                    matrix[int(first) + i, int(first) + j] += weight * other
+        # At the minimum c = A^-1 B'y the sum of squares is y'y - y'B c.
+        squares = float(power - (right.T * mpmath.cholesky_solve(matrix, right))[0])
     assert near.squares == pytest.approx(squares, rel=1e-3 / 80)
 
 
