@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.square_root_information import EPS, qr_factors
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.noise.stationary_noise import NoiseSource
 
@@ -16,6 +15,7 @@ Array = NDArray[np.float64]
 
 AUTOREGRESSION_ORDERS = (0, 1, 2, 4, 8, 15, 30)
 """Orders tried on a residual."""
+ROUNDING_UNIT = float(np.finfo(float).eps)
 SMALLEST_STD = 1e-150
 """Std of a residual that is constant; its square is above the smallest number."""
 
@@ -75,7 +75,7 @@ class _Past:
         highest = max(usable, default=0)
         rows = usable.get(highest, np.zeros(len(residual), dtype=bool))
         own = _with_past(residual, rows, highest) if highest else np.zeros((residual.shape[1], 1, 1))
-        return cls(residual, rows, np.stack([qr_factors(channel).root for channel in own]))
+        return cls(residual, rows, np.asarray(np.linalg.qr(own, mode="r")))
 
     def coefficients(self, order: int, rows: NDArray[np.bool_]) -> Array:
         """Least-squares coefficients (order, p) over the samples `rows`: those of the factors, and a few more."""
@@ -83,7 +83,7 @@ class _Past:
         stacked = np.concatenate([self.roots[:, :, [*range(order), -1]], more], axis=1)
         left, sizes, right = np.linalg.svd(stacked[:, :, :order], full_matrices=False)
         along = np.einsum("pro,pr->po", left, stacked[:, :, order])
-        regular = sizes > EPS * rows.sum() * sizes[:, :1]
+        regular = sizes > ROUNDING_UNIT * rows.sum() * sizes[:, :1]
         along = np.where(regular, along / np.where(regular, sizes, 1.0), 0.0)
         return np.asarray(np.einsum("pso,ps->op", right, along))
 
