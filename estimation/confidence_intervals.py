@@ -14,7 +14,7 @@ from estimation.distributions import inverse_trigamma, student_isf
 from estimation.least_squares.column_space import orthonormal_basis
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, fixed_parameters
 from estimation.least_squares.whitened_problem import WhitenedProblem
-from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth_power_spectrum
+from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth_power_spectra
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
@@ -203,9 +203,7 @@ def _spectral_contribution(channels: int, residual: Array, basis: Array, pull: A
     ordinates = np.where(share > MIN_RESIDUAL_SHARE, power[:, :, 0] / np.maximum(share, MIN_RESIDUAL_SHARE), 0.0)
     # The mean is a line of its own, half a line below the first: its power is extrapolated from the spectrum.
     frequency = np.maximum(np.arange(len(power)), 0.5) / (2 * len(power))
-    spectra = tuple(
-        smooth_power_spectrum(frequency[1:], o[1:], shape=0.5, start=float(frequency[0])) for o in ordinates.T
-    )
+    spectra = smooth_power_spectra(frequency[1:], ordinates[1:], shape=0.5, start=float(frequency[0]))
     squares = [
         squared[:, c] * _line_power(spectrum, frequency, ordinates[:, c])[:, None] for c, spectrum in enumerate(spectra)
     ]

@@ -470,7 +470,7 @@ def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[
     events = find_events_in_single_runs(model, recordings)
     found = []
     for recording, own in zip(recordings, events, strict=True):
-        predicted = partial(_base_model_prediction, model.base, theta=_base_model_fit(model.base, recording, own))
+        predicted = partial(predicted_readings, model.base, theta=_base_model_fit(model.base, recording, own))
         motion = MotionNoise.of(recording, predicted)
         found.append(estimate_noise(recording, recording.wrench - predicted(recording), events=own, motion=motion))
     return tuple(found)
@@ -498,11 +498,3 @@ def _base_model_fit(base: WrenchModel, recording: Recording, events: tuple[tuple
     rows = (response.derivative / spread[:, None])[kept].reshape(-1, size)
     target = ((recording.wrench - response.value) / spread)[kept].ravel()
     return np.asarray(least_squares_solution(SquareRootInformation.of(rows, target), rounding=1e-6))
-
-
-def _base_model_prediction(base: WrenchModel, recording: Recording, theta: Array) -> Array:
-    """Readings (n, p) that the rigid tip predicts, in which it is linear in its parameters."""
-    response = model_response(base, recording, np.zeros(len(theta)))
-    if response.own_motion is not None:
-        return model_response(base, recording, theta, derivative=False).value
-    return np.asarray(response.value + response.derivative @ theta)

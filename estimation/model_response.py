@@ -222,4 +222,4 @@ def signals_are_periodic(inputs: Iterable[str], recording: Recording) -> bool:
 
 def predicted_readings(model: WrenchModel, recording: Recording, theta: Array) -> Array:
     """The predicted readings of a recording, (n, p), in the channels' units."""
-    return model_response(model, recording, theta).value
+    return model_response(model, recording, theta, derivative=False).value

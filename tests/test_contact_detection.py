@@ -18,7 +18,7 @@ from estimation.contact.contact_detection import (
     WindowSums,
     detect_contacts,
 )
-from estimation.contact.variance_of_means import VarianceOfMeans
+from estimation.contact.variance_of_means import MeanDifferences, VarianceOfMeans
 from modeling.noise.autoregressive_noise import NoiseModel
 from truewrench.simulated_rig import NOISE_MODELS
 
@@ -119,7 +119,7 @@ def test_variance_of_means_from_differences(robust: bool) -> None:
     """White noise of 50 000 samples: means over up to 100 are known to 15 % (quartile: 30 %), a 6 sigma bound."""
     series = np.random.default_rng(7).standard_normal((50_000, 1))
     quiet = None if robust else np.ones(len(series), dtype=bool)
-    found = VarianceOfMeans.of_differences(series, np.zeros(1), quiet)
+    found = MeanDifferences.of(series, quiet).variance_of_means(np.zeros(1))
     for length in (1, 10, 100):
         assert found.variance[length - 1, 0] * length == pytest.approx(1.0, rel=0.3 if robust else 0.15)
 
@@ -131,8 +131,8 @@ def test_largest_sample_of_each_window(values: list[float], data: st.DataObject)
     zero = np.array([data.draw(st.floats(-10, 10))])
     sums = WindowSums.of(series, np.append(0.0, np.cumsum(series))[:, None], length)
     found = sums.largest(zero)
-    assert found.shape == sums.total.shape == (len(values) - length + 1, 1)
-    for first, (value, total) in enumerate(zip(found[:, 0], sums.total[:, 0], strict=True)):
+    assert found.shape == sums.total.shape == (1, len(values) - length + 1)
+    for first, (value, total) in enumerate(zip(found[0], sums.total[0], strict=True)):
         window = series[first : first + length, 0]
         assert value in window - zero
         assert abs(value) == np.abs(window - zero).max()

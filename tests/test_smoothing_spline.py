@@ -65,12 +65,17 @@ def test_stated_uncertainty_is_that_of_the_error(motion: Motion) -> None:
     assert 0.5 < error / stated < 2
 
 
+def drawn_derivatives(spline: SmoothingSpline, t: Array, rng: np.random.Generator, count: int) -> list[Array]:
+    """The second derivative (n, k) of each of several draws."""
+    return np.hsplit(spline.drawn(*(spline.innovations(rng) for _ in range(count))).derivative(t, 2), count)
+
+
 def test_draws_have_the_stated_uncertainty() -> None:
     t = np.arange(0.0, 5.0, 0.02)
     value = sines(t)[0]
     rng = np.random.default_rng(6)
     spline = SmoothingSpline.of(t, value + 1e-3 * rng.standard_normal(value.shape))
-    draws = np.stack([spline.drawn(rng).derivative(t, 2) - spline.derivative(t, 2) for _ in range(200)])
+    draws = np.stack(drawn_derivatives(spline, t, rng, 200)) - spline.derivative(t, 2)
     ratio = draws.std(axis=0)[:, 0] / spline.std(t, 2)
     # 200 draws give a std within 5 %; the largest deviation of some tens of independent ones is below 20 %. Where the
     # tones are rougher than on average it is more.
@@ -91,7 +96,7 @@ def test_draws_at_the_ends_of_moves_hold_what_smoothing_takes() -> None:
         rng = np.random.default_rng(seed)
         spline = SmoothingSpline.of(t, value + 1e-4 * rng.standard_normal(value.shape))
         found = spline.derivative(t, 2)
-        std = np.std([spline.drawn(rng).derivative(t, 2) - found for _ in range(40)], axis=0)
+        std = np.std([draw - found for draw in drawn_derivatives(spline, t, rng, 40)], axis=0)
         error = (found - second)[ends]
         stated.append(float(np.mean((error / spline.std(t, 2)[ends, None]) ** 2)) ** 0.5)
         drawn.append(float(np.mean((error / std[ends]) ** 2)) ** 0.5)
@@ -199,16 +204,17 @@ def test_score_of_a_large_penalty_keeps_its_digits(order: int, log_penalty: floa
     problem.score(Smoothness(order=order, log_penalty=log_penalty - 2))
     near = problem.solution(Smoothness(order=order, log_penalty=log_penalty), problem._best[-1])
     with mpmath.workdps(60):
-        rows = mpmath.zeros(80, problem.count)
-        for j, weights in enumerate(problem.basis):
-            for i, weight in enumerate(weights):
-                rows[i, int(problem.first[i]) + j] = mpmath.mpf(float(weight))
-        differences = mpmath.matrix(np.diff(np.eye(problem.count), order, axis=0).tolist())
-        penalty, series = mpmath.exp(log_penalty), mpmath.matrix(problem.series.tolist())
-        matrix = rows.T * rows + penalty * differences.T * differences
-        coefficients = mpmath.lu_solve(matrix, rows.T * series)
-        rest, bent = series - rows * coefficients, differences * coefficients
-        squares = float((rest.T * rest + penalty * bent.T * bent)[0])
+        differences = np.diff(np.eye(problem.count), order, axis=0)
+        matrix = mpmath.exp(log_penalty) * mpmath.matrix((differences.T @ differences).tolist())  # of whole numbers
+        right, power = mpmath.zeros(problem.count, 1), mpmath.mpf(0)
+        for first, weights, sample in zip(problem.first, problem.basis.T, problem.series[:, 0], strict=True):
+            power += mpmath.mpf(float(sample)) ** 2
+            for i, weight in enumerate(map(mpmath.mpf, weights.tolist())):
+                right[int(first) + i] += weight * float(sample)
+                for j, other in enumerate(weights.tolist()):
+                    matrix[int(first) + i, int(first) + j] += weight * other
+        # At the minimum c = A^-1 B'y the sum of squares is y'y - y'B c.
+        squares = float(power - (right.T * mpmath.cholesky_solve(matrix, right))[0])
     assert near.squares == pytest.approx(squares, rel=1e-3 / 80)
 
 

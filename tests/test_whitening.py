@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
 from estimation.model_response import ModelResponse
+from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
@@ -127,6 +128,22 @@ def test_innovations_of_known_noise_are_white(samples: int) -> None:
     assert w.shape == (whitener.rows, samples * P) == ((samples - 2) * P, samples * P)
     rows = w @ autoregressive_covariance(samples, innovations) @ w.T
     np.testing.assert_allclose(rows, np.eye(len(w)), atol=1e-10)  # rounding, noise powers from 1e-3 to 10
+
+
+def test_coefficients_are_those_of_least_squares() -> None:
+    """Over all samples whose past is free of events, those that only a lower order can use included."""
+    rng = np.random.default_rng(1)
+    series = NOISE_MODELS["autoregressive"].draw(rng, 700, P) + 0.1 * rng.standard_normal((700, P))
+    event_free = np.ones(700, dtype=bool)
+    event_free[[*range(100, 130), *range(150, 420, 25)]] = False
+    found = fit_autoregression(series, event_free).coefficients
+    order = len(found)
+    assert 0 < order < 30  # the highest, for which the past is factorised
+    rows = [t for t in range(order, 700) if event_free[t - order : t + 1].all()]
+    for channel in range(P):
+        past = np.array([series[t - order : t, channel][::-1] for t in rows])
+        expected = np.linalg.lstsq(past, series[rows, channel], rcond=None)[0]
+        np.testing.assert_allclose(found[:, channel], expected, rtol=0, atol=1e-11)  # rounding
 
 
 @pytest.mark.parametrize("block", [2, 5])

@@ -15,6 +15,7 @@ from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space
 from estimation.multiplicity import bonferroni_p_value
+from estimation.noise.power_spectrum import power_levels
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
 from estimation.recordings.recording import Recording
@@ -160,7 +161,7 @@ def explainable_power(recording: Recording, residual: Array, noise: RecordingNoi
     pairs = repeats * (repeats - 1)
     repeating = ((inner.sum(axis=0) ** 2).sum(axis=0) - (inner**2).sum(axis=(0, 1))) / (once * pairs)
     frequency = np.asarray(np.fft.rfftfreq(recording.samples, sample_step(recording))[1:], dtype=np.float64)
-    levels = np.stack([s(frequency) for s in noise.spectra], axis=1)
+    levels = power_levels(noise.spectra, frequency)
     spread = np.sqrt(2 * (levels**2).mean(axis=0) / (once * pairs))
     slow = means.var(axis=0, ddof=1) - _variance_of_means(levels, recording)
     return np.maximum(repeating, 0.0) + np.maximum(slow, 0.0), spread

@@ -49,5 +49,5 @@ def _at_drawn_motion(fit: Fit, rng: np.random.Generator) -> Fit:
     for number, (recording, noise) in enumerate(zip(fit.recordings, fit.noise, strict=True)):
         predicted = replace(recording, wrench=fit.response(number).value)
         predicted.derivatives.update(recording.derivatives)
-        drawn.append(predicted if noise.motion is None else next(predicted.drawn_motions(rng, 1)))
+        drawn.append(predicted if noise.motion is None else predicted.drawn_motions(rng, 1))
     return replace(fit, recordings=tuple(drawn))

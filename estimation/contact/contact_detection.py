@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, maximum_filter1d, median_filter, minimum_filter1d
 
-from estimation.contact.variance_of_means import VarianceOfMeans
+from estimation.contact.variance_of_means import MeanDifferences, VarianceOfMeans
 from estimation.distributions import chi2_isf, normal_cdf, normal_isf
 from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.disturbances.transient_windows import Windows, cumulative_sums, inside
@@ -184,7 +184,7 @@ class ContactSearch:
 
     def undisturbed(self) -> SampleMask:
         """Blocks outside the intervals about the majority mean, by the noise of the quieter differences."""
-        noise = VarianceOfMeans.of_differences(self.means, self.constant)
+        noise = MeanDifferences.of(self.means).variance_of_means(self.constant)
         quiet, zero = np.ones(len(self.means), dtype=bool), majority_mean(self.means, noise)
         for _ in range(DETECTION_ROUNDS):
             remaining = _outside(self.exceeding(zero, noise, quiet), quiet)
@@ -203,8 +203,9 @@ class ContactSearch:
         mean = self.means[quiet].mean(axis=0)
         fitted = fit_autoregression(self.means - mean, quiet)
         autoregressive = VarianceOfMeans.of_autoregression(fitted, len(quiet), self.constant)
+        differences = MeanDifferences.of(self.means, quiet)
         likely, limit = (
-            autoregressive.at_least(VarianceOfMeans.of_differences(self.means, self.constant, quiet, exceedance=share))
+            autoregressive.at_least(differences.variance_of_means(self.constant, exceedance=share))
             for share in (0.5, LEVELS.contact_noise)
         )
         zero = mean if zero is None else zero
@@ -230,9 +231,9 @@ class ContactSearch:
         size = self._standardised_means(zero, noise, int(quiet.sum()))
         limit = normal_isf(self.false_alarms / size.size / 2)
         merged: list[ContactInterval] = []
-        for index in self.windows.best_disjoint((size**2).max(axis=1) - limit**2):
+        for index in self.windows.best_disjoint(size.max(axis=0) ** 2 - limit**2):
             first, last = int(self.windows.first[index]), int(self.windows.last[index])
-            p_value = float(min(1.0, size.size * 2 * normal_cdf(-size[index].max())))
+            p_value = float(min(1.0, size.size * 2 * normal_cdf(-size[:, index].max())))
             if merged and merged[-1].last + MERGE_GAP > first:
                 before = merged.pop()
                 first, p_value = before.first, min(before.p_value, p_value)
@@ -240,19 +241,21 @@ class ContactSearch:
         return tuple(merged)
 
     def _standardised_means(self, zero: Array, noise: VarianceOfMeans, quiet: int) -> Array:
-        """Mean of each window and channel over its std (w, p), the zero's own error included, as absolute values.
+        """Mean of each channel and window over its std (p, w), the zero's own error included, as absolute values.
 
         The smaller of the whole window's and of that without its largest block, a mean over one block less. The zero
         is the mean of `quiet` blocks.
         """
-        error, zero = noise.variance[max(1, quiet) - 1], zero - self._centre
-        sizes = []
-        for length, sums in self._window_sums.items():
-            total, largest = sums.total - length * zero, sums.largest(zero)
-            whole, without = (np.sqrt(noise.variance[n - 1] + noise.constant + error) for n in (length, length - 1))
-            reduced = (total - largest) / (length - 1)
-            sizes.append(np.minimum(np.abs(total / length) / whole, np.abs(reduced) / without))
-        return np.concatenate(sizes)
+        lengths, counts = self._lengths
+        constant, zero = noise.constant + noise.variance[max(1, quiet) - 1], zero - self._centre
+        whole, without = (
+            np.repeat(np.sqrt(noise.variance[length - 1] + constant), counts, axis=0).T
+            for length in (lengths, lengths - 1)
+        )
+        length = np.repeat(lengths, counts)
+        total = self._window_sums.total - length * zero[:, None]
+        reduced = (total - self._window_sums.largest(zero)) / (length - 1)
+        return np.asarray(np.minimum(np.abs(total / length) / whole, np.abs(reduced) / without))
 
     @cached_property
     def _centre(self) -> Array:
@@ -260,16 +263,22 @@ class ContactSearch:
         return np.asarray(self.means.mean(axis=0))
 
     @cached_property
-    def _window_sums(self) -> dict[int, WindowSums]:
-        """By length, in the order of `windows`, of the means less their centre."""
+    def _lengths(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The lengths of the windows, in their order, and how many windows have each."""
+        lengths, counts = np.unique(self.windows.last - self.windows.first, return_counts=True)
+        return lengths, counts
+
+    @cached_property
+    def _window_sums(self) -> WindowSums:
+        """In the order of `windows`, of the means less their centre."""
         means = self.means - self._centre
         sums = cumulative_sums(means)
-        lengths = np.unique(self.windows.last - self.windows.first)
-        return {length: WindowSums.of(means, sums, length) for length in map(int, lengths)}
+        parts = [WindowSums.of(means, sums, int(length)) for length in self._lengths[0]]
+        return WindowSums(*(np.concatenate(each, axis=1) for each in zip(*parts, strict=True)))
 
 
 class WindowSums(NamedTuple):
-    """Sums and extremes (w, p) of all windows of one length."""
+    """Sums and extremes (p, w) of windows; channels first, since there are few of them."""
 
     total: Array
     lowest: Array
@@ -277,16 +286,17 @@ class WindowSums(NamedTuple):
 
     @classmethod
     def of(cls, series: Array, cumulative: Array, length: int) -> WindowSums:
-        """Of a series (n, p) from each sample on, w = n - length + 1."""
+        """All windows of one length of a series (n, p), from each sample on, w = n - length + 1."""
         count, origin = len(series) - length + 1, -(length // 2)
         lowest, highest = (
-            extreme(series, length, axis=0, origin=origin)[:count] for extreme in (minimum_filter1d, maximum_filter1d)
+            extreme(series.T, length, axis=1, origin=origin)[:, :count]
+            for extreme in (minimum_filter1d, maximum_filter1d)
         )
-        return cls(cumulative[length:] - cumulative[:count], lowest, highest)
+        return cls((cumulative[length:] - cumulative[:count]).T, lowest, highest)
 
     def largest(self, zero: Array) -> Array:
         """The sample furthest from a zero (p,) in each window, less the zero."""
-        low, high = self.lowest - zero, self.highest - zero
+        low, high = self.lowest - zero[:, None], self.highest - zero[:, None]
         return np.where(high >= -low, high, low)
 
 
@@ -331,7 +341,9 @@ def largest_cluster(means: Array, floor: Array, constant: Array) -> SampleMask:
     scale = np.sqrt(np.maximum(np.maximum(floor, fast) + constant, 1e-300))
     limit = chi2_isf(LEVELS.quiet_segment, means.shape[1])
     candidates = means[:: max(1, len(means) // (2 * ZERO_SEGMENTS))]
-    distance = (((means[None] - candidates[:, None]) / scale) ** 2).sum(axis=2)
+    distance = np.zeros((len(candidates), len(means)))
+    for one, other in zip((candidates / scale).T, (means / scale).T, strict=True):
+        distance += np.subtract.outer(one, other) ** 2
     centre = candidates[int((distance < limit).sum(axis=1).argmax())]
     members: SampleMask = (((means - centre) / scale) ** 2).sum(axis=1) < limit
     for _ in range(MAX_CLUSTER_STEPS):

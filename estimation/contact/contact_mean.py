@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimation.contact.contact_detection import ContactDetection, ContactInterval
 from estimation.contact.point_force import PointForce
-from estimation.contact.variance_of_means import VarianceOfMeans
+from estimation.contact.variance_of_means import MeanDifferences, VarianceOfMeans
 from estimation.distributions import chi2_sf
 from estimation.noise.autoregression import fit_autoregression
 from modeling.noise.channel_whitening import block_means
@@ -108,6 +108,6 @@ class ContactSeries:
         constant = np.atleast_1d((contrast @ self.inverse) ** 2 @ self.remainder**2)
         fitted = fit_autoregression(means - means[quiet].mean(axis=0), quiet)
         noise = VarianceOfMeans.of_autoregression(fitted, len(means), constant).at_least(
-            VarianceOfMeans.of_differences(means, constant, quiet)
+            MeanDifferences.of(means, quiet).variance_of_means(constant)
         )
         return float(noise.covariance(min(blocks, len(means)))[0, 0])

@@ -40,40 +40,6 @@ class VarianceOfMeans:
         scale = np.sqrt(np.diag(noise.covariance))
         return cls(sums / length**2, noise.covariance / np.outer(scale, scale), constant)
 
-    @classmethod
-    def of_differences(
-        cls, series: Array, constant: Array, quiet: NDArray[np.bool_] | None = None, *, exceedance: float = 0.5
-    ) -> VarianceOfMeans:
-        """The noise of a series' (n, p) `quiet` (contact-free) samples, or of its quieter part, from successive means.
-
-        Two successive means over L have half of their sum with the variance V_2L, and half of their difference with
-        D_L / 4, so that V_L = V_2L + D_L / 4: V_L is a sum over the scales above (Haar's wavelet variances; Allan's up
-        to a factor). No noise model is needed. D_L is the mean square of the differences between means over quiet
-        samples. Where those are unknown it comes from the lower quartile of the absolute differences, which a contact
-        in less than three quarters of the record does not affect. Few differences leave D uncertain: from quiet ones
-        it is the limit that D exceeds with probability `exceedance`, by default its median. At the largest scales D is
-        extrapolated as constant, as for 1/f noise.
-        """
-        sums = cumulative_sums(series)
-        disturbed = cumulative_sums(np.zeros(len(series)) if quiet is None else (~quiet).astype(float))
-        scales = 2 ** np.arange(int(np.log2(max(len(series), 2))) + 1)
-        powers: list[Array] = []
-        for scale in map(int, scales):
-            start = np.arange(0, len(series) + 1 - 2 * scale, max(1, scale // 4))
-            start = start[disturbed[start + 2 * scale] == disturbed[start]]
-            independent = len(start) * max(1, scale // 4) / (2 * scale)
-            if powers and independent < MIN_DIFFERENCES:
-                powers.append(powers[-1])
-                continue
-            difference = (sums[start + 2 * scale] - 2 * sums[start + scale] + sums[start]) / scale
-            freedom = max(independent, 1.0)
-            factor = None if quiet is None else freedom / chi2_isf(1 - exceedance, freedom)
-            powers.append(_difference_power(difference, factor))
-        levels = np.cumsum(np.stack(powers)[::-1], axis=0)[::-1] / 4 + 1e-300
-        length = np.log(np.arange(1, len(series) + 1))
-        variance = [np.exp(np.interp(length, np.log(scales), np.log(level))) for level in levels.T]
-        return cls(np.stack(variance, axis=1), np.eye(series.shape[1]), constant)
-
     def at_least(self, other: VarianceOfMeans) -> VarianceOfMeans:
         """The larger variance of both for every mean: an autoregression misses the slow part of 1/f noise."""
         return replace(self, variance=np.maximum(self.variance, other.variance))
@@ -84,10 +50,71 @@ class VarianceOfMeans:
         return np.asarray(self.correlation * np.outer(scale, scale) + np.diag(self.constant))
 
 
-def _difference_power(difference: Array, factor: float | None) -> Array:
-    """Mean square (p,) of differences times a factor; without one, from their lower quartile."""
+@dataclass(frozen=True, eq=False)
+class MeanDifferences:
+    """Differences of successive means of a series (n, p) over 1, 2, 4, .. samples; of few those of the scale before.
+
+    power        (s, p) mean square; from their lower quartile unless `quiet`
+    independent  (s,) number of independent differences
+    quiet        whether they are of samples that are known to be contact-free
+    samples      n
+    """
+
+    power: Array
+    independent: Array
+    quiet: bool
+    samples: int
+
+    @classmethod
+    def of(cls, series: Array, quiet: NDArray[np.bool_] | None = None) -> MeanDifferences:
+        """Of the `quiet` (contact-free) samples, or of the quieter part of a series.
+
+        Where quiet samples are unknown the mean square comes from the lower quartile of the absolute differences, which
+        a contact in less than three quarters of the record does not affect.
+        """
+        sums = cumulative_sums(series)
+        disturbed = cumulative_sums(np.zeros(len(series)) if quiet is None else (~quiet).astype(float))
+        powers, numbers = list[Array](), list[float]()
+        for scale in map(int, _scales(len(series))):
+            start = np.arange(0, len(series) + 1 - 2 * scale, max(1, scale // 4))
+            start = start[disturbed[start + 2 * scale] == disturbed[start]]
+            independent = len(start) * max(1, scale // 4) / (2 * scale)
+            if powers and independent < MIN_DIFFERENCES:
+                powers.append(powers[-1])
+                numbers.append(numbers[-1])
+                continue
+            difference = (sums[start + 2 * scale] - 2 * sums[start + scale] + sums[start]) / scale
+            powers.append(_mean_square(difference, robust=quiet is None))
+            numbers.append(independent)
+        return cls(np.stack(powers), np.array(numbers), quiet is not None, len(series))
+
+    def variance_of_means(self, constant: Array, *, exceedance: float = 0.5) -> VarianceOfMeans:
+        """The noise of the series.
+
+        Two successive means over L have half of their sum with the variance V_2L, and half of their difference with
+        D_L / 4, so that V_L = V_2L + D_L / 4: V_L is a sum over the scales above (Haar's wavelet variances; Allan's up
+        to a factor). No noise model is needed. D_L is the mean square of the differences between means. Few differences
+        leave it uncertain: from quiet ones it is the limit that D exceeds with probability `exceedance`, by default its
+        median. At the largest scales D is extrapolated as constant, as for 1/f noise.
+        """
+        scales, powers = _scales(self.samples), self.power
+        if self.quiet:
+            freedom = np.maximum(self.independent, 1.0)
+            powers = powers * np.array([one / chi2_isf(1 - exceedance, one) for one in map(float, freedom)])[:, None]
+        levels = np.cumsum(powers[::-1], axis=0)[::-1] / 4 + 1e-300
+        length = np.log(np.arange(1, self.samples + 1))
+        variance = [np.exp(np.interp(length, np.log(scales), np.log(level))) for level in levels.T]
+        return VarianceOfMeans(np.stack(variance, axis=1), np.eye(levels.shape[1]), constant)
+
+
+def _scales(samples: int) -> NDArray[np.intp]:
+    return np.asarray(2 ** np.arange(int(np.log2(max(samples, 2))) + 1), dtype=np.intp)
+
+
+def _mean_square(difference: Array, *, robust: bool) -> Array:
+    """Mean square (p,) of differences, or from their lower quartile."""
     if not len(difference):
         return np.full(difference.shape[1], 1e-300)
-    if factor is None:
+    if robust:
         return np.asarray((np.quantile(np.abs(difference), 0.25, axis=0) / NORMAL_QUARTILE) ** 2)
-    return np.asarray((difference**2).mean(axis=0) * factor)
+    return np.asarray((difference**2).mean(axis=0))

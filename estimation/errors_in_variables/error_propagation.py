@@ -132,23 +132,27 @@ class ErrorPropagation:
             self._signal_jacobian * covariance * self._signal_jacobian.T,
             sp.zeros(self._gradient.rows, 1),
         )
-        for a, symbol in enumerate(self._symbols):
-            bias += self._gradient.diff(symbol) * covariances[:, a]
-            bias += self._gradient[:, a] * self._own_curvature(self._signals[a], covariance)
+        for a, (slope, hessian) in enumerate(zip(self._gradient_slopes, self._signal_hessians, strict=True)):
+            bias += slope * covariances[:, a]
+            bias += self._gradient[:, a] * (hessian.T * covariance).trace()
         return bias / 2
 
-    def _own_curvature(self, signal: sp.Expr, covariance: sp.Matrix) -> sp.Expr:
-        hessian = self._at_zero_error(sp.hessian(signal, self.errors))
-        return (hessian.T * covariance).trace()
+    @cached_property
+    def _gradient_slopes(self) -> list[sp.Matrix]:
+        """Derivative of the gradient, (p, a), by each signal."""
+        return [self._gradient.diff(symbol) for symbol in self._symbols]
+
+    @cached_property
+    def _signal_hessians(self) -> list[sp.Matrix]:
+        """d² signal / d error², (s, s), of each signal at zero error."""
+        return [self._at_zero_error(sp.hessian(signal, self.errors)) for signal in self._signals]
 
     def _at_zero_error(self, expression: sp.Matrix) -> sp.Matrix:
         return expression.xreplace(dict.fromkeys(self.errors, sp.S.Zero))
 
     def unbiased(self, noise: InputNoise, repeats: int) -> WrenchModel:
         """The bias-corrected model for signals with this noise, averaged over `repeats`."""
-        curvature = self.curvature(sp.Matrix(noise.covariance / repeats))
-        own = {f.name: getattr(self.model, f.name) for f in fields(self.model)}
-        return BiasCorrectedModel(**own, curvature=sp.ImmutableMatrix(curvature))
+        return _bias_corrected(self, tuple(map(tuple, (noise.covariance / repeats).tolist())))
 
     @cached_property
     def emitted(self) -> VectorFunction:
@@ -161,6 +165,13 @@ class ErrorPropagation:
 def _cached(load: ErrorPropagation) -> ErrorPropagation:
     """The first equal object, with its cached derivatives."""
     return load
+
+
+@lru_cache(maxsize=32)
+def _bias_corrected(load: ErrorPropagation, covariance: tuple[tuple[float, ...], ...]) -> WrenchModel:
+    """The bias-corrected model for errors of this covariance (s, s): recordings of one noise share its compilation."""
+    own = {f.name: getattr(load.model, f.name) for f in fields(load.model)}
+    return BiasCorrectedModel(**own, curvature=sp.ImmutableMatrix(load.curvature(sp.Matrix(covariance))))
 
 
 def _rotated_quaternion(x: sp.Expr, y: sp.Expr, z: sp.Expr) -> dict[sp.Symbol, sp.Expr]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +15,7 @@ Array = NDArray[np.float64]
 
 AUTOREGRESSION_ORDERS = (0, 1, 2, 4, 8, 15, 30)
 """Orders tried on a residual."""
+ROUNDING_UNIT = float(np.finfo(float).eps)
 SMALLEST_STD = 1e-150
 """Std of a residual that is constant; its square is above the smallest number."""
 
@@ -22,15 +26,16 @@ def fit_autoregression(residual: Array, event_free: NDArray[np.bool_]) -> NoiseM
     Each channel has its own coefficients; the innovations have a joint covariance. White noise for a short residual.
     """
     n, p = residual.shape
+    usable = {order: _with_event_free_past(event_free, order) for order in AUTOREGRESSION_ORDERS if order <= n // 20}
+    usable = {order: rows for order, rows in usable.items() if rows.sum() >= 10 * (order + p)}
+    past = _Past.of(residual, usable)
     best, least = NoiseModel.white(np.maximum(residual.std(axis=0), SMALLEST_STD)), np.inf
-    for order in (order for order in AUTOREGRESSION_ORDERS if order <= n // 20):
-        usable = _with_event_free_past(event_free, order)
-        if usable.sum() < 10 * (order + p):
-            continue
-        coefficients, innovation = _autoregression_of_order(residual, usable, order)
-        covariance = innovation.T @ innovation / max(1, len(innovation) - order)
+    for order, rows in usable.items():
+        coefficients = past.coefficients(order, rows)
+        innovation = _innovations(residual, coefficients)[:, rows[order:]]
+        covariance = innovation @ innovation.T / max(1, innovation.shape[1] - order)
         covariance += 1e-12 * np.eye(p) * max(np.trace(covariance) / p, 1e-300)
-        criterion = usable.sum() * np.linalg.slogdet(covariance)[1] + 2 * order * p
+        criterion = rows.sum() * np.linalg.slogdet(covariance)[1] + 2 * order * p
         if criterion < least:
             best, least = NoiseModel(covariance, coefficients, source=NoiseSource.RESIDUAL), float(criterion)
     return best
@@ -45,14 +50,44 @@ def _with_event_free_past(event_free: NDArray[np.bool_], order: int) -> NDArray[
     return usable
 
 
-def _autoregression_of_order(residual: Array, usable: NDArray[np.bool_], order: int) -> tuple[Array, Array]:
-    """Least-squares coefficients (order, p) of each channel by itself, and its innovations where `usable`."""
-    index = np.flatnonzero(usable)
-    coefficients = np.zeros((order, residual.shape[1]))
-    innovation = residual[index].copy()
-    for channel in range(residual.shape[1]):
-        if order:
-            past = np.stack([residual[index - lag, channel] for lag in range(1, order + 1)], axis=1)
-            coefficients[:, channel] = np.linalg.lstsq(past, residual[index, channel], rcond=None)[0]
-            innovation[:, channel] -= past @ coefficients[:, channel]
-    return coefficients, innovation
+def _innovations(residual: Array, coefficients: Array) -> Array:
+    """Innovations (p, n - order) of a residual (n, p)."""
+    pairs = zip(residual.T, coefficients.T, strict=True)
+    return np.stack([np.convolve(series, np.append(1.0, -own), "valid") for series, own in pairs])
+
+
+@dataclass(frozen=True, eq=False)
+class _Past:
+    """Samples of a residual and their past, factorised once for all orders.
+
+    residual  (n, p)
+    rows      (n,) which samples have enough past for the highest order m
+    roots     (p, m + 1, m + 1) upper triangular factors of their past and themselves, by channel
+    """
+
+    residual: Array
+    rows: NDArray[np.bool_]
+    roots: Array
+
+    @classmethod
+    def of(cls, residual: Array, usable: Mapping[int, NDArray[np.bool_]]) -> _Past:
+        """Of the samples (n,) that are usable for each order."""
+        highest = max(usable, default=0)
+        rows = usable.get(highest, np.zeros(len(residual), dtype=bool))
+        own = _with_past(residual, rows, highest) if highest else np.zeros((residual.shape[1], 1, 1))
+        return cls(residual, rows, np.asarray(np.linalg.qr(own, mode="r")))
+
+    def coefficients(self, order: int, rows: NDArray[np.bool_]) -> Array:
+        """Least-squares coefficients (order, p) over the samples `rows`: those of the factors, and a few more."""
+        more = _with_past(self.residual, rows & ~self.rows, order)
+        stacked = np.concatenate([self.roots[:, :, [*range(order), -1]], more], axis=1)
+        left, sizes, right = np.linalg.svd(stacked[:, :, :order], full_matrices=False)
+        along = np.einsum("pro,pr->po", left, stacked[:, :, order])
+        regular = sizes > ROUNDING_UNIT * rows.sum() * sizes[:, :1]
+        along = np.where(regular, along / np.where(regular, sizes, 1.0), 0.0)
+        return np.asarray(np.einsum("pso,ps->op", right, along))
+
+
+def _with_past(residual: Array, rows: NDArray[np.bool_], order: int) -> Array:
+    """The `order` predecessors of samples, the latest first, then the samples themselves: (p, samples, order + 1)."""
+    return residual.T[:, np.flatnonzero(rows)[:, None] - [*range(1, order + 1), 0]]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.noise.power_spectrum import PowerSpectrum
+from estimation.noise.power_spectrum import PowerSpectrum, power_levels
 from estimation.noise.whitening import FourierLineWhitener
 
 Array = NDArray[np.float64]
@@ -54,11 +54,11 @@ def impulse_responses(spectra: tuple[PowerSpectrum, ...], n: int, dt: float) -> 
     p = len(spectra)
     series = np.zeros((n, p, p * LEAKAGE_SAMPLES))
     frequency = np.maximum(np.arange(n // 2 + 1), 1) / (n * dt)
-    for channel, spectrum in enumerate(spectra):
-        cepstrum = np.fft.irfft(np.log(spectrum(frequency)) / 2, n=n)
-        cepstrum[1 : (n + 1) // 2] *= 2
-        cepstrum[n // 2 + 1 :] = 0
-        response = np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), n=n)
-        for delay in range(LEAKAGE_SAMPLES):
-            series[:, channel, channel * LEAKAGE_SAMPLES + delay] = np.roll(response, delay)
+    cepstrum = np.fft.irfft(np.log(power_levels(spectra, frequency)) / 2, n=n, axis=0)
+    cepstrum[1 : (n + 1) // 2] *= 2
+    cepstrum[n // 2 + 1 :] = 0
+    response = np.fft.irfft(np.exp(np.fft.rfft(cepstrum, axis=0)), n=n, axis=0)
+    for delay in range(LEAKAGE_SAMPLES):
+        delayed = np.roll(response, delay, axis=0)
+        series[:, np.arange(p), np.arange(p) * LEAKAGE_SAMPLES + delay] = delayed
     return series

@@ -41,14 +41,14 @@ class MotionNoise:
 
         The smoothed motion is a Gaussian process with known covariance. Each draw from it goes through the kinematics
         and the tool's equations as the motion itself does, so that velocity and acceleration enter with their own
-        errors and their correlation, larger at the ends of the record.
+        errors and their correlation, larger at the ends of the record. Each sample is predicted by itself.
         """
         splines = [d.spline for d in recording.derivatives.values() if d.spline is not None]
         if recording.repeats > 1 or not splines:
             return None
         draws = int(np.clip(DRAWN_SAMPLES // recording.samples, FEWEST_DRAWS, MOST_DRAWS))
-        rng, centre = np.random.default_rng(0), predicted(recording)
-        errors = np.stack([predicted(drawn) - centre for drawn in recording.drawn_motions(rng, draws)])
+        drawn = recording.drawn_motions(np.random.default_rng(0), draws)
+        errors = predicted(drawn).reshape(draws, recording.samples, -1) - predicted(recording)
         length = max(spline.half_rate / spline.cutoff * recording.samples / spline.samples for spline in splines)
         return cls(errors=errors, correlation_length=max(1.0, length))
 

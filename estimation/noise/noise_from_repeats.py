@@ -11,7 +11,7 @@ from estimation.noise.disturbances.disturbance_basis import disturbance_basis
 from estimation.noise.disturbances.events_in_repeats import find_events_in_repeats
 from estimation.noise.disturbances.tones import find_tones, sinusoids, without_sinusoids
 from estimation.noise.leakage import without_leakage
-from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
+from estimation.noise.power_spectrum import PowerSpectrum, log_power_variances, power_levels, smooth_power_spectra
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, repeat_noise_floor, sample_step
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
@@ -53,9 +53,7 @@ def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingN
     non_excited = index[usable]
     lines = lines / np.sqrt(np.maximum(remaining, 0.5))[:, None]
     frequency, lowest = non_excited / (n * sample_step(recording)), 1 / (n * sample_step(recording))
-    spectra = tuple(
-        smooth_power_spectrum(frequency, np.abs(column) ** 2 / n, start=lowest) for column in lines[usable].T
-    )
+    spectra = smooth_power_spectra(frequency, np.abs(lines[usable]) ** 2 / n, start=lowest)
     tone_free = ~np.any([s.tones for s in spectra], axis=0)
     tonal = np.zeros(len(index), dtype=bool)
     tonal[non_excited[~tone_free]] = True
@@ -63,8 +61,8 @@ def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingN
     others = index[(index % repeats != 0) & ~tonal]
     order = np.concatenate([excited, others])
     ordered = np.maximum(order, 1) / (n * sample_step(recording))
-    levels = np.stack([s(ordered) for s in spectra], axis=1)
-    white = lines[non_excited[tone_free]] / np.sqrt(n * np.stack([s(frequency[tone_free]) for s in spectra], axis=1))
+    levels = power_levels(spectra, ordered)
+    white = lines[non_excited[tone_free]] / np.sqrt(n * power_levels(spectra, frequency[tone_free]))
     root = _coherence_roots(non_excited[tone_free], white, order) / np.sqrt(levels)[:, None, :]
     freedom = sum(s.freedom for s in spectra) / len(spectra) / len(non_excited)
     plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
@@ -83,7 +81,7 @@ def _recording_noise(
     waves = [_in_each_channel(sinusoids(recording, [tone]), len(spectra)) for tone in tones]
     projected, judged = (np.concatenate(waves, axis=2), waves[0].shape[2]) if waves else (None, 0)
     whitener = without_leakage(plain, spectra, sample_step(recording), projected, judged=judged)
-    variance = np.stack([s.log_variance(frequency) for s in spectra], axis=1)
+    variance = log_power_variances(spectra, frequency)
     return RecordingNoise(
         floor=repeat_noise_floor(recording),
         whitener=whitener,
@@ -110,13 +108,10 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
     inner = excited[1:-1]
     frequency = np.maximum(excited, 0.5) / (period * sample_step(recording))
     power = (np.abs(differences) ** 2).sum(0) / ((repeats - 1) * period)
-    spectra = tuple(
-        smooth_power_spectrum(frequency[inner], c, shape=repeats - 1.0, start=float(frequency[0]))
-        for c in power[inner].T
-    )
+    spectra = smooth_power_spectra(frequency[inner], power[inner], shape=repeats - 1.0, start=float(frequency[0]))
     tone_free = np.ones(len(excited), dtype=bool)
     tone_free[inner] = ~np.any([s.tones for s in spectra], axis=0)
-    levels = np.stack([s(frequency) for s in spectra], axis=1)
+    levels = power_levels(spectra, frequency)
     white = differences / np.sqrt(period * levels) * np.sqrt(repeats / (repeats - 1))
     used = tone_free & (excited > 0)
     index = np.tile(excited[used], repeats)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,15 +49,18 @@ class PowerSpectrum:
 
         An extrapolation falling towards zero frequency would make drift falsely significant.
         """
-        u = np.log(frequency)
-        end = float(self._rows(np.array([self.lowest]))[0] @ self.coefficients)
-        curve = self._rows(u) @ self.coefficients
-        return np.asarray(np.exp(np.where(u < self.lowest, np.maximum(curve, end), curve)))
+        return power_levels([self], frequency)[:, 0]
+
+    def level(self, frequency: Array, basis: Array) -> Array:
+        """S at positive frequencies (m,), by `basis` there."""
+        curve, below = basis @ self.coefficients, np.log(frequency) < self.lowest
+        if below.any():
+            curve[below] = np.maximum(curve[below], self._rows(np.array([self.lowest])) @ self.coefficients)
+        return np.asarray(np.exp(curve))
 
     def log_variance(self, frequency: Array) -> Array:
         """Posterior variance of log S at these frequencies; it grows where the curve is extrapolated."""
-        rows = self.basis(frequency)
-        return np.asarray(np.einsum("ij,jk,ik->i", rows, self.covariance, rows))
+        return log_power_variances([self], frequency)[:, 0]
 
     def basis(self, frequency: Array) -> Array:
         """Values (m, j) of the curve's j basis functions at frequencies (m,)."""
@@ -72,18 +77,50 @@ class PowerSpectrum:
         return basis_matrix(np.clip(u, low, high), self.knots, 3)
 
 
+def power_levels(spectra: Sequence[PowerSpectrum], frequency: Array) -> Array:
+    """S (m, p) of several spectra at positive frequencies (m,)."""
+    bases = _bases(spectra, frequency)
+    return np.stack([s.level(frequency, basis) for s, basis in zip(spectra, bases, strict=True)], axis=1)
+
+
+def log_power_variances(spectra: Sequence[PowerSpectrum], frequency: Array) -> Array:
+    """Posterior variance (m, p) of log S of several spectra at positive frequencies (m,)."""
+    bases = zip(spectra, _bases(spectra, frequency), strict=True)
+    return np.stack([np.einsum("ij,ij->i", basis @ s.covariance, basis) for s, basis in bases], axis=1)
+
+
+def _bases(spectra: Sequence[PowerSpectrum], frequency: Array) -> list[Array]:
+    """Values of each spectrum's basis functions; those of one record mostly have the same knots."""
+    different = {s.knots.tobytes(): s for s in spectra}
+    bases = {knots: s.basis(frequency) for knots, s in different.items()}
+    return [bases[s.knots.tobytes()] for s in spectra]
+
+
 def smooth_power_spectrum(
     frequency: Array, ordinates: Array, *, shape: float = 1.0, start: float | None = None
 ) -> PowerSpectrum:
-    """Fit log S(f) to periodogram ordinates by penalised Whittle likelihood.
+    """`smooth_power_spectra` of one series, ordinates (m,)."""
+    return smooth_power_spectra(frequency, ordinates[:, None], shape=shape, start=start)[0]
 
-    frequency  (m,) positive; ordinates (m,) with mean S(f), distributed as Gamma of the given shape (1 for a single
+
+def smooth_power_spectra(
+    frequency: Array, ordinates: Array, *, shape: float = 1.0, start: float | None = None
+) -> tuple[PowerSpectrum, ...]:
+    """Fit log S(f) to periodogram ordinates of each of p series by penalised Whittle likelihood.
+
+    frequency  (m,) positive; ordinates (m, p) with mean S(f), distributed as Gamma of the given shape (1 for a single
     periodogram, R-1 for an average over R-1 differences); `start` the lowest frequency at which S will be evaluated.
     With the log link the Fisher information of each ordinate is `shape` whatever S, so that each scoring step is one
     penalised least-squares solve; the penalty on the curvature is chosen by Akaike's criterion. Ordinates above the
     Bonferroni-corrected Gamma quantile (`LEVELS.ordinate`) are tones and left out, with their neighbours.
     """
     begin = float(frequency.min()) if start is None else min(start, float(frequency.min()))
+    grid = _Grid(np.log(frequency), np.log(begin))
+    return tuple(_smoothed(grid, column, shape) for column in ordinates.T)
+
+
+def _smoothed(grid: _Grid, ordinates: Array, shape: float) -> PowerSpectrum:
+    """The spectrum of ordinates (m,), without those that are tones."""
     valid = np.isfinite(ordinates) & (ordinates > 0)
     if valid.sum() < MIN_ORDINATES:
         raise InputError(
@@ -91,11 +128,11 @@ def smooth_power_spectrum(
             where="recording",
             remedy="record longer, or the raw sensor instead of rounded readings",
         )
+    limit = gamma_isf(LEVELS.ordinate / len(ordinates), shape) / shape
     tones, rounds = ~valid, MAX_TONE_ROUNDS
     while True:
-        curve = _penalised_spline(frequency, ordinates, ~tones, shape, begin)
-        limit = gamma_isf(LEVELS.ordinate / len(frequency), shape) / shape
-        exceeding = valid & (ordinates > limit * curve(frequency))
+        curve, level = _penalised_spline(grid, ordinates, ~tones, shape)
+        exceeding = valid & (ordinates > limit * level)
         found = tones | exceeding | np.roll(exceeding, 1) | np.roll(exceeding, -1)
         settled, rounds = (found == tones).all() or found.mean() > 0.3, rounds - 1
         tones = tones if settled else found
@@ -103,17 +140,42 @@ def smooth_power_spectrum(
             return replace(curve, tones=tones)
 
 
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Logarithms of the frequencies (m,) of ordinates, and of the lowest one at which a spectrum is evaluated."""
+
+    u: Array
+    begin: float
+
+    def knots(self, pieces: int) -> Array:
+        """Knots of so many pieces from the lowest to the highest frequency."""
+        inner = np.linspace(self.begin, self.u.max() + 1e-9, pieces + 1)
+        step = inner[1] - inner[0]
+        return np.concatenate([inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)])
+
+    def basis(self, pieces: int) -> Array:
+        """Values (m, j) of the basis functions, computed once."""
+        if pieces not in self._bases:
+            self._bases[pieces] = basis_matrix(self.u, self.knots(pieces), 3)
+        return self._bases[pieces]
+
+    @cached_property
+    def _bases(self) -> dict[int, Array]:
+        return {}
+
+
 def _penalised_spline(
-    frequency: Array, ordinates: Array, use: NDArray[np.bool_], shape: float, begin: float
-) -> PowerSpectrum:
-    """The curve of least Akaike criterion. With knots h apart the curvature of a cubic spline is D c / h², D second
-    differences of its coefficients c, so that the integral of its square over log f is |D c|² / h³."""
-    u, power = np.log(frequency), ordinates[use]
+    grid: _Grid, ordinates: Array, use: NDArray[np.bool_], shape: float
+) -> tuple[PowerSpectrum, Array]:
+    """The curve of least Akaike criterion, and its values (m,) at the frequencies.
+
+    With knots h apart the curvature of a cubic spline is D c / h², D second differences of its coefficients c, so that
+    the integral of its square over log f is |D c|² / h³.
+    """
+    power = ordinates[use]
     pieces = int(np.clip(len(power) // 8, 4, 24))
-    inner = np.linspace(np.log(begin), u.max() + 1e-9, pieces + 1)
-    step = inner[1] - inner[0]
-    knots = np.concatenate([inner[0] - step * np.arange(3, 0, -1), inner, inner[-1] + step * np.arange(1, 4)])
-    basis = basis_matrix(u[use], knots, 3)
+    knots, whole = grid.knots(pieces), grid.basis(pieces)
+    step, basis = knots[1] - knots[0], whole[use]
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
     best: tuple[float, Array, Array, float] | None = None
     for curvature in CURVATURE_PRIORS:
@@ -126,7 +188,8 @@ def _penalised_spline(
         if best is None or criterion < best[0]:
             best = (criterion, coefficients, covariance, freedom)
     assert best is not None
-    return PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(u.min()))
+    curve = PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(grid.u.min()))
+    return curve, np.exp(whole @ curve.coefficients)
 
 
 def _fisher_scoring(basis: Array, power: Array, covariance: Array, penalty: Array, shape: float) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cached_property
@@ -236,21 +236,28 @@ class Recording(Tabular):
         """What was derived so far, by the columns that it comes from."""
         return {}
 
-    def drawn_motions(self, rng: np.random.Generator, count: int) -> Iterator[Recording]:
-        """The recording with `count` motions at random from what its samples leave open, without auxiliary columns.
+    def drawn_motions(self, rng: np.random.Generator, count: int) -> Recording:
+        """`count` runs with motions at random from what the samples leave open, one after another in one recording.
 
-        Of the `derivatives` so far: those of `signals`, which were derived before.
+        Of the `derivatives` so far, those of `signals`; without auxiliary columns. The motion jumps between the runs,
+        so that of several only what depends on single samples can be predicted.
         """
         from estimation.recordings.derivatives.differentiation import SplineTimes
 
-        times, known = np.arange(self.samples) * np.float64(self.dt or 0.0), dict(self.derivatives)
-        splines = {key: found.spline for key, found in known.items() if found.spline is not None}
-        at = {key: SplineTimes.of(spline, times) for key, spline in splines.items()}
-        columns = {name: self.columns[name] for name in self.columns if name not in self.auxiliary}
-        for _ in range(count):
-            other = replace(self, columns=columns)
-            other.derivatives.update(known | {key: at[key].derivatives(s.drawn(rng)) for key, s in splines.items()})
-            yield other
+        assert self.time is not None  # static poses are not smoothed
+        times, span = np.arange(self.samples) * np.float64(self.dt or 0.0), self.samples * (self.dt or 0.0)
+        splines = {key: found.spline for key, found in self.derivatives.items() if found.spline is not None}
+        innovations = [[spline.innovations(rng) for spline in splines.values()] for _ in range(count)]
+        other = replace(
+            self,
+            wrench=np.tile(self.wrench, (count, 1)),
+            columns={name: np.tile(self.columns[name], count) for name in self.columns if name not in self.auxiliary},
+            time=np.concatenate([self.time + i * span for i in range(count)]),
+        )
+        for (key, spline), own in zip(splines.items(), zip(*innovations, strict=True), strict=True):
+            drawn = spline.drawn(*own)
+            other.derivatives[key] = SplineTimes.of(spline, times).derivatives(drawn).one_after_another(count)
+        return other
 
     def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
         from estimation.recordings.derivatives.differentiation import (  # slow to import

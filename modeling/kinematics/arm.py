@@ -100,8 +100,11 @@ class Arm(ABC):
 
     def pose(self, q: Array, dq: Array, ddq: Array) -> dict[str, Array]:
         """The signals by name, each (N,), of joint motions (N, n): rad, rad/s, rad/s² (m of prismatic joints)."""
-        values = TapeEvaluation(self.tape).values([*q.T, *dq.T, *ddq.T])
-        return dict(zip(self.names, values, strict=True))
+        return dict(zip(self.names, self._evaluation.values([*q.T, *dq.T, *ddq.T]), strict=True))
+
+    @cached_property
+    def _evaluation(self) -> TapeEvaluation:
+        return TapeEvaluation(self.tape)
 
     @cached_property
     def tape(self) -> Tape:

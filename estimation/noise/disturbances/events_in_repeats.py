@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from estimation.distributions import chi2_isf
 from estimation.noise.disturbances.disturbance_basis import disturbance_basis
 from estimation.noise.disturbances.transient_windows import Window, Windows, cumulative_sums, variances_of_sums
 from estimation.noise.leakage import LEAKAGE_SAMPLES, impulse_responses
-from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
+from estimation.noise.power_spectrum import PowerSpectrum, power_levels, smooth_power_spectra
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
 from modeling.significance import LEVELS
@@ -82,7 +83,7 @@ def _window_scores(recording: Recording, residual: Array, found: Sequence[tuple[
     index = np.arange(n // 2 + 1)
     spectra = _event_free_spectra(recording, residual)
     frequency = np.maximum(index, 1) / (n * dt)
-    weight = (index % repeats != 0)[:, None] / np.stack([s(frequency) for s in spectra], axis=1)
+    weight = (index % repeats != 0)[:, None] / power_levels(spectra, frequency)
     leakage = impulse_responses(spectra, n, dt)
     product, nuisance, information = [], [], []
     for c in range(len(spectra)):
@@ -111,13 +112,19 @@ def _event_free_spectra(recording: Recording, residual: Array) -> tuple[PowerSpe
     """
     repeats, period = recording.repeats, recording.samples_per_repeat
     lines = np.fft.rfft(residual.reshape(repeats, period, -1), axis=1)[:, 1:-1]
-    drawn = np.random.default_rng(0).standard_normal((repeats, 4000, 2)) @ np.array([1, 1j]) / np.sqrt(2)
-    reference = _lower_quartile_of_pairs(drawn)
-    power = _lower_quartile_of_pairs(lines / np.sqrt(period)) / reference.mean()
-    shape = float(reference.mean() ** 2 / reference.var())
+    mean, shape = _white_quartile(repeats)
+    power = _lower_quartile_of_pairs(lines / np.sqrt(period)) / mean
     frequency = np.arange(1, len(power) + 1) / (period * sample_step(recording))
     lowest = 1 / (recording.samples * sample_step(recording))
-    return tuple(smooth_power_spectrum(frequency, column, shape=shape, start=lowest) for column in power.T)
+    return smooth_power_spectra(frequency, power, shape=shape, start=lowest)
+
+
+@lru_cache
+def _white_quartile(repeats: int) -> tuple[float, float]:
+    """Mean of the lower quartile of white noise of unit variance, and the shape of a Gamma variable of its spread."""
+    drawn = np.random.default_rng(0).standard_normal((repeats, 4000, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+    quartile = _lower_quartile_of_pairs(drawn)
+    return float(quartile.mean()), float(quartile.mean() ** 2 / quartile.var())
 
 
 def _lower_quartile_of_pairs(lines: NDArray[np.complex128]) -> Array:

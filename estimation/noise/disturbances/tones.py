@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev
 from numpy.typing import NDArray
 
-from estimation.noise.power_spectrum import smooth_power_spectrum
+from estimation.noise.power_spectrum import power_levels, smooth_power_spectra
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
 from modeling.significance import LEVELS
@@ -63,7 +63,7 @@ class NonperiodicResidual:
         n = len(self.residual)
         ordinates = np.abs(np.fft.rfft(self.nonperiodic, axis=0)[self.lines]) ** 2 / n
         frequency = self.lines / (n * sample_step(self.recording))
-        level = np.stack([smooth_power_spectrum(frequency, column)(frequency) for column in ordinates.T], axis=1)
+        level = power_levels(smooth_power_spectra(frequency, ordinates), frequency)
         return np.asarray(ordinates / np.maximum(level, _neighbouring_power(ordinates)))
 
     def sharpened(self, line: float, weight: Array) -> float:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,26 +64,26 @@ class Windows:
     def best_disjoint(self, gain: Array) -> list[int]:
         """Disjoint windows of the largest sum of gains (w,), by their end.
 
-        Weighted interval scheduling: best[t] = max(best[t - 1], best[first] + gain of the windows that end at t).
+        Weighted interval scheduling: best[t] = max(best[t - 1], best[first] + gain of the windows that end at t), at
+        the ends t in order.
         """
         gainful = np.flatnonzero(gain > 0)  # the others never add to the sum
         order = gainful[np.argsort(self.last[gainful], kind="stable")]
-        first, gain, last = self.first[order], gain[order], self.last[order]
-        samples, ends = int(last.max(initial=0)), np.unique(last)
-        best, choice, previous = np.zeros(samples + 1), np.full(samples + 1, -1), 0
-        for end, begin, stop in zip(
-            ends, np.searchsorted(last, ends), np.searchsorted(last, ends, "right"), strict=True
-        ):
-            best[previous + 1 : end + 1] = best[previous]
-            total = best[first[begin:stop]] + gain[begin:stop]
-            if total.max() > best[end]:
-                best[end], choice[end] = total.max(), begin + total.argmax()
-            previous = end
-        chosen, end = list[int](), samples
+        gain = gain[order]
+        ends, starts = np.unique(self.last[order], return_index=True)
+        before = np.searchsorted(ends, self.first[order], "right")  # the ends up to where each window begins
+        best, choice = np.zeros(len(ends) + 1), np.full(len(ends) + 1, -1)
+        for end, (start, stop) in enumerate(pairwise([*starts.tolist(), len(order)]), start=1):
+            total = best[before[start:stop]] + gain[start:stop]
+            largest = total.argmax()
+            best[end] = best[end - 1]
+            if total[largest] > best[end]:
+                best[end], choice[end] = total[largest], start + largest
+        chosen, end = list[int](), len(ends)
         while end > 0:
             if choice[end] >= 0:
                 chosen.append(int(order[choice[end]]))
-            end = end - 1 if choice[end] < 0 else int(first[choice[end]])
+            end = end - 1 if choice[end] < 0 else int(before[choice[end]])
         return chosen[::-1]
 
 

@@ -66,8 +66,7 @@ def basis_matrix(place: Array, knots: Array, degree: int) -> Array:
     """Values (n, m) of the m B-splines on these knots at places (n,)."""
     first, basis = basis_values(place, knots, degree)
     matrix = np.zeros((len(place), len(knots) - degree - 1))
-    for j, values in enumerate(basis):
-        matrix[np.arange(len(place)), first + j] = values
+    matrix[np.arange(len(place))[:, None], first[:, None] + np.arange(degree + 1)] = basis.T
     return matrix
 
 
@@ -84,20 +83,17 @@ def _basis_of_degrees(place: Array, knots: Array, degree: int, lowest: int) -> t
     that of a lower degree too, on knots less one at each end for each degree, which are those of the derivatives.
     """
     piece = np.clip(np.searchsorted(knots, place, side="right") - 1, degree, len(knots) - degree - 2)
-    after = [knots[piece + 1 + i] - place for i in range(degree)]
-    before = [place - knots[piece - i] for i in range(degree)]
-    basis, found = np.zeros((degree + 1, len(place))), list[Array]()
-    basis[0] = 1.0
+    steps = np.arange(degree)[:, None]
+    after, before = knots[piece + 1 + steps] - place, place - knots[piece - steps]
+    found = [np.ones((1, len(place)))]
     for order in range(degree):
-        if order >= lowest:
-            found.append(basis[: order + 1].copy())
-        carry = np.zeros(len(place))
-        for j in range(order + 1):
-            share = basis[j] / (after[j] + before[order - j])
-            basis[j] = carry + after[j] * share
-            carry = before[order - j] * share
-        basis[order + 1] = carry
-    return piece - degree, [*found, basis]
+        left, right = after[: order + 1], before[order::-1]
+        share = found[-1] / (left + right)
+        basis = np.zeros((order + 2, len(place)))
+        basis[:-1] = left * share
+        basis[1:] += right * share
+        found.append(basis)
+    return piece - degree, found[lowest:]
 
 
 def weighted_sum(first: NDArray[np.intp], basis: Array, coefficients: Array) -> Array:

@@ -26,3 +26,9 @@ class Derivatives:
     second: Array
     score: Array
     spline: SmoothingSpline | None = None
+
+    def one_after_another(self, count: int) -> Derivatives:
+        """Of `count` series side by side, each (N, k): as series (count N, k), without their splines."""
+        parts = (np.concatenate(np.hsplit(part, count)) for part in (self.value, self.first, self.second))
+        value, first, second = parts
+        return Derivatives(value=value, first=first, second=second, score=self.score[: value.shape[1]])

@@ -159,23 +159,28 @@ class SmoothingSpline:
         """The same spline of samples `step` s apart that are taken to be one second apart here."""
         return replace(self, scale=self.scale / step, start=self.start * step)
 
-    def drawn(self, rng: np.random.Generator) -> Self:
-        """A spline at random from what the samples leave open.
+    def innovations(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """What a spline at random is `drawn` with: of the coefficients (m, k), and of the jerks (m - d, k)."""
+        count, width = self.spline.coefficients.shape
+        return rng.standard_normal((count, width)), rng.standard_normal((count - self.smoothness.order, width))
+
+    def drawn(self, *innovations: tuple[Array, Array]) -> Self:
+        """Splines at random from what the samples leave open, one for each of the `innovations`, side by side.
 
         The covariance of its coefficients is s² (G + lambda P)^-1, where the motion is as rough as everywhere. A move
         from rest to rest has jerks at its ends, which the smoothing flattens: to the prior's part of the error,
         lambda (G + lambda P)^-1 D' w with w of variance s²/lambda, is added what w is rougher there than on average.
         """
-        bands, shape = len(self.factor), self.spline.coefficients.shape
+        white, jerks = (np.concatenate(each, axis=1) for each in zip(*innovations, strict=True))
+        bands, count = len(self.factor), len(white)
         upper = np.zeros_like(self.factor)  # the factor's transpose, as `solve_banded` takes it
         for offset, diagonal in enumerate(self.factor):
-            upper[bands - 1 - offset, offset:] = diagonal[: shape[0] - offset]
-        error = solve_banded((0, bands - 1), upper, rng.standard_normal(shape))
-        jerks = self._excess_roughness[:, None] * rng.standard_normal((len(self._excess_roughness), shape[1]))
+            upper[bands - 1 - offset, offset:] = diagonal[: count - offset]
+        error = solve_banded((0, bands - 1), upper, white)
         penalty = math.exp(self.smoothness.log_penalty)
-        transposed = math.sqrt(penalty) * _transposed_differences(jerks, self.smoothness.order)
-        error += cho_solve_banded((self.factor, True), transposed)
-        coefficients = self.spline.coefficients + math.sqrt(self.variance) * error
+        jerks *= math.sqrt(penalty) * self._excess_roughness[:, None]
+        error += cho_solve_banded((self.factor, True), _transposed_differences(jerks, self.smoothness.order))
+        coefficients = np.tile(self.spline.coefficients, len(innovations)) + math.sqrt(self.variance) * error
         return replace(self, spline=replace(self.spline, coefficients=coefficients))
 
     @cached_property
