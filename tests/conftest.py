@@ -1,11 +1,15 @@
 """Settings of all tests: one thread of linear algebra per process, as two processes share two cores; seeds are fixed.
 
+Garbage is collected after a hundred thousand new objects: after each seven hundred, Python's own, it took a fortieth
+of the time, most of it to look through what lives to the end.
+
 What is derived is kept between tests and runs, and away from the user's: entries are named by the source that they
 follow from, so that a test of an edited derivation derives.
 """
 
 import gc
 import os
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -17,6 +21,26 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 KEPT = Path(__file__).resolve().parents[1] / ".pytest_cache" / "derivations"
 os.environ.setdefault("TRUEWRENCH_CACHE", str(KEPT))
+gc.set_threshold(100_000, 20, 20)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files without a long test where only those are asked for: one file in six has any."""
+    only_long = config.option.markexpr == "long" and collection_path.name.startswith("test_")
+    return True if only_long and not _has_long(collection_path) else None
+
+
+@cache
+def _has_long(path: Path) -> bool:
+    """Whether a file marks a test as long."""
+    return "mark.long" in path.read_text(encoding="utf-8")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Refuse a long test that `make long` would not find."""
+    if item.get_closest_marker("long") and not _has_long(item.path):
+        raise pytest.UsageError(f"{item.nodeid} is long, but its file does not hold the text 'mark.long'")
 
 
 @pytest.hookimpl(trylast=True)  # when the other tier is left out
