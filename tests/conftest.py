@@ -9,6 +9,7 @@ follow from, so that a test of an edited derivation derives.
 
 import gc
 import os
+from collections.abc import Generator
 from functools import cache
 from pathlib import Path
 
@@ -23,6 +24,9 @@ KEPT = Path(__file__).resolve().parents[1] / ".pytest_cache" / "derivations"
 os.environ.setdefault("TRUEWRENCH_CACHE", str(KEPT))
 gc.set_threshold(100_000, 20, 20)
 
+Made = pytest.Item | pytest.Collector | list[pytest.Item | pytest.Collector] | None
+"""What pytest makes of a name of a module or class."""
+
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out files without a long test where only those are asked for: one file in six has any."""
@@ -36,11 +40,14 @@ def _has_long(path: Path) -> bool:
     return "mark.long" in path.read_text(encoding="utf-8")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_itemcollected(item: pytest.Item) -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_pycollect_makeitem(collector: pytest.Collector) -> Generator[None, Made, Made]:
     """Refuse a long test that `make long` would not find."""
-    if item.get_closest_marker("long") and not _has_long(item.path):
-        raise pytest.UsageError(f"{item.nodeid} is long, but its file does not hold the text 'mark.long'")
+    made = yield
+    for item in made if isinstance(made, list) else []:
+        if item.get_closest_marker("long") and not _has_long(collector.path):
+            raise collector.CollectError(f"{item.nodeid} is long, but its file does not hold the text 'mark.long'")
+    return made
 
 
 @pytest.hookimpl(trylast=True)  # when the other tier is left out
