@@ -1,11 +1,16 @@
 """Settings of all tests: one thread of linear algebra per process, as two processes share two cores; seeds are fixed.
 
+Garbage is collected after a hundred thousand new objects: after each seven hundred, Python's own, it took a fortieth
+of the time, most of it to look through what lives to the end.
+
 What is derived is kept between tests and runs, and away from the user's: entries are named by the source that they
 follow from, so that a test of an edited derivation derives.
 """
 
 import gc
 import os
+from collections.abc import Generator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -17,6 +22,32 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 KEPT = Path(__file__).resolve().parents[1] / ".pytest_cache" / "derivations"
 os.environ.setdefault("TRUEWRENCH_CACHE", str(KEPT))
+gc.set_threshold(100_000, 20, 20)
+
+Made = pytest.Item | pytest.Collector | list[pytest.Item | pytest.Collector] | None
+"""What pytest makes of a name of a module or class."""
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files without a long test where only those are asked for: one file in six has any."""
+    only_long = config.option.markexpr == "long" and collection_path.name.startswith("test_")
+    return True if only_long and not _has_long(collection_path) else None
+
+
+@cache
+def _has_long(path: Path) -> bool:
+    """Whether a file marks a test as long."""
+    return "mark.long" in path.read_text(encoding="utf-8")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pycollect_makeitem(collector: pytest.Collector) -> Generator[None, Made, Made]:
+    """Refuse a long test that `make long` would not find."""
+    made = yield
+    for item in made if isinstance(made, list) else []:
+        if item.get_closest_marker("long") and not _has_long(collector.path):
+            raise collector.CollectError(f"{item.nodeid} is long, but its file does not hold the text 'mark.long'")
+    return made
 
 
 @pytest.hookimpl(trylast=True)  # when the other tier is left out

@@ -77,8 +77,9 @@ def numpy_values(emitted: VectorFunction, signals: Mapping[str, Array], theta: A
 def sympy_function(emitted: VectorFunction) -> Callable[..., Any]:
     """The expressions as they stand, operation by operation, for SymPy's numbers of any length."""
     symbols = [sp.Symbol(name, real=True) for name in emitted.inputs]
+    program = every_operation(list(emitted.expression))
     function: Callable[..., Any] = sp.lambdify(
-        [*symbols, *emitted.parameters], list(emitted.expression), "mpmath", cse=every_operation
+        [*symbols, *emitted.parameters], program[1], "mpmath", cse=lambda results: (program[0], results)
     )
     return function
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -30,14 +31,19 @@ FAINT = 1e-3
 every_case = pytest.mark.parametrize("case", CASES, ids=str)
 
 
-def by_casadi(column: SymbolicVector, inputs: Array, theta: Array) -> tuple[Array, Array]:
-    """Value (samples, p) and derivative (samples, p, k) by CasADi, one sample after the other."""
+@cache
+def casadi_function(column: SymbolicVector) -> Any:
+    """From inputs (m,) and parameters (k,) to the value (p,) and its derivative (p, k)."""
     u, parameters = ca.SX.sym("u", len(column.inputs)), ca.SX.sym("theta", len(column.parameters))
     graph = column.graph(u, parameters)
-    slopes = ca.densify(ca.jacobian(graph, parameters))
-    function = ca.Function("column", [u, parameters], [graph, slopes])
-    found = [[part.full() for part in function(row, own)] for row, own in zip(inputs, theta, strict=True)]
-    return np.array([value[:, 0] for value, _ in found]), np.array([slope for _, slope in found])
+    return ca.Function("column", [u, parameters], [graph, ca.densify(ca.jacobian(graph, parameters))])
+
+
+def by_casadi(column: SymbolicVector, inputs: Array, theta: Array) -> tuple[Array, Array]:
+    """Value (samples, p) and derivative (samples, p, k) by CasADi, one sample after the other."""
+    function, samples = casadi_function(column), len(inputs)
+    value, slopes = (part.full() for part in function.map(samples)(inputs.T, theta.T))
+    return value.T, slopes.reshape(len(value), samples, -1).swapaxes(0, 1)
 
 
 def parts_of(case: Case) -> list[VectorFunction]:

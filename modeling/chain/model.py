@@ -17,7 +17,7 @@ from modeling.chain.stages.bias_stage import Bias
 from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
 from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.evaluation.cache import PlainData, cached, canonical_data
-from modeling.expressions.intermediate_variables import Definitions, required_definitions
+from modeling.expressions.intermediate_variables import Definitions, symbols_of
 from modeling.expressions.symbolic_vector import SymbolicVector
 from modeling.kinematics.arm import Arm
 from modeling.kinematics.base_mounting import Direction
@@ -294,9 +294,7 @@ class WrenchModel:
 
     def inputs_of(self, expression: sp.Matrix) -> tuple[str, ...]:
         """Sorted names of the signals on which an expression of this model depends, intermediate variables resolved."""
-        used = set(expression.free_symbols)
-        for symbol, step in required_definitions(self.definitions, expression):
-            used = (used - {symbol}) | step.free_symbols
+        used = symbols_of(self.definitions, expression)
         own = {p.symbol for p in self.parameters} | {symbol for symbol, _ in self.definitions}
         deflection = () if self.chain.deflection is None else self.chain.deflection.signals
         return tuple(sorted(s.name for s in used - own - set(deflection) if isinstance(s, sp.Symbol)))

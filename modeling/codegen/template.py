@@ -5,9 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from math import inf, isnan
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from modeling import symbolic as sp
 from modeling.codegen.code_target import CodeTarget
@@ -24,6 +24,9 @@ from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.dynamics.sample_program import SampleProgram
 from modeling.expressions.straight_line_program import StraightLineProgram
 from modeling.space import signals
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,13 +137,19 @@ class TemplateTarget(CodeTarget):
         return self._rendered("model", values)
 
     def _rendered(self, kind: str, values: dict[str, Any]) -> str:
-        """The template of that kind; a missing value is an error."""
-        from jinja2 import Environment, PackageLoader, StrictUndefined
+        """The template of that kind, filled."""
+        template = _environment().get_template(f"{kind}{self.suffix}.jinja")
+        return str(template.render(values | {"paragraphs": paragraphs}))
 
-        environment = Environment(
-            loader=PackageLoader("modeling.codegen"),
-            undefined=StrictUndefined,
-            autoescape=False,  # source code, not HTML: users' names pass through comment_text before
-            keep_trailing_newline=True,
-        )
-        return environment.get_template(f"{kind}{self.suffix}.jinja").render(values | {"paragraphs": paragraphs})
+
+@cache
+def _environment() -> Environment:
+    """The templates, each compiled once; a missing value is an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("modeling.codegen"),
+        undefined=StrictUndefined,
+        autoescape=False,  # source code, not HTML: users' names pass through comment_text before
+        keep_trailing_newline=True,
+    )

@@ -32,7 +32,10 @@ def numpy_function(inputs: Sequence[sp.Symbol], expressions: Sequence[sp.Expr]) 
 
 @lru_cache(maxsize=256)
 def _numpy_function(inputs: tuple[sp.Symbol, ...], expressions: tuple[sp.Expr, ...]) -> Callable[..., list[Any]]:
-    function: Callable[..., list[Any]] = sp.lambdify(list(inputs), list(expressions), modules="numpy", cse=True)
+    steps, reduced = common_subexpressions(expressions)
+    function: Callable[..., list[Any]] = sp.lambdify(
+        list(inputs), reduced, modules="numpy", cse=lambda results: (steps, results)
+    )
     return function
 
 

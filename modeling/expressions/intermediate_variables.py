@@ -67,12 +67,16 @@ class IntermediateVariables:
         return self._rates[symbol]
 
 
+def symbols_of(definitions: Definitions, expressions: sp.Matrix) -> set[sp.Symbol]:
+    """The symbols of the expressions, and of the definitions that they depend on."""
+    found = set(expressions.free_symbols)
+    for symbol, expression in reversed(definitions):
+        if symbol in found:
+            found |= expression.free_symbols
+    return found
+
+
 def required_definitions(definitions: Definitions, expressions: sp.Matrix) -> Definitions:
     """The definitions that the expressions depend on, in order."""
-    required = set(expressions.free_symbols)
-    found = []
-    for symbol, expression in reversed(definitions):
-        if symbol in required:
-            required |= expression.free_symbols
-            found.append((symbol, expression))
-    return tuple(reversed(found))
+    required = symbols_of(definitions, expressions)
+    return tuple((symbol, expression) for symbol, expression in definitions if symbol in required)

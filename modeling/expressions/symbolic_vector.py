@@ -8,7 +8,7 @@ from typing import Any
 
 from modeling import symbolic as sp
 from modeling.expressions.compilation import casadi_results, common_subexpressions
-from modeling.expressions.intermediate_variables import Definitions, required_definitions
+from modeling.expressions.intermediate_variables import Definitions, required_definitions, symbols_of
 from modeling.expressions.straight_line_program import StraightLineProgram
 
 
@@ -40,7 +40,5 @@ class SymbolicVector:
     @cached_property
     def active(self) -> tuple[int, ...]:
         """Indices of the parameters that it depends on."""
-        free = set(self.expression.free_symbols)
-        for _, step in required_definitions(self.definitions, self.expression):
-            free |= step.free_symbols
+        free = symbols_of(self.definitions, self.expression)
         return tuple(i for i, symbol in enumerate(self.parameters) if symbol in free)
