@@ -176,19 +176,23 @@ def test_a_hidden_drag_is_found_in_what_was_imported(name: str, tmp_path: Path) 
         assert abs(fitted.values[parameter] - true) < 4 * fitted.parameters[parameter].std + 0.02 * true
 
 
+LOGGED = 1250
+"""Samples of the logs that are diagnosed: 10 s at 125 Hz."""
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["two clocks", "ur_rtde"])
 def test_two_commands_to_the_verdict(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of a recording that is estimated from the log, and of one that is the simulated one, as those below are."""
     out = tmp_path / "run.csv"
-    code, text, _ = run(capsys, "import", *written_by(name)(original(), tmp_path), "--out", out, "--json")
+    code, text, _ = run(capsys, "import", *written_by(name)(original(LOGGED), tmp_path), "--out", out, "--json")
     assert code == 0
     if name == "two clocks":  # 37 ms between them, and 3 samples lost
         offset = json.loads(text)["offset"]
         assert offset["interval"][0] < 0.037 < offset["interval"][1]
         assert abs(np.mean(offset["interval"]) - 0.037) < 0.002
     else:
-        assert_written(out, original())
+        assert_written(out, original(LOGGED))
     code, text, _ = run(capsys, "diagnose", out, "--workers", "1", "--json")
     found = json.loads(text)
     assert code == 0
@@ -206,11 +210,11 @@ def test_the_recording_that_is_diagnosed_is_written(
 ) -> None:
     """The file from which the verdict above follows, whatever the format: what is diagnosed is the file alone."""
     out = tmp_path / "run.csv"
-    assert run(capsys, "import", *written_by(name)(original(), tmp_path), "--out", out)[0] == 0
+    assert run(capsys, "import", *written_by(name)(original(LOGGED), tmp_path), "--out", out)[0] == 0
     # PlotJuggler's poses come 1 ms after the wrench's samples: the first wrench is left out, and the last pose is
     # beyond the last knot of the spline, which makes at most 1.5 of their resolution, 1 µm and 6e-6 rad.
     resampled = name == "plotjuggler"
-    assert_written(out, original().iloc[int(resampled) :], *((2.5e-6, 1e-5) if resampled else ()))
+    assert_written(out, original(LOGGED).iloc[int(resampled) :], *((2.5e-6, 1e-5) if resampled else ()))
 
 
 def written_by(name: str) -> Writer:
