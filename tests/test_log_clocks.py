@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from estimation.logs.clocks.clock_offset import MotionRegressors
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.log_reading import imported
 from estimation.recordings.reports.reading_report import StepKind
@@ -121,6 +122,15 @@ def test_joint_angles_without_the_arm_give_no_offset(tmp_path: Path) -> None:
     blind = imported(wrench, joints).report
     assert blind.offset is None
     assert any("is not estimated: columns q1, q2, q3" in step.what for step in blind.of(StepKind.SUSPICIOUS))
+
+
+def test_the_forces_regressors_are_those_of_all() -> None:
+    rng = np.random.default_rng(0)
+    motion = MotionRegressors(
+        np.arange(50.0), rng.normal(size=(50, 3)), rng.normal(size=(50, 4, 3)), rng.normal(size=(50, 9))
+    )
+    instants = rng.uniform(0.0, 49.0, 200)
+    np.testing.assert_allclose(motion.of_forces(instants), motion.at(instants)[0], rtol=0, atol=1e-12)
 
 
 def test_a_stated_offset_is_applied(tmp_path: Path) -> None:
