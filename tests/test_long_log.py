@@ -10,7 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
+from pyarrow.csv import write_csv
+from pyarrow.parquet import write_table
 from scipy.spatial.transform import Rotation
 
 from estimation.fit import fit
@@ -181,8 +184,9 @@ def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str, samples:
         rng = np.random.default_rng(0)
         names = ("phi", "dphi", "ddphi", "ax", "ay", "fx", "fy", "tau")
         frame = pd.DataFrame({name: rng.standard_normal(count) for name in names}).assign(time=np.arange(count))
-        frame.to_csv(path, index=False) if suffix == ".csv" else frame.to_parquet(path, row_group_size=count)
-        del frame
+        table = pa.Table.from_pandas(frame, preserve_index=False)
+        write_csv(table, path) if suffix == ".csv" else write_table(table, path, row_group_size=count)
+        del frame, table
         command = [sys.executable, "-c", FITTED, str(path), str(count)]
         found = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
         peak, heavy = found.stdout.split(maxsplit=1)

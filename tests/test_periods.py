@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -47,13 +48,14 @@ class Several:
         return self.motion.evaluate(time)
 
 
+@cache
 def repeated(
     rig: PlanarRig | SpatialRig,
     *,
     repeats: int = 6,
     samples: int = 1823,
     seed: int = 1,
-    hidden: Sequence[HiddenEffect] = (),
+    hidden: tuple[HiddenEffect, ...] = (),
 ) -> pd.DataFrame:
     """A log of `samples` rows in all of a motion with a period of 4 s, without a repeat column."""
     motion = Several(rig.random_motion(seed=seed, period=4.0), repeats)
@@ -282,7 +284,7 @@ def test_readings_without_noise_stay_one_run(tmp_path: Path) -> None:
 
 def counted() -> pd.DataFrame:
     """Repeats of 303 and 304 samples, with a hidden drag."""
-    frame = repeated(PlanarRig(), hidden=[DRAG])
+    frame = repeated(PlanarRig(), hidden=(DRAG,))
     return frame.assign(repeat=(np.arange(len(frame)) / (len(frame) / 6)).astype(int))
 
 
@@ -309,15 +311,20 @@ def test_lost_samples_and_empty_cells_of_repeats_are_mended(tmp_path: Path) -> N
     assert fitted(recording) == pytest.approx(DRAG.c, abs=0.02)
 
 
+@cache
+def triggered() -> pd.DataFrame:
+    """Six repeats at 1000 Hz."""
+    arm = PlanarRig()
+    motion = arm.random_motion(seed=2, period=4.0)
+    return simulate(arm, motion, hidden=[DRAG], repeats=6, samples_per_period=4000, seed=2)
+
+
 @pytest.mark.parametrize("restarts", [False, True])
 def test_runs_that_a_trigger_began_are_aligned(restarts: bool, tmp_path: Path) -> None:
     """Each begins at a part of a sample, ends some samples early, and is a run of its own; so where time restarts."""
-    rng, arm = np.random.default_rng(2), PlanarRig()
-    fine = simulate(
-        arm, arm.random_motion(seed=2, period=4.0), hidden=[DRAG], repeats=6, samples_per_period=4000, seed=2
-    )
+    rng = np.random.default_rng(2)
     runs: list[pd.DataFrame] = []
-    for number, run in fine.groupby("repeat"):
+    for number, run in triggered().groupby("repeat"):
         rows = int(rng.integers(0, 10)) + 10 * np.arange(399 - int(rng.integers(0, 3)))
         ticks = np.arange(len(rows)) + (0 if restarts else sum(len(other) for other in runs))
         runs.append(run.iloc[rows].assign(time=0.01 * ticks, repeat=number))
@@ -342,7 +349,7 @@ def test_from_a_log_without_repeats_to_the_verdict(
 ) -> None:
     """With nothing hidden, or nothing more, the lack-of-fit test errs once in a hundred; seeds are fixed."""
     simulated, text = (PlanarRig(), PLANAR_RIG) if space == "plane" else (SpatialRig(), SPATIAL_RIG)
-    frame = repeated(simulated, hidden=[DRAG] if hidden else [], samples=2003, seed=2).iloc[31:-17]
+    frame = repeated(simulated, hidden=(DRAG,) if hidden else (), samples=2003, seed=2).iloc[31:-17]
     source, out, rig = written(frame, tmp_path), tmp_path / "rec.csv", tmp_path / "rig.toml"
     rig.write_text(text)
     assert main(["import", str(source), "--rig", str(rig), "--out", str(out)]) == 0

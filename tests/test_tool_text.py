@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from truewrench.text.tool_text import tool_text, unknown_tool_reason
 pytest.importorskip("mujoco")
 
 
+@cache
 def run(seed: int, *hidden: HiddenEffect) -> Recording:
     return SingleRun(noise="white", motion="sines", seed=seed, hidden=hidden).recording()
 
@@ -54,7 +56,8 @@ def test_a_recording_without_the_hand_says_what_the_tool_is() -> None:
 def test_a_hand_that_is_the_smaller_part_of_the_force_does_not_hide_the_tool() -> None:
     """3 N at random beside 12 N of weight."""
     found = fitted([run(41, GuidingHand(force=3.0))])
-    assert "Tool: m " in FitSummary(found, intervals(found)).text(None)
+    foreign = foreign_forces([comparison_of(found, 0)])
+    assert tool_text(found, misfitting=True, foreign=foreign).startswith("Tool: m ")
 
 
 def test_the_tool_of_a_free_run_is_known() -> None:

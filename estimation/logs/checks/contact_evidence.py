@@ -98,7 +98,8 @@ def _squares(basis: Array, force: Array, fitted: NDArray[np.bool_]) -> Array:
     """Squared residuals (m,) of the fit to some of the samples."""
     kept = basis[fitted]
     solution = np.linalg.lstsq(kept.T @ kept, kept.T @ force[fitted], rcond=1e-10)[0]
-    return np.asarray(((force - basis @ solution) ** 2).sum(axis=1))
+    residual = force - basis @ solution
+    return np.asarray(np.einsum("nd,nd->n", residual, residual))
 
 
 def _motion(columns: Mapping[str, Array]) -> tuple[Array, Array]:

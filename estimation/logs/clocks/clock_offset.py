@@ -86,6 +86,13 @@ class MotionRegressors:
             self.instants, np.hstack([p / np.maximum(s, TINY) for p, s in zip(parts, sizes, strict=True)])
         )
 
+    @cached_property
+    def force_spline(self) -> CubicSpline:
+        """The part of the spline for the specific force."""
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline.construct_fast(self.spline.c[:, :, : self.dimension].copy(), self.spline.x)
+
     @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
@@ -99,6 +106,10 @@ class MotionRegressors:
         constant = np.full((len(instants), 1), 1.0 if order == 0 else 0.0)
         vectors = found[:, d : d + self.shared[0].size].reshape(len(instants), -1, d)
         return np.hstack([found[:, :d], constant]), vectors, np.hstack([found, constant])
+
+    def of_forces(self, instants: Array) -> Array:
+        """Free regressors (m, d + 1) of the forces alone at other instants (m,)."""
+        return np.hstack([self.force_spline(instants), np.ones((len(instants), 1))])
 
 
 def _stack(signals: Mapping[str, Array], prefix: str) -> Array:
@@ -163,7 +174,7 @@ def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around:
     others = tuple(float(scan[i]) for i in _deep_minima(costs) if abs(i - best) * SCAN_STEP > 0.1)
     shares = 1 - np.exp(costs - _cost(motion, *coarse, None))
     forces = readings[known, : motion.dimension]
-    aligned = AlignmentCurves.of(lambda t: motion.at(t)[0], stamps[known], forces, offset, around)
+    aligned = AlignmentCurves.of(motion.of_forces, stamps[known], forces, offset, around)
     near = offset + std * NEAR if np.isfinite(std) else np.zeros(0)
     chi_square = _chi_square(motion, *refined, near, weights)
     curves = OffsetCurves(offsets=scan, share=shares, near=near, chi_square=chi_square, **vars(aligned))
@@ -185,7 +196,7 @@ def _cost(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float 
     with no offset that of a constant."""
     regressors = np.ones((len(stamps), 1))
     if offset is not None:
-        regressors = motion.at(stamps - offset)[0]
+        regressors = motion.of_forces(stamps - offset)
     residual = wrench - regressors @ np.linalg.lstsq(regressors, wrench, rcond=1e-10)[0]
     return float(np.mean(np.log(np.maximum((residual**2).sum(axis=0), TINY))))
 

@@ -30,6 +30,7 @@ MISSING = ("", "-", "--", "n/a", "na", "null", "none", "#n/a")
 UNIT = re.compile(r"[\[(]?(s|sec|ms|us|µs|ns|m|mm|cm|rad|deg|°|n|nm|n\.m|n\*m|n m|mnm|c|°c|-|1|m/s|rad/s|hz)[\])]?")
 BINARY = bytes(set(range(9)) | set(range(14, 27)) | {28, 29, 30, 31})
 """Control characters that no text file has."""
+ABOVE_ASCII = bytes(range(128, 256))
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class DelimitedText(LogReader):
 
 def _is_mostly_text(head: bytes) -> bool:
     """Latin letters and digits, signs and white space: random bytes are above 127 in every second case."""
-    return sum(byte < 128 for byte in head) > 0.7 * len(head)
+    return len(head.translate(None, ABOVE_ASCII)) > 0.7 * len(head)
 
 
 def encoding_of(head: bytes) -> str:
@@ -163,19 +164,29 @@ def _dialect(source: SourceFile, lines: Sequence[str]) -> tuple[Dialect, int]:
     sample = [line for line in lines if line.strip() and line.lstrip()[0] not in "#%"][-SAMPLE_LINES:]
     if not sample:
         raise source.error("there are no samples", "give a log with rows of numbers")
-    scores: dict[Dialect, tuple[float, int]] = {}
+    best, best_rank = (DIALECTS[0], 0.0, 0), (-1.0, False)
     for dialect in DIALECTS:
-        rows = [dialect.cells(line) for line in sample]
-        counts = [len(row) for row in rows]
-        width = max(set(counts), key=lambda count: (counts.count(count), count))
-        usual = [row for row in rows if len(row) == width]
-        filled = [cell for row in usual for cell in row if cell.lower() not in MISSING]
-        numbers = sum(map(dialect.is_number, filled)) / max(len(filled), 1)
-        scores[dialect] = (len(usual) / len(rows) * numbers, width)
-    best = max(DIALECTS, key=lambda d: (round(scores[d][0], 2) * (1.0 if scores[d][1] > 1 else 0.6), scores[d][1] > 1))
-    if scores[best][0] < 0.1:
+        score, width = _score(sample, dialect)
+        rank = (round(score, 2) * (1.0 if width > 1 else 0.6), width > 1)
+        if rank > best_rank:
+            best, best_rank = (dialect, score, width), rank
+        if best_rank == (1.0, True):
+            break  # none is better
+    dialect, score, width = best
+    if score < 0.1:
         raise source.error("no rows of numbers are found in its first lines", "give a text file with one sample a line")
-    return best, scores[best][1]
+    return dialect, width
+
+
+def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, int]:
+    """Share of the lines that are as long as most in a dialect, times that of numbers in them, and their cells."""
+    rows = [dialect.cells(line) for line in sample]
+    counts = [len(row) for row in rows]
+    width = max(set(counts), key=lambda count: (counts.count(count), count))
+    usual = [row for row in rows if len(row) == width]
+    filled = [cell for row in usual for cell in row if cell.lower() not in MISSING]
+    numbers = sum(map(dialect.is_number, filled)) / max(len(filled), 1)
+    return len(usual) / len(rows) * numbers, width
 
 
 def _first_row(lines: Sequence[str], dialect: Dialect, width: int) -> int:
