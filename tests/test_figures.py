@@ -14,7 +14,6 @@ import pytest
 from bokeh.document import Document
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, Tick
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import BboxBase
@@ -78,7 +77,6 @@ def ticks_of(axis: Axis) -> list[Tick]:
 
 def is_whole(figure: Figure) -> None:
     """Every text lies within the figure, and none overlaps another one."""
-    figure.set_canvas(FigureCanvasAgg(figure))
     figure.draw_without_rendering()
     boxes = {text: text.get_window_extent() for text in texts(figure)}
     page = figure.bbox
