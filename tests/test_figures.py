@@ -14,7 +14,6 @@ import pytest
 from bokeh.document import Document
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, Tick
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import BboxBase
@@ -78,7 +77,6 @@ def ticks_of(axis: Axis) -> list[Tick]:
 
 def is_whole(figure: Figure) -> None:
     """Every text lies within the figure, and none overlaps another one."""
-    figure.set_canvas(FigureCanvasAgg(figure))
     figure.draw_without_rendering()
     boxes = {text: text.get_window_extent() for text in texts(figure)}
     page = figure.bbox
@@ -204,10 +202,9 @@ def plotly_series(chart: Chart) -> list[Array]:
 
 
 def bokeh_series(chart: Chart) -> list[Array]:
-    """The y of each glyph of Bokeh's figures, in dark and in light."""
-    layout = bokeh_chart(chart, DARK)
-    assert len(figures_of(layout)) == len(chart.panels)
+    """The y of each glyph of Bokeh's figures."""
     shown = bokeh_chart(chart)
+    assert len(figures_of(shown)) == len(chart.panels)
     Document().add_root(shown)
     glyphs: list[Any] = [renderer for drawn in figures_of(shown) for renderer in drawn.renderers]
     assert legend_html(chart).count("<li>") >= len(legend_labels(chart.panels)) * chart.legend
@@ -224,6 +221,16 @@ def test_every_library_shows_the_same_numbers(name: str, series_of: Callable[[Ch
         for panel in chart.panels:
             for line in (mark for mark in panel.marks if isinstance(mark, Line)):
                 assert any(len(y) == len(line.y) and np.array_equal(y, line.y) for y in traces), kind
+
+
+@pytest.mark.parametrize("name", ["study", "suspects", "contact"])
+def test_bokeh_draws_in_the_dark(name: str) -> None:
+    """These have every kind of mark that results have, and dark paper changes nothing but the colours of marks."""
+    for kind in kinds(name):
+        chart = chart_of(name, kind)
+        drawn = figures_of(bokeh_chart(chart, DARK))
+        assert len(drawn) == len(chart.panels)
+        assert {figure.background_fill_color for figure in drawn} == {DARK.paper}
 
 
 @pytest.mark.parametrize("name", NAMES)

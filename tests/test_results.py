@@ -55,15 +55,16 @@ def studied() -> Any:
     return tw.study(fitted().model, simulated(1), validate=simulated(501))
 
 
+@cache
 def loaded() -> Any:
     return tw.load(fitted().to_dict())
 
 
 RESULTS: dict[str, Callable[[], Any]] = {
     "fit": fitted,
-    "intervals": lambda: fitted().intervals(),
-    "comparison": lambda: tw.compare(fitted(), simulated(501)),
-    "model comparison": lambda: tw.compare([fitted(), fitted()], simulated(501)),
+    "intervals": cache(lambda: fitted().intervals()),
+    "comparison": cache(lambda: tw.compare(fitted(), simulated(501))),
+    "model comparison": cache(lambda: tw.compare([fitted(), fitted()], simulated(501))),
     "diagnosis": diagnosed,
     "finding": lambda: diagnosed().findings[0],
     "step": lambda: diagnosed().steps[-1],
@@ -76,14 +77,14 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "chunk": lambda: next(iter(tw.chunks(simulated(1), 500))),
     "study": studied,
     "suspects": cache(lambda: studied().suspects()),
-    "stairs": lambda: studied().stairs(),
+    "stairs": cache(lambda: studied().stairs()),
     "study step": lambda: studied().steps[0],
     "location": cache(lambda: studied().where()),
     "loaded model": loaded,
     "streamed": cache(lambda: tw.fit(tw.planar(RIG), tw.chunks(simulated(1), 500), noise=WHITE)),
-    "bands": lambda: BandError.of(tw.compare(fitted())),
-    "repeats": lambda: tw.RepeatTable.of(fitted(), 0),
-    "bootstrap": lambda: tw.bootstrap(fitted()),
+    "bands": cache(lambda: BandError.of(tw.compare(fitted()))),
+    "repeats": cache(lambda: tw.RepeatTable.of(fitted(), 0)),
+    "bootstrap": cache(lambda: tw.bootstrap(fitted())),
 }
 MOST_LINES, MOST_CHARACTERS = 40, 12_000
 

@@ -49,14 +49,16 @@ class Surroundings:
 def fit_grid(figure: Figure, panels: NDArray[Any], grid: PanelGrid, *, head: float = 0.0) -> PanelGrid:
     """The grid with margins for all texts, after figure and panels were placed by it.
 
-    `head` is the room for title and legend of the whole figure above the panels. Panels keep their height; they become
-    narrower where labels are long, so that it is done twice. Labels of the first column are then aligned at the edge.
+    `head` is the room for title and legend of the whole figure above the panels. Panels keep their height; where labels
+    are long they become narrower, and it is done again. Labels of the first column are then aligned at the edge.
     """
     for _ in range(2):
         for axes in panels.flat:
             _turn_long_ticks(axes)
-        grid = _with_room(panels, grid, head)
+        width, grid = grid.panel_width, _with_room(panels, grid, head)
         grid.place(figure)
+        if grid.panel_width == width:
+            break
     for axes in panels[:, 0]:
         if axes.get_ylabel():
             label_y_axis(axes, axes.get_ylabel())

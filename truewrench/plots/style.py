@@ -9,6 +9,7 @@ from textwrap import wrap
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
@@ -47,7 +48,11 @@ LEGEND: dict[str, Any] = {
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook shows without pyplot."""
+    """A figure that a notebook shows without pyplot; its canvas keeps the renderer that measures the texts."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        FigureCanvasAgg(self)
 
     def _repr_svg_(self) -> str:
         """The figure as SVG, which a notebook asks for."""
@@ -117,7 +122,7 @@ class PixelLayout:
     @classmethod
     def of(cls, height: float) -> PixelLayout:
         """An empty figure of the common width."""
-        figure = Figure(figsize=(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH))
+        figure = NotebookFigure(figsize=(WIDTH / PIXELS_PER_INCH, height / PIXELS_PER_INCH))
         figure.patch.set_alpha(0.0)
         return cls(height, figure)
 
