@@ -26,7 +26,7 @@ def optimise(
 ) -> tuple[LocalOptimum, ...]:
     """The result of `work` from each start, best first; equal ones in the order of their starts.
 
-    `executor` (`concurrent.futures.Executor` or its like) runs the starts in parallel, with the same results;
+    `executor` (`concurrent.futures.Executor` or its like) runs several starts in parallel, with the same results;
     `progress` is called with each result. Threads take turns where IPOPT is needed, because its linear solver is not
     thread-safe: take processes. Raises InputError when no start leads to a trajectory within the limits.
     """
@@ -47,7 +47,7 @@ def _results(
     task: DesignTask, starts: list[Trajectory], work: LocalSearch, executor: Executor | None
 ) -> Iterator[tuple[int, LocalOptimum | InputError]]:
     """The number of each start and its result, in the order of completion."""
-    if executor is None:
+    if executor is None or len(starts) < 2:
         yield from ((number, _result(task, start, work)) for number, start in enumerate(starts))
         return
     packed = pickle.dumps(task)

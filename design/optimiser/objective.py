@@ -90,8 +90,8 @@ class Objective:
         )
 
     @cached_property
-    def score(self) -> Any:
-        """Function of the entries of M / N: the criterion of M, its gradient and its Hessian."""
+    def score(self) -> tuple[Any, Any, Any]:
+        """Functions of the entries of M / N: the criterion of M, its gradient and its Hessian."""
         import casadi as ca
 
         size = self.experiment.size
@@ -100,14 +100,18 @@ class Objective:
             matrix[i, j] = matrix[j, i] = self.samples * value
         score = self.criterion.expression(matrix)
         hessian, gradient = ca.hessian(score, entries)
-        return ca.Function("score", [entries], [score, gradient, ca.densify(hessian)])
+        return (
+            ca.Function("score", [entries], [ca.cse(score)]),
+            ca.Function("gradient", [entries], [ca.cse(ca.densify(gradient))]),
+            ca.Function("hessian", [entries], [ca.cse(ca.densify(hessian))]),
+        )
 
     # ------------------------------------------------------------------------------- the whole, CasADi MX
 
     def graph(self, z: Any) -> Any:
         """The criterion as a CasADi MX expression of the coefficients z (k,)."""
         if self.exact:
-            return self.score(self._mean(z))[0]
+            return self.score[0](self._mean(z))
         series = self.series
         information = self.experiment.graph(self._states_of(z), series.duration, periodic=series.periodic)
         return self.criterion.graph(information)
@@ -118,7 +122,8 @@ class Objective:
 
         count, states = self.samples, self._states_of(z)
         _, slopes, curvature = self.sample
-        _, weight, score_hessian = self.score(self._mean(z))
+        mean = self._mean(z)
+        weight, score_hessian = (part(mean) for part in self.score[1:])
         jacobian = slopes.map(count)(states) @ self._basis / count
         blocks = curvature.map(count)(states, ca.repmat(weight / count, 1, count))
         state_hessian = ca.diagcat(*ca.horzsplit(blocks, 3 * self.experiment.joints))

@@ -26,16 +26,14 @@ class ObjectiveDerivatives:
 
     def value(self, z: Array) -> float:
         """The criterion at z (k,); not a number or minus infinity where M is singular."""
-        states = self._states(z)
-        entries = self._entries(states)[:, 0].sum(axis=-1) / self.objective.samples
-        return float(self.objective.score(entries)[0])
+        return float(self._score[0](self._mean(self._states(z))).item())
 
     def second_order(self, z: Array) -> tuple[Array, Array]:
         """Gradient (k,) and Hessian (k, k) at z (k,)."""
         objective, states = self.objective, self._states(z)
         count = objective.samples
-        entries = self._entries(states)[:, 0].sum(axis=-1) / count
-        _, weight, score_hessian = (np.array(part) for part in objective.score(entries))
+        mean = self._mean(states)
+        weight, score_hessian = (part(mean)[:, :, 0] for part in self._score[1:])
         jacobian = self._jacobian(self._slopes(states) / count)
         curvature = self._curvature(states, np.repeat(weight / count, count, axis=1))
         curved = self._state_hessian(curvature.transpose(2, 0, 1))
@@ -57,6 +55,10 @@ class ObjectiveDerivatives:
             states[:, j] = (basis @ z[own]).T
         return states.reshape(-1, self.objective.samples)
 
+    def _mean(self, states: Array) -> Array:
+        """The entries of M / N, (E, 1)."""
+        return np.asarray(self._entries(states).mean(axis=-1))
+
     def _jacobian(self, slopes: Array) -> Array:
         """J (E, k) = sum_t m'(x_t) B_t from m' (E, 3n, N)."""
         n = self.objective.series.joints
@@ -74,10 +76,20 @@ class ObjectiveDerivatives:
             for i, (columns, other_basis) in enumerate(self._blocks[: j + 1]):
                 product = (curvature[:, j::n, i::n] @ other_basis).reshape(-1, len(columns))
                 part = basis.reshape(-1, len(rows)).T @ product
-                total[np.ix_(rows, columns)] += part
+                total[self._crossings[j, i]] += part
                 if i < j:
-                    total[np.ix_(columns, rows)] += part.T
+                    total[self._crossings[i, j]] += part.T
         return total
+
+    @cached_property
+    def _crossings(self) -> dict[tuple[int, int], tuple[NDArray[np.intp], ...]]:
+        """The indices of each joint's coefficients by those of another."""
+        numbered = list(enumerate(own for own, _ in self._blocks))
+        return {(j, i): np.ix_(rows, columns) for j, rows in numbered for i, columns in numbered}
+
+    @cached_property
+    def _score(self) -> list[SampledFunction]:
+        return [SampledFunction(part, 1) for part in self.objective.score]
 
     @cached_property
     def _entries(self) -> SampledFunction:

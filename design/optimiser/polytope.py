@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,11 @@ class JointBlock:
     matrix: Array
     middle: Array
     place: slice
+
+    @cached_property
+    def square(self) -> tuple[NDArray[np.intp], ...]:
+        """The indices of a joint's coefficients by themselves."""
+        return np.ix_(self.own, self.own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +58,7 @@ class Polytope:
         root, total = np.sqrt(weights.sum(axis=0)), np.zeros((self.size, self.size))
         for block in self.blocks:
             scaled = block.matrix * root[block.place, None]
-            total[np.ix_(block.own, block.own)] += scaled.T @ scaled
+            total[block.square] += scaled.T @ scaled
         return total
 
     def reach(self, static: Array, z: Array, margin: float) -> float | None:

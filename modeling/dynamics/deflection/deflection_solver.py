@@ -5,7 +5,8 @@ linear oscillator with constant coefficients, as the tool's inertia in tool axes
 oscillator's input g: with (b, b', b'') = R g its response, F(R g) = 0. As F' R is close to the identity, the iteration
 g <- g - F(R g) is accelerated by Anderson mixing (`modeling.dynamics.deflection.anderson_mixing`), without derivatives.
 Where it converges slowly, near a resonance, Newton's method continues from its last iterate: each step, F' R dg = -F,
-is solved by GMRES (Saad and Schultz 1986). The derivative in a parameter satisfies F' (R dg + dR g) = -dF/dtheta.
+is solved by GMRES (Saad and Schultz 1986). The derivative in a parameter satisfies F' (R dg + dR g) = -dF/dtheta; for
+a short period the matrix F' R is factorised once for all parameters.
 """
 
 from __future__ import annotations
@@ -56,6 +57,10 @@ Eisenstat and Walker (SIAM J. Scientific Computing 17, 1996): no step is solved 
 
 DERIVATIVE_TOLERANCE = 1e-10
 """Relative residual of the linear equations of the parameter derivatives."""
+
+FACTORISED_EQUATIONS = 500
+"""Equations of a steady state up to which the matrix of the parameter derivatives is factorised: for a dozen parameters
+faster than GMRES, near a resonance five times."""
 
 KRYLOV_DIMENSION = 150
 """Krylov dimension before GMRES restarts: ten suffice away from a resonance, sixty near one; limited by:"""
@@ -141,6 +146,9 @@ class _Regime(Protocol):
     def solution(self, by_deflection: Array, right: Array, tolerance: float) -> Array:
         """Solution R dg (3 d, n) of by_deflection (n, d, 3 d) R dg = right (d, n)."""
 
+    def derivatives(self, by_deflection: Array, rights: Array) -> Array:
+        """Solutions R dg (k, 3 d, n) for right sides (k, d, n), to `DERIVATIVE_TOLERANCE`."""
+
     def initial_deflection(
         self, equations: EquationOfMotion, balance: MotionResidual, signals: Array, theta: Array
     ) -> Array:
@@ -162,6 +170,9 @@ class _StaticPoses:
         change = np.zeros((3 * size, right.shape[1]))
         change[:size] = np.linalg.solve(by_deflection[:, :, :size], right.T[:, :, None])[:, :, 0].T
         return change
+
+    def derivatives(self, by_deflection: Array, rights: Array) -> Array:
+        return np.stack([self.solution(by_deflection, right, DERIVATIVE_TOLERANCE) for right in rights])
 
     def initial_deflection(
         self, equations: EquationOfMotion, balance: MotionResidual, signals: Array, theta: Array
@@ -218,6 +229,22 @@ class _OscillatingTool:
         if unsolved or not np.all(np.isfinite(drive)):
             raise _not_converged()
         return self.oscillator.response(drive.reshape(right.shape))
+
+    def derivatives(self, by_deflection: Array, rights: Array) -> Array:
+        if not self.oscillator.clock.periodic or rights[0].size > FACTORISED_EQUATIONS:
+            return np.stack([self.solution(by_deflection, right, DERIVATIVE_TOLERANCE) for right in rights])
+        drives = np.linalg.solve(self._matrix(by_deflection), rights.reshape(len(rights), -1).T).T
+        return np.stack([self.oscillator.response(drive) for drive in drives.reshape(rights.shape)])
+
+    def _matrix(self, by_deflection: Array) -> Array:
+        """F' R (d n, d n) of a steady state: R is a convolution with the responses to an impulse at each angle."""
+        count, size, _ = by_deflection.shape
+        impulses = np.zeros((size, size, count))
+        impulses[:, :, 0] = np.eye(size)
+        responses = np.stack([self.oscillator.response(impulse) for impulse in impulses])
+        lag = np.subtract.outer(np.arange(count), np.arange(count)) % count
+        matrix = np.einsum("til,jlts->itjs", by_deflection, responses[:, :, lag])
+        return np.asarray(matrix.reshape(size * count, size * count))
 
     def initial_deflection(
         self, equations: EquationOfMotion, balance: MotionResidual, signals: Array, theta: Array
@@ -277,11 +304,8 @@ def _deflection_derivatives(
     _, by_deflection = equations.at(signals, deflection.T, theta)
     by_theta = equations.by_parameters(signals, deflection.T, theta)
     slopes = regime.partial_derivative(equations, signals, deflection, theta)
-    for j, change in enumerate(slopes):
-        change += regime.solution(
-            by_deflection, -by_theta[:, :, j].T - _product(by_deflection, change), DERIVATIVE_TOLERANCE
-        )
-    return slopes.transpose(2, 1, 0)
+    rights = np.stack([-by_theta[:, :, j].T - _product(by_deflection, slope) for j, slope in enumerate(slopes)])
+    return (slopes + regime.derivatives(by_deflection, rights)).transpose(2, 1, 0)
 
 
 def _coefficients(by_deflection: Array) -> OscillatorCoefficients:
