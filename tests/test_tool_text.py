@@ -56,8 +56,8 @@ def test_a_recording_without_the_hand_says_what_the_tool_is() -> None:
 def test_a_hand_that_is_the_smaller_part_of_the_force_does_not_hide_the_tool() -> None:
     """3 N at random beside 12 N of weight."""
     found = fitted([run(41, GuidingHand(force=3.0))])
-    foreign = foreign_forces([comparison_of(found, 0)])
-    assert tool_text(found, misfitting=True, foreign=foreign).startswith("Tool: m ")
+    unknown = unknown_tool_reason([comparison_of(found, 0)], found.model)
+    assert tool_text(found, misfitting=True, unknown=unknown).startswith("Tool: m ")
 
 
 def test_the_tool_of_a_free_run_is_known() -> None:

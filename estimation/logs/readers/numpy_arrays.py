@@ -46,5 +46,6 @@ class NumpyArrays(LogReader):
             return {
                 "": np.load(path, allow_pickle=False, mmap_mode="r")
             }  # a header that lies about its size fails here
-        with np.load(path, allow_pickle=False) as archive:
+        # NumPy leaves a file that it opened itself open when it is no archive.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
