@@ -101,9 +101,9 @@ class Objective:
         score = self.criterion.expression(matrix)
         hessian, gradient = ca.hessian(score, entries)
         return (
-            ca.Function("score", [entries], [ca.cse(score)]),
-            ca.Function("gradient", [entries], [ca.cse(ca.densify(gradient))]),
-            ca.Function("hessian", [entries], [ca.cse(ca.densify(hessian))]),
+            ca.Function("score", [entries], [score]),
+            ca.Function("gradient", [entries], [ca.densify(gradient)]),
+            ca.Function("hessian", [entries], [ca.densify(hessian)]),
         )
 
     # ------------------------------------------------------------------------------- the whole, CasADi MX
