@@ -116,7 +116,7 @@ def calibrated(repeats: int, workers: int = 1) -> Calibration:
     )
 
 
-@pytest.mark.parametrize("repeats", [1, 4])
+@pytest.mark.parametrize("repeats", [pytest.param(1, marks=pytest.mark.long), 4])
 def test_no_more_alarms_than_stated(repeats: int) -> None:
     """Three or more of 12 at 1 % have a probability of 2e-4."""
     found = calibrated(repeats)

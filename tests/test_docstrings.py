@@ -53,7 +53,7 @@ def test_sections(name: str) -> None:
         assert DocstringSectionKind.returns in found or DocstringSectionKind.yields in found
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if n == "calibrate" else []) for n in NAMES])
 def test_example(name: str, demo_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The example imports `truewrench` alone and works in the demo's folder."""
     monkeypatch.chdir(demo_folder)

@@ -51,7 +51,13 @@ def alarms(noise: NoiseModel, recordings: int = RECORDINGS) -> Alarms:
     return Alarms(named, misfits)
 
 
-@pytest.fixture(scope="module", params=[WhiteNoise(), AutoregressiveNoise(rho=0.95)], ids=["white", "ar95"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(WhiteNoise(), id="white"),
+        pytest.param(AutoregressiveNoise(rho=0.95), id="ar95", marks=pytest.mark.long),
+    ],
+)
 def nothing_hidden(request: pytest.FixtureRequest) -> Alarms:
     return alarms(request.param)
 

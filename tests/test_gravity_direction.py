@@ -215,6 +215,7 @@ def test_a_run_on_any_base_is_diagnosed(hidden: tuple[str, ...], repeats: int, v
     assert within(found.fit, "m", tool.mass)
 
 
+@pytest.mark.long
 def test_poses_on_any_base_miss_nothing() -> None:
     found = diagnose(spatial(), poses(random_direction(8), 8))
     assert found.verdict is RecordVerdict.NOTHING_MISSING

@@ -106,7 +106,7 @@ FOUND = {
     "time_delay, six axes": Hidden(SpatialRig(), TimeDelay(delay=0.012), {"delay": 0.012}),
 }
 
-DAILY = ("com_offset", "viscous_drag", "sensor_lag", "line_interference", "contact_event", "time_delay, six axes")
+DAILY = ("com_offset", "viscous_drag", "sensor_lag", "line_interference", "contact_event", "gravity_tilt, six axes")
 """One of each kind: geometry, load, dynamics, tone, transient, six axes; the others are in the long tier."""
 
 

@@ -91,7 +91,7 @@ def test_the_hand_is_found_and_not_taken_for_a_heavier_tool(names: tuple[str, ..
 
 
 @pytest.mark.parametrize(
-    "name", ["calibration_poses", *(pytest.param(n, marks=pytest.mark.long) for n in ("baseline", "vibrations"))]
+    "name", [pytest.param(n, marks=pytest.mark.long) for n in ("calibration_poses", "baseline", "vibrations")]
 )
 def test_what_the_others_hold_has_no_name_in_the_catalogue(name: str) -> None:
     """A force that depends on the pose, interference and hammer taps: nothing to add, and it is said where they are."""

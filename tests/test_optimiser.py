@@ -225,6 +225,7 @@ def test_an_unfinished_optimisation_says_so() -> None:
     assert "allow more" in found.outcome.value
 
 
+@pytest.mark.long
 def test_processes_find_the_same() -> None:
     asked = task()
     starts = [asked.random((number,)) for number in range(2)]

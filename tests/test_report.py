@@ -100,7 +100,7 @@ def found(recording: Recording, *effects: Effect, validate: tuple[Recording, ...
 
 
 CASES = {f.__name__: f for f in (drag, poses, unexplained, single_run, warming, several)}
-LONG = ("drag", "unexplained", "warming", "several")
+LONG = ("drag", "unexplained", "warming", "several", "poses")
 
 
 class Page(HTMLParser):

@@ -114,7 +114,7 @@ def slow_run(seed: int) -> Recording:
     return from_columns({str(c): frame[c].to_numpy() for c in frame if c != "repeat"}, name="run.csv", rig=Rig())
 
 
-@pytest.mark.parametrize("seed", [3100, 3101])
+@pytest.mark.parametrize("seed", [pytest.param(3100, marks=pytest.mark.long), 3101])
 def test_of_two_effects_that_hide_each_other_both_are_named(seed: int) -> None:
     """Each alone leaves a residual that the noise model takes in; then the other is significant in it."""
     result = diagnose(replace(spatial(), convention=Convention.ON_TOOL), slow_run(seed), effects=FEW)
@@ -190,7 +190,7 @@ def test_second_effect_is_found_where_the_rigid_tool_passes_the_test_of_fit() ->
     assert abs(lag.value - 0.02) < 4 * lag.std
 
 
-@pytest.mark.parametrize("seed", [7101, 7102])
+@pytest.mark.parametrize("seed", [7101, pytest.param(7102, marks=pytest.mark.long)])
 def test_a_drag_beside_a_drift_explains_a_part(seed: int) -> None:
     """A change slower than the motion speaks neither for nor against the drag, and is said to remain."""
     recording = SingleRun(noise="white", motion="sines", seed=seed, hidden=(ViscousDrag(), BiasDrift())).recording()

@@ -76,7 +76,9 @@ def test_sizes_that_follow_each_other_are_found() -> None:
     assert squares_p_value(swing * rng.normal(size=3000)) < 1e-6
 
 
-@pytest.mark.parametrize("noise", ["white", "autoregressive", "pink"])
+@pytest.mark.parametrize(
+    "noise", ["white", *(pytest.param(n, marks=pytest.mark.long) for n in ("autoregressive", "pink"))]
+)
 def test_p_values_hold_in_noise_of_any_colour(noise: str) -> None:
     """At most the stated share of channels, with a probability of failure of TAIL; tones are left to the next test."""
     samples, channels = 1500, 3 * SEEDS

@@ -44,7 +44,15 @@ def test_effect_keeps(check: str, case: Case) -> None:
     checks.CHECKS[check](case)
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if checks.emitted_quickly(case)], ids=str)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=pytest.mark.long if case.space is Space.SPACE else [])
+        for case in CASES
+        if checks.emitted_quickly(case)
+    ],
+    ids=str,
+)
 def test_emitted_c_is_what_python_says(case: Case) -> None:
     checks.c_agrees(case)
 
