@@ -412,7 +412,9 @@ def test_effects_of_one_recording_stay_behind() -> None:
     assert "progress" not in fitted.inputs
 
 
-@pytest.mark.parametrize("space", list(Space), ids=lambda s: str(s.name))
+@pytest.mark.parametrize(
+    "space", [Space.PLANE, pytest.param(Space.SPACE, marks=pytest.mark.long)], ids=lambda s: str(s.name)
+)
 def test_a_tip_on_a_spring_swings_as_the_whole_series_says(space: Space) -> None:
     """Straight lines between samples lose (w dt)² / 12 of the spring's drive: a quarter of it at half the step."""
     apart = []

@@ -345,6 +345,7 @@ def designed() -> DiscriminationDesign:
     return told(TILT, ROTATION, starts=1)
 
 
+@pytest.mark.long
 def test_designed_motion_separates_more_than_random_ones_within_its_limits() -> None:
     found = designed()
     assert found.motion is not None
@@ -393,6 +394,7 @@ def test_distinction_prints_itself_and_is_plain_data() -> None:
     assert len(data["coefficients"]) == SERIES.size
 
 
+@pytest.mark.long
 def test_runs_multiply_and_the_given_motion_is_what_was_before() -> None:
     slow = random_periodic_trajectory(joints=3, position=0.3, velocity=0.6, acceleration=2.0, period=PERIOD, seed=1)
     truth = direction(TILT, ROTATION)
@@ -477,6 +479,7 @@ def test_diagnosis_asks_for_the_experiment_that_decides() -> None:
 # ------------------------------------------------------------------------------------ what is refused, or set aside
 
 
+@pytest.mark.long
 def test_hopeless_pair_does_not_spoil_the_design_for_another() -> None:
     """A lag of 0.3 ms is a delay of 0.3 ms for all that anybody will ever see; it still is no drag."""
     truth = planar() + LAG

@@ -18,6 +18,8 @@ pytest.importorskip("mujoco")
 
 NAMES = sorted(name for name in import_module("truewrench").__all__ if not inspect.ismodule(getattr(tw, name)))
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+LONG = ("calibrate", "discriminate", "report", "study")
+"""Examples of more than two seconds."""
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +55,7 @@ def test_sections(name: str) -> None:
         assert DocstringSectionKind.returns in found or DocstringSectionKind.yields in found
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if n == "calibrate" else []) for n in NAMES])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if n in LONG else []) for n in NAMES])
 def test_example(name: str, demo_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The example imports `truewrench` alone and works in the demo's folder."""
     monkeypatch.chdir(demo_folder)

@@ -106,8 +106,8 @@ FOUND = {
     "time_delay, six axes": Hidden(SpatialRig(), TimeDelay(delay=0.012), {"delay": 0.012}),
 }
 
-DAILY = ("com_offset", "viscous_drag", "sensor_lag", "line_interference", "contact_event", "gravity_tilt, six axes")
-"""One of each kind: geometry, load, dynamics, tone, transient, six axes; the others are in the long tier."""
+DAILY = ("viscous_drag", "sensor_lag", "contact_event", "gravity_tilt, six axes")
+"""Of four kinds: load, dynamics, transient, six axes; the others are in the long tier."""
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, marks=[] if c in DAILY else pytest.mark.long) for c in FOUND])

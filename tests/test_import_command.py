@@ -166,7 +166,9 @@ RESAMPLED: dict[str, Writer] = {"two clocks": two_clocks, "plotjuggler": plotjug
 SOURCES |= RESAMPLED
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n in ("franka", "two clocks") else pytest.mark.long) for n in SOURCES]
+)
 def test_a_hidden_drag_is_found_in_what_was_imported(name: str, tmp_path: Path) -> None:
     """By the Python call; among two candidates, as the whole catalogue takes longer (`make long`)."""
     rig = Rig.from_data({"sensor": {"convention": "on_tool"}})

@@ -98,6 +98,7 @@ def rejected(p_values: list[float]) -> int:
     return sum(p < LEVEL for p in p_values)
 
 
+@pytest.mark.long
 def test_models_that_err_equally_differ_at_the_stated_rate() -> None:
     pair = [fitted("viscous_drag"), fitted("quadratic_drag")]
     p_values = [compare(pair, halfway(seed)).differences[0].p_value for seed in range(SEEDS)]

@@ -34,7 +34,7 @@ def fitted(seed: int, *hidden: HiddenEffect) -> Fit:
     return fit(spatial(), from_columns(columns, name="run", rig=Rig.from_data({})))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))])
 def test_hysteresis_is_not_found_for_the_noise_of_the_motion(seed: int) -> None:
     """The play's column is the sign of the load's rate, which the noise of the motion turns where the load rests."""
     found, cache = fitted(seed), ScreeningCache()

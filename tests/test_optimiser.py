@@ -199,6 +199,7 @@ def test_infeasible_starts_are_taken() -> None:
     assert asked.use(local_optimum(asked, start).motion).worst.use <= 1
 
 
+@pytest.mark.long
 def test_jerk_and_the_workspace_are_kept() -> None:
     jerk = np.array([[-60.0, 60.0]] * 3)
     asked = replace(
@@ -213,6 +214,7 @@ def test_jerk_and_the_workspace_are_kept() -> None:
     assert asked.use(free.motion).worst.use > 1, "or there would be nothing to keep"
 
 
+@pytest.mark.long
 def test_nothing_is_found_where_nothing_can_stand() -> None:
     asked = replace(task(), workspace=Workspace(y=(5.0, 6.0)), tip_length=0.2)
     with pytest.raises(InputError, match="no trajectory within the limits"):
