@@ -85,8 +85,10 @@ def _grid(waves: Sequence[int], duration: float) -> Array:
 
 @lru_cache(maxsize=8)
 def _functions_on_grid(waves: tuple[int, ...], duration: float, order: int) -> Array:
-    """Kept: the limits of every motion that is tried ask for the same."""
-    return _functions(waves, duration, _grid(waves, duration), order)
+    """Kept: the limits of every motion that is tried ask for the same. Not to be written to."""
+    found = _functions(waves, duration, _grid(waves, duration), order)
+    found.flags.writeable = False
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
