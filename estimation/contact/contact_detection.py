@@ -233,7 +233,8 @@ class ContactSearch:
         merged: list[ContactInterval] = []
         for index in self.windows.best_disjoint(size.max(axis=0) ** 2 - limit**2):
             first, last = int(self.windows.first[index]), int(self.windows.last[index])
-            p_value = float(min(1.0, size.size * 2 * normal_cdf(-size[:, index].max())))
+            largest = float(size[:, index].max())
+            p_value = min(1.0, size.size * 2 * float(normal_cdf(-largest)))
             if merged and merged[-1].last + MERGE_GAP > first:
                 before = merged.pop()
                 first, p_value = before.first, min(before.p_value, p_value)
