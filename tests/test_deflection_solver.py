@@ -13,10 +13,11 @@ from scipy.signal import lfilter
 
 from modeling.dynamics.deflection import deflection_solver as bending
 from modeling.dynamics.deflection.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
-from modeling.dynamics.deflection.deflection_solver import solve_deflection
+from modeling.dynamics.deflection.deflection_solver import _OscillatingTool, solve_deflection
 from modeling.dynamics.deflection.oscillator import Oscillator, OscillatorCoefficients
 from modeling.dynamics.deflection.transient_response import TransientResponse, _SplineSlopes
 from modeling.dynamics.time_base import TimeBase
+from modeling.errors import InputError
 from tests.test_dynamics import PERIOD, SPATIAL, TOOL, bent, grid, integrated, solved, three_axes, turn, vector
 
 Array = NDArray[np.float64]
@@ -73,6 +74,16 @@ def test_derivatives_by_a_factorised_matrix_and_by_gmres(
     assert (size[0] > 0).sum() > 3
     # GMRES stops at a relative residual of 1e-10; accelerations have more of it at high frequencies.
     assert (np.abs(slopes[0] - slopes[1]).max(axis=(0, 2)) <= 1e-7 * size).all()
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_a_matrix_that_cannot_be_solved_is_refused_in_words(value: float) -> None:
+    times, dt = grid(128)
+    tool, theta = bent("plane"), vector("plane", TOOL | {"stiffness": 10.0, "damping": 0.05})
+    rows = tool.load.samples(turn(times), 128)
+    start = _OscillatingTool.of(tool.equation, rows, theta, TimeBase(dt, True))
+    with pytest.raises(InputError, match="did not converge"):
+        start.derivatives(np.full((128, 1, 3), value), np.ones((2, 1, 128)))
 
 
 def test_a_long_run_begins_with_some_of_its_samples(monkeypatch: pytest.MonkeyPatch) -> None:

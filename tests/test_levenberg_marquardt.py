@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from estimation.least_squares.levenberg_marquardt import levenberg_marquardt, levenberg_marquardt_step
 from estimation.least_squares.square_root_information import SquareRootInformation
@@ -132,6 +133,30 @@ def test_a_minimum_at_a_kink_is_one() -> None:
         for part in (0.999, 1.001):
             again = levenberg_marquardt(Counted(tethered(seed)), part * minimum.theta, bounds)
             assert again.cost > minimum.cost - 0.1
+
+
+def test_slow_progress_of_a_smooth_model_is_no_kink() -> None:
+    """Two exponentials that almost coincide: what has converged is a minimum by SciPy's, too."""
+    rng, t = np.random.default_rng(0), np.linspace(0, 3, 40)
+    bounds, converged = (np.zeros(4), np.full(4, 20.0)), 0
+    for _ in range(50):
+        rates = rng.uniform(0.5, 3, size=2)
+        y = np.exp(-rates[0] * t) + np.exp(-rates[1] * t) + 0.01 * rng.standard_normal(40)
+
+        def rows(q: Array, y: Array = y) -> tuple[Array, Array]:
+            parts = np.exp(-np.outer(t, q[1::2]))
+            columns = np.column_stack([parts[:, 0], -q[0] * t * parts[:, 0], parts[:, 1], -q[2] * t * parts[:, 1]])
+            return (y - parts @ q[::2]) / 0.01, columns / 0.01
+
+        found = levenberg_marquardt(Counted(rows), np.array([1.0, 0.1, 1.0, 5.0]), bounds)
+
+        def residual(q: Array, rows: Rows = rows) -> Array:
+            return rows(q)[0]
+
+        best = least_squares(residual, found.theta, bounds=bounds, x_scale="jac", xtol=1e-15, ftol=1e-15)
+        converged += found.converged
+        assert not found.converged or found.cost < 2 * best.cost + 0.05
+    assert converged > 30
 
 
 def test_failed_trials_need_no_derivative() -> None:

@@ -130,3 +130,20 @@ def test_an_acceleration_that_was_not_recorded_is_recognised() -> None:
     assert any("looks like mass times an acceleration that was not recorded" in note for note in notes)
     evidence = RecordEvidence(lack_of_fit=0.5, unrecorded_acceleration=True)
     assert judge(RECORD_RULES, evidence)[0] is RecordVerdict.UNEXPLAINED
+
+
+# ----------------------------------------------------------------------------------------------------motions at random
+
+
+def test_motions_at_random_hold_the_columns_that_the_recording_holds() -> None:
+    """A rate held for six samples in a short log: too few holds to be told, but not in sixteen copies of it."""
+    time, rng = 0.01 * np.arange(114), np.random.default_rng(0)
+    rate = np.cos(9 * time) + 0.01 * rng.standard_normal(114)
+    columns = {"time": time, "phi": np.sin(9 * time) / 9, "dphi": np.repeat(rate[::6], 6)}
+    readings = dict(zip(("fx", "fy", "tau"), rng.standard_normal((3, 114)), strict=True))
+    recording = from_columns(columns | dict.fromkeys(("px", "py"), 0 * time) | readings, name="short.csv")
+    assert "dphi" in recording.signals
+    drawn = recording.drawn_motions(rng, 16)
+    assert recording.true_samples(["dphi"]) is None
+    assert drawn.true_samples(["dphi"]) is None
+    np.testing.assert_array_equal(drawn.signals["dphi"], np.tile(recording.signals["dphi"], 16))

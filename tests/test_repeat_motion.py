@@ -17,10 +17,13 @@ import truewrench as tw
 from benchmarks.robot_motions import NearlyRepeated
 from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.model_response import decided_own_motion, model_response
+from estimation.recordings.motion_in_readings import is_separated
 from estimation.recordings.recording import Recording
+from estimation.recordings.repeat_motion import difference_of
 from estimation.recordings.reports.reading_report import StepKind
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
+from modeling.significance import LEVELS
 from truewrench.command_line import main
 from truewrench.simulated_rig import HiddenEffect, PlanarRig, SpatialRig, ViscousDrag, simulate
 
@@ -139,6 +142,47 @@ def test_slow_noise_of_an_encoder_is_not_taken_for_motion(step: float) -> None:
     fit = tw.fit(tw.spatial(), recording)
     assert decided_own_motion(fit.model.base, recording) is None
     np.testing.assert_allclose(fit.noise[0].floor, SpatialRig().noise, rtol=FLOOR_TOLERANCE)
+
+
+@pytest.mark.parametrize(("repeats", "correlation"), [(2, 0.0), (3, 0.0), (8, 0.0), (8, 0.9)])
+def test_an_error_of_the_motion_is_rarely_taken_for_motion(repeats: int, correlation: float) -> None:
+    """0.3 % at the most, at differences of the motion of the worst size: more than 10 of 1000 have a chance of 3e-4."""
+    rng, samples = np.random.default_rng(repeats), 240 // repeats * repeats
+    added = difference_of(rng.standard_normal((samples, 1)) @ np.ones((1, 3)), repeats)
+    covariance = (1 - correlation) * np.eye(3) + correlation
+    worst = added * np.sqrt(
+        LEVELS.separated_by_readings / np.einsum("np,pq,nq", added, np.linalg.inv(covariance), added)
+    )
+    root = np.linalg.cholesky(covariance).T
+    noise = [rng.standard_normal((samples, 3)) @ root for _ in range(1000)]
+    assert sum(is_separated(worst, readings, repeats) for readings in noise) <= 10
+    assert all(is_separated(9 * worst, readings + 9 * worst, repeats) for readings in noise[:100])
+
+
+def test_a_motion_that_creeps_is_read() -> None:
+    """One line in four has all of the difference."""
+    time = np.arange(2400) / 2400
+    added = difference_of(np.sin(2 * np.pi * time[:, None] + np.arange(3)), 8)
+    noise = np.random.default_rng(1).standard_normal((2400, 3))
+    assert is_separated(added, added + 0.01 * noise, 8)
+    assert not is_separated(added, 0.01 * noise, 8)
+
+
+def test_a_constant_channel_neither_hinders_nor_decides() -> None:
+    rng = np.random.default_rng(5)
+    added = difference_of(rng.standard_normal((2400, 3)), 8)
+    readings = added + 0.1 * rng.standard_normal((2400, 3))
+    for value in (0.0, 0.37):
+        readings[:, 2] = value
+        assert is_separated(added, readings, 8)
+    assert not is_separated(added, np.full((2400, 3), 0.37), 8)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.37])
+def test_a_constant_channel_of_repeats_that_differ_is_refused_by_its_name(value: float) -> None:
+    frame = nearly_repeated(PlanarRig(), 3e-3).assign(tau=value)
+    with pytest.raises(InputError, match="tau"):
+        tw.fit(model_of(PlanarRig()), recorded(frame, PlanarRig()))
 
 
 # ------------------------------------------------------------------------- repeats that are none

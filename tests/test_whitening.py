@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
 from estimation.model_response import ModelResponse
+from estimation.noise import autoregression
 from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
@@ -144,6 +145,18 @@ def test_coefficients_are_those_of_least_squares() -> None:
         past = np.array([series[t - order : t, channel][::-1] for t in rows])
         expected = np.linalg.lstsq(past, series[rows, channel], rcond=None)[0]
         np.testing.assert_allclose(found[:, channel], expected, rtol=0, atol=1e-11)  # rounding
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 500])
+def test_rows_factorised_in_parts_give_the_same(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    residual = np.cumsum(np.random.default_rng(4).standard_normal((500, 3)), axis=0)
+    free = np.ones(500, dtype=bool)
+    free[200:230] = False
+    expected = fit_autoregression(residual, free)
+    monkeypatch.setattr(autoregression, "ROWS_AT_ONCE", at_once)
+    found = fit_autoregression(residual, free)
+    np.testing.assert_allclose(found.coefficients, expected.coefficients, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
 
 
 @pytest.mark.parametrize("block", [2, 5])

@@ -26,8 +26,12 @@ DAMPING_DECREASE = 0.1
 NEGLIGIBLE_CHANGE = 1e-6
 """Of chi-square: predicted of a step that need not be evaluated, or found after one that was damped."""
 STALLED_TRIALS, STALL_TOLERANCE = 8, 0.01
-"""Damped trials in a row, and what they must lower chi-square by together: a tenth of a std. Where the slope of a model
-jumps (a cable that goes taut between two samples), a minimum may be a kink: no undamped step ends there."""
+"""Damped trials in a row, and what they lower chi-square by together, from which on a minimum is taken for a kink if a
+small part of an undamped step gains nothing either. Where the slope of a model jumps (a cable that goes taut between
+two samples), no undamped step ends at a minimum."""
+KINK_PROBE = 1e-3
+"""That part: a smooth model gains twice this share of what an undamped step is predicted to gain, less than half of it
+is taken for nothing."""
 NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
@@ -76,6 +80,7 @@ def levenberg_marquardt(
     all damped steps gain nothing: with `chi_square(theta)`, which needs no derivative of the rows, they end there.
     A caller that only tests whether the chi-square falls below some value gives a limit `far` above it: there the
     iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the chi-square.
+    A minimum where the model has a kink is one in which damped and small steps gain nothing (`_is_kink`).
     """
     theta, damping = np.clip(start, *bounds), _Damping()
     here, gains = information(theta), [np.inf]
@@ -92,7 +97,8 @@ def levenberg_marquardt(
                 return LeastSquaresMinimum.at(theta, here, False)
         gains = [*gains, max(gain, 0.0)][-STALLED_TRIALS:] if damping.strength else [np.inf]
         settled = 0 < gain < STEP_TOLERANCE and not damping.strength
-        settled |= len(gains) == STALLED_TRIALS and sum(gains) < STALL_TOLERANCE
+        if len(gains) == STALLED_TRIALS and sum(gains) < STALL_TOLERANCE:
+            settled |= _is_kink(theta, here, bounds, information, chi_square)
         damping = damping.after(gain, expected)
         # With very many rows the rounding of the chi-square itself exceeds the tolerance.
         settled |= abs(gain) < NEGLIGIBLE_CHANGE + 4 * EPS * here.cost
@@ -144,6 +150,19 @@ def _tried(
         return -np.inf, None
     gain = gain if found is None else cost - found.cost
     return (gain, found) if np.isfinite(gain) else (-np.inf, None)
+
+
+def _is_kink(
+    theta: Array,
+    here: SquareRootInformation,
+    bounds: tuple[Array, Array],
+    information: Callable[[Array], SquareRootInformation],
+    chi_square: Callable[[Array], float] | None,
+) -> bool:
+    """Whether a small part of an undamped step gains too little for a smooth model."""
+    step = levenberg_marquardt_step(here, theta, bounds, 0.0)
+    gain, _ = _tried(np.clip(theta + KINK_PROBE * step, *bounds), here.cost, information, chi_square)
+    return gain < KINK_PROBE * (here.cost - here.shifted(step).cost)
 
 
 def levenberg_marquardt_step(

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 AUTOREGRESSION_ORDERS = (0, 1, 2, 4, 8, 15, 30)
 """Orders tried on a residual."""
 ROUNDING_UNIT = float(np.finfo(float).eps)
+ROWS_AT_ONCE = 16384
+"""Samples that are factorised together with their past: a few tens of megabytes, whatever the length of a record."""
 SMALLEST_STD = 1e-150
 """Std of a residual that is constant; its square is above the smallest number."""
 
@@ -74,12 +76,16 @@ class _Past:
         """Of the samples (n,) that are usable for each order."""
         highest = max(usable, default=0)
         rows = usable.get(highest, np.zeros(len(residual), dtype=bool))
-        own = _with_past(residual, rows, highest) if highest else np.zeros((residual.shape[1], 1, 1))
-        return cls(residual, rows, np.asarray(np.linalg.qr(own, mode="r")))
+        roots = np.zeros((residual.shape[1], highest + 1, highest + 1))
+        places = np.flatnonzero(rows)
+        for first in range(0, len(places), ROWS_AT_ONCE):
+            own = _with_past(residual, places[first : first + ROWS_AT_ONCE], highest)
+            roots = np.asarray(np.linalg.qr(np.concatenate([roots, own], axis=1), mode="r"))
+        return cls(residual, rows, roots)
 
     def coefficients(self, order: int, rows: NDArray[np.bool_]) -> Array:
         """Least-squares coefficients (order, p) over the samples `rows`: those of the factors, and a few more."""
-        more = _with_past(self.residual, rows & ~self.rows, order)
+        more = _with_past(self.residual, np.flatnonzero(rows & ~self.rows), order)
         stacked = np.concatenate([self.roots[:, :, [*range(order), -1]], more], axis=1)
         left, sizes, right = np.linalg.svd(stacked[:, :, :order], full_matrices=False)
         along = np.einsum("pro,pr->po", left, stacked[:, :, order])
@@ -88,6 +94,6 @@ class _Past:
         return np.asarray(np.einsum("pso,ps->op", right, along))
 
 
-def _with_past(residual: Array, rows: NDArray[np.bool_], order: int) -> Array:
+def _with_past(residual: Array, places: NDArray[np.intp], order: int) -> Array:
     """The `order` predecessors of samples, the latest first, then the samples themselves: (p, samples, order + 1)."""
-    return residual.T[:, np.flatnonzero(rows)[:, None] - [*range(1, order + 1), 0]]
+    return residual.T[:, places[:, None] - [*range(1, order + 1), 0]]

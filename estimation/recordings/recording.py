@@ -239,8 +239,9 @@ class Recording(Tabular):
     def drawn_motions(self, rng: np.random.Generator, count: int) -> Recording:
         """`count` runs with motions at random from what the samples leave open, one after another in one recording.
 
-        Of the `derivatives` so far, those of `signals`; without auxiliary columns. The motion jumps between the runs,
-        so that of several only what depends on single samples can be predicted.
+        Of the `derivatives` so far, those of `signals`; without auxiliary columns. Columns are held where those of this
+        recording are. The motion jumps between the runs, so that of several only what depends on single samples can be
+        predicted.
         """
         from estimation.recordings.derivatives.differentiation import SplineTimes
 
@@ -257,6 +258,7 @@ class Recording(Tabular):
         for (key, spline), own in zip(splines.items(), zip(*innovations, strict=True), strict=True):
             drawn = spline.drawn(*own)
             other.derivatives[key] = SplineTimes.of(spline, times).derivatives(drawn).one_after_another(count)
+        other.held_columns.update(self.held_columns)
         return other
 
     def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
@@ -298,7 +300,15 @@ class Recording(Tabular):
             return None
         from estimation.recordings.derivatives.sample_hold import TrueSamples
 
-        return TrueSamples.of((self.columns[name] for name in names), self.dt, self.samples)
+        key = tuple(names)
+        if key not in self.held_columns:
+            self.held_columns[key] = TrueSamples.of((self.columns[name] for name in names), self.dt, self.samples)
+        return self.held_columns[key]
+
+    @cached_property
+    def held_columns(self) -> dict[tuple[str, ...], TrueSamples | None]:
+        """What `true_samples` has found so far, by the columns' names."""
+        return {}
 
     def given(self, names: Sequence[str]) -> Array | None:
         """Columns of these names, (n, k), averaged over the repeats; None for static poses or when one is missing."""

@@ -114,8 +114,7 @@ def chunks(recording: Recording, size: int, overlap: int = 0, *, run: str | None
         raise InputError(what=what, where=recording.name, remedy="give a size above 0 and not below the overlap")
     from estimation.model_response import model_signals  # slow to import
 
-    signals = model_signals.__wrapped__(recording)  # not cached: streamed recordings must not stay in memory
-    whole = Chunk(run=run or recording.name, signals=signals, wrench=recording.wrench)
+    whole = Chunk(run=run or recording.name, signals=model_signals(recording), wrench=recording.wrench)
     length = recording.samples if recording.continuous else recording.samples_per_repeat
     for begin in range(0, recording.samples, length):
         yield from whole.part(begin, begin + length).pieces(size, overlap)

@@ -233,7 +233,12 @@ class _OscillatingTool:
     def derivatives(self, by_deflection: Array, rights: Array) -> Array:
         if not self.oscillator.clock.periodic or rights[0].size > FACTORISED_EQUATIONS:
             return np.stack([self.solution(by_deflection, right, DERIVATIVE_TOLERANCE) for right in rights])
-        drives = np.linalg.solve(self._matrix(by_deflection), rights.reshape(len(rights), -1).T).T
+        try:
+            drives = np.linalg.solve(self._matrix(by_deflection), rights.reshape(len(rights), -1).T).T
+        except np.linalg.LinAlgError:
+            raise _not_converged() from None
+        if not np.all(np.isfinite(drives)):
+            raise _not_converged()
         return np.stack([self.oscillator.response(drive) for drive in drives.reshape(rights.shape)])
 
     def _matrix(self, by_deflection: Array) -> Array:
