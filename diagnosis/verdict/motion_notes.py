@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.comparison.comparison import Comparison
 from estimation.model_response import model_response
-from estimation.recordings.motion_limits import acceleration_is_recorded, motion_limits
+from estimation.recordings.motion_limits import acceleration_is_recorded, motion_limits, world_axes
 from modeling.chain.model import WrenchModel
 from modeling.space import Space
 
+Array = NDArray[np.float64]
+
 INERTIA = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 
-LIKELY_SHARE = 0.5
-"""Of the torque residual's power, from which it is said to be that of an unrecorded acceleration."""
+MOST = 0.5
+"""Share of a residual's power: an unrecorded acceleration explains more of the torque, and errors of the recorded
+orientation or of the sensor explain less of the force."""
 
 
 def motion_notes(comparisons: Sequence[Comparison], model: WrenchModel) -> list[str]:
@@ -24,8 +28,8 @@ def motion_notes(comparisons: Sequence[Comparison], model: WrenchModel) -> list[
     for comparison in comparisons:
         limits = motion_limits(comparison.recording)
         lines += [f"{comparison.recording.name}: {limit}." for limit in limits]
-        share = inertial_share(comparison, model)
-        if share > LIKELY_SHARE:
+        if lacks_acceleration([comparison], model):
+            share = inertial_share(comparison, model)
             lines.append(
                 f"{comparison.recording.name}: the residual looks like mass times an acceleration that was not "
                 "recorded: its torque is that of a force through one point, the centre of mass or where a contact acts "
@@ -36,7 +40,7 @@ def motion_notes(comparisons: Sequence[Comparison], model: WrenchModel) -> list[
 
 def lacks_acceleration(comparisons: Sequence[Comparison], model: WrenchModel) -> bool:
     """Whether the residual of one of the recordings looks like an acceleration that was not recorded."""
-    return any(inertial_share(comparison, model) > LIKELY_SHARE for comparison in comparisons)
+    return any(inertial_share(c, model) > MOST and orientation_share(c) < MOST for c in comparisons)
 
 
 def inertial_share(comparison: Comparison, model: WrenchModel) -> float:
@@ -57,6 +61,31 @@ def inertial_share(comparison: Comparison, model: WrenchModel) -> float:
     constant = np.broadcast_to(np.eye(3), through_centre.shape)
     columns = np.concatenate([through_centre, response.derivative[:, 3:, inertia], constant], axis=2)
     regressor = columns.reshape(-1, columns.shape[2])
-    left = torque.ravel() - regressor @ np.linalg.lstsq(regressor, torque.ravel(), rcond=None)[0]
     residual = comparison.residual[:, 3:] - comparison.residual[:, 3:].mean(axis=0)
-    return float(1 - np.sum(left**2) / max(np.sum(residual**2), np.finfo(float).tiny))
+    return 1 - _power_left(regressor, torque) / max(float(np.sum(residual**2)), np.finfo(float).tiny)
+
+
+def orientation_share(comparison: Comparison) -> float:
+    """Share of the force residual's power above its noise that goes with the recorded orientation, in six axes.
+
+    Where the sensor is turned in its flange, its axes leak into each other or have other gains, the force's error is
+    A w with the weight's direction w in the sensor and a constant matrix A; where gravity's direction is wrong, it is
+    constant in the world; where the readings are late, it goes with dw/dt. Their torques are those of a force through
+    the centre of mass as well. An acceleration of the origin goes with none of these. Noise is what differs from
+    sample to sample.
+    """
+    residual = comparison.residual[:, :3] - comparison.residual[:, :3].mean(axis=0)
+    axes = world_axes(comparison.recording)
+    down = -axes[:, :, 2]
+    linear = np.einsum("ij,nk->nijk", np.eye(3), down).reshape(-1, 3, 9)
+    constant = np.broadcast_to(np.eye(3), axes.shape)
+    columns = np.concatenate([linear, axes[:, :, :2], np.gradient(down, axis=0)[:, :, None], constant], axis=2)
+    power, noise = np.sum(residual**2), len(residual) / 2 * np.mean(np.diff(residual, axis=0) ** 2, axis=0).sum()
+    explained = power - _power_left(columns.reshape(-1, columns.shape[2]), residual)
+    return float(explained / max(power - noise, explained, np.finfo(float).tiny))
+
+
+def _power_left(regressor: Array, series: Array) -> float:
+    """What a linear least-squares fit with a regressor (3 n, k) leaves of the power of a series (n, 3)."""
+    left = series.ravel() - regressor @ np.linalg.lstsq(regressor, series.ravel(), rcond=None)[0]
+    return float(left @ left)

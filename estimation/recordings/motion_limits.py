@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
+
+Array = NDArray[np.float64]
 
 UNCERTAIN = 0.1
 """Std of an acceleration over its rms from which a motion counts as not carried by its rate."""
@@ -26,6 +29,14 @@ def motion_limits(recording: Recording) -> tuple[str, ...]:
     recording.signals  # noqa: B018  the splines of the motion are those of its signals
     known = (_held, _lost_frequencies, _unrecorded_acceleration, _constant_orientation)
     return tuple(sentence for limit in known for sentence in limit(recording))
+
+
+def world_axes(recording: Recording) -> Array:
+    """The world's axes in those of the sensor, (n, 3, 3) with an axis in each column, of a recorded orientation."""
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_quat(np.column_stack([recording.columns[name] for name in QUATERNION]))
+    return np.asarray(turns.inv().as_matrix())
 
 
 def acceleration_is_recorded(recording: Recording) -> bool:
@@ -96,10 +107,7 @@ def _constant_orientation(recording: Recording) -> Iterator[str]:
     """Six axes: where gravity keeps its direction in the sensor, the weight looks like the sensor's zero."""
     if recording.form is not MotionForm.POSE:
         return
-    from scipy.spatial.transform import Rotation
-
-    turns = Rotation.from_quat(np.column_stack([recording.columns[name] for name in QUATERNION]))
-    down = turns.inv().apply([0.0, 0.0, -1.0])
+    down = -world_axes(recording)[:, :, 2]
     mean = down.mean(axis=0) / np.linalg.norm(down.mean(axis=0))
     turn = float(np.degrees(np.arccos(np.clip(down @ mean, -1.0, 1.0).min())))
     if turn < LEAST_TURN:

@@ -28,7 +28,7 @@ SIGNIFICANT = 5.0
 """Std of a mass from which there is one."""
 WEIGHTLESS = "these readings hold no weight; was the tool compensated already?"
 FOREIGN = "is not the tool's: contact, another load or a disturbance"
-UNRECORDED = "its acceleration was not recorded: log the position"
+UNRECORDED = "what the model lacks is an acceleration that was not recorded, or a contact: log the position"
 
 
 def unknown_tool_reason(comparisons: Sequence[Comparison], model: WrenchModel) -> str:
