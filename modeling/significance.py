@@ -16,13 +16,11 @@ class DecisionLevels:
 
     effect: float = 0.01
     """Adding an effect (Holm over the candidates), and lack of fit in training (Bonferroni over bands, recordings).
-    Family-wise per diagnosis: a false effect is a wrong statement about the rig, which somebody will look for."""
+    Family-wise per diagnosis: a false effect is a wrong statement about the rig, which somebody will look for. An
+    effect that is as significant beside the final model, and is not in it, needs another reason than its p-value."""
     held_out: float = 0.001
     """Lack of fit on each held-out recording: the residual there has the errors of the training estimates, too, which
     the test does not count. A false alarm rejects a right model."""
-    refuted: float = 0.001
-    """Score test, each, of an effect that the final model lacks, from which on its absence needs a reason: so
-    significant an effect was tried and failed in its exact refit. A false alarm costs a remark in a table."""
     offset: float = 0.01
     """Point of application beside the tip axis (score test of x and y, each effect), given an effect on the axis. A
     false alarm costs two parameters with the std that they have; a miss leaves a point that is off by less than three

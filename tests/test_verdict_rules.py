@@ -12,10 +12,12 @@ import pytest
 from diagnosis.acceptance.acceptance_rules import ACCEPTANCE_RULES, AcceptanceEvidence
 from diagnosis.screening.score_test import ScoreTest
 from diagnosis.verdict.aliasing import Alias
+from diagnosis.verdict.effect_refits import EffectRefits, FinalRefit
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectEvidence
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from diagnosis.verdict_rule import VerdictRule, judge
+from estimation.multiplicity import holm_adjusted
 from modeling.effects import named
 from modeling.errors import InputError
 from modeling.space import Space
@@ -28,6 +30,16 @@ NOTHING = EffectEvidence(screening=TESTED, space=Space.PLANE)
 def screened(**changed: Any) -> EffectEvidence:
     return replace(NOTHING, screening=replace(TESTED, **changed))
 
+
+def refitted(**changed: Any) -> EffectEvidence:
+    """An effect that is significant beside the final model, with what was refitted; the search chose two others."""
+    refits = EffectRefits(**{"chosen": "a + b", **changed})
+    return replace(screened(p_value=1e-4), adjusted_p_value=0.0099, refits=refits)
+
+
+TRIED: dict[str, Any] = {"smallest": "a + viscous_drag", "unsolved": "b + viscous_drag", "passed_over": True}
+UNTRIED: dict[str, Any] = {"passed_over": True, "ended_adequate": True}
+"""Reasons that others precede."""
 
 EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
     "added to the model": (replace(NOTHING, added=True), EffectVerdict.SUPPORTED, ""),
@@ -62,15 +74,60 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         EffectVerdict.NEGLIGIBLE,
         "the upper 95 % limit of its contribution is below tolerance",
     ),
-    "significant beside a model that has not converged": (
-        replace(screened(p_value=9e-4), untried=True),
-        EffectVerdict.NOT_SUPPORTED,
-        "not tried, because the refit of the final model has not converged: give it fewer candidates by --only",
-    ),
-    "significant only in the score test": (
-        screened(p_value=9e-4),
+    "not significant after the exact refit": (
+        refitted(final=FinalRefit.NOT_SIGNIFICANT, **TRIED),
         EffectVerdict.NOT_SUPPORTED,
         "rejected, because it is significant in the score test, but not after the exact refit",
+    ),
+    "exact refit not converged": (
+        refitted(final=FinalRefit.UNCONVERGED, **TRIED),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because it is significant in the score test, but its exact refit has not converged",
+    ),
+    "left out of the chosen set as within tolerance": (
+        refitted(**TRIED, left_out=True),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because it was below tolerance beside the effects with which the search chose it",
+    ),
+    "refitted in sets that do not explain the residual": (
+        refitted(**TRIED, final_is_base=True),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because no set that it was refitted in explains the residual (the smallest: a + viscous_drag; not"
+        " beside the final model)",
+    ),
+    "refitted in sets to which the search preferred another": (
+        refitted(**TRIED),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because the search preferred a + b to every set that it was refitted in (the smallest: a +"
+        " viscous_drag; not beside the final model)",
+    ),
+    "exact refit without a solution": (
+        refitted(**UNTRIED, unsolved="a + viscous_drag"),
+        EffectVerdict.NOT_SUPPORTED,
+        "rejected, because a + viscous_drag has no solution at the initial values of its exact refit",
+    ),
+    "not refitted, as the search ended without convergence": (
+        refitted(**UNTRIED, unconverged="a"),
+        EffectVerdict.NOT_SUPPORTED,
+        "not tried, because the search does not go on from a, whose refit has not converged: exclude effects of that"
+        " set by --without",
+    ),
+    "not refitted, as refits are limited": (
+        refitted(ended_adequate=True, passed_over=True),
+        EffectVerdict.NOT_SUPPORTED,
+        "not tried, because the search refits at most 3 effects beside each set, and others had larger scores: give it"
+        " fewer candidates by --only",
+    ),
+    "not refitted, as the search ended at an adequate model": (
+        refitted(ended_adequate=True),
+        EffectVerdict.NOT_SUPPORTED,
+        "not tried, because the search had ended at a + b, which explains the residual: go on from there by --given",
+    ),
+    "not refitted, as it was not significant in the search": (
+        refitted(),
+        EffectVerdict.NOT_SUPPORTED,
+        "not tried, because it was not significant beside any set that the search extended: it is beside the final"
+        " model only; go on from that one by --given",
     ),
     "significant only in noise that is known": (
         screened(statistic=15.2),  # chi-square with one degree of freedom: p = 1e-4 at 15.14
@@ -110,6 +167,38 @@ RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
         (replace(MISFITS, effects=1, power_share=0.51), RecordVerdict.UNEXPLAINED, HALVES)
     ],
 }
+
+
+def test_what_the_search_would_not_refit_is_not_significant() -> None:
+    """p = 9e-4 is 0.0216 among 24 candidates (Holm), and the search refits below 1 %: no reason speaks of a refit."""
+    adjusted = holm_adjusted([9e-4, *[0.5] * 23])[0]
+    assert adjusted == pytest.approx(0.0216)
+    alone = replace(refitted(), adjusted_p_value=adjusted)
+    for evidence in (
+        alone,
+        replace(alone, refits=EffectRefits(unconverged="a")),
+        replace(alone, adjusted_p_value=0.01),
+    ):
+        _, reason = judge(EFFECT_RULES, evidence)
+        assert reason == "rejected, because it is not significant: what it would explain is within the noise"
+    assert refitted().significant
+
+
+def test_where_an_effect_was_refitted_is_said() -> None:
+    """Beside the final model, or in other sets; and that the search ended early, if it did."""
+    beside = refitted(**TRIED, final=FinalRefit.SIGNIFICANT, final_is_base=True, unconverged="a")
+    _, reason = judge(EFFECT_RULES, beside)
+    assert reason == (
+        "rejected, because no set that it was refitted in explains the residual, although it is significant after the "
+        "exact refit; the search ended at a, whose refit has not converged"
+    )
+    explained = replace(beside, refits=replace(beside.refits, explains=True))
+    _, reason = judge(EFFECT_RULES, explained)
+    assert reason.startswith(
+        "rejected, because the search preferred a + b to every set that it was refitted in, although"
+    )
+    _, reason = judge(EFFECT_RULES, refitted(final_extended=True))
+    assert reason.endswith("beside any set that the search extended: it is in the noise of the final model only")
 
 
 def test_the_search_counts_where_the_noise_is_badly_known() -> None:

@@ -120,13 +120,45 @@ class CandidateModel:
         return self.cost + chi_square_penalty(self.fit.model, self.candidates)
 
 
+@dataclass(eq=False)
+class SearchRecord:
+    """What a search has done with each set of effects, by the ids of the set; equal in all processes.
+
+    tried        refitted as an extension; and the base model
+    reduced      refitted without an effect of a larger set, and not tried
+    extended     its significant extensions were looked for
+    passed_over  a significant extension that was not refitted, as MAX_REFITS others of the same set had larger scores
+    unsolved     a significant extension whose refit has no solution
+    unconverged  the set at which the search ended, as its refit has not converged; None where it ended otherwise
+    """
+
+    tried: dict[frozenset[str], CandidateModel] = field(default_factory=dict)
+    reduced: dict[frozenset[str], CandidateModel] = field(default_factory=dict)
+    extended: set[frozenset[str]] = field(default_factory=set)
+    passed_over: set[frozenset[str]] = field(default_factory=set)
+    unsolved: set[frozenset[str]] = field(default_factory=set)
+    unconverged: frozenset[str] | None = None
+
+    def without_each(self, candidate: CandidateModel) -> list[CandidateModel]:
+        """The candidate without each of its effects in turn; sets that were not tried are recorded as reduced."""
+        smaller = list(candidate.without_each(list(self.tried.values())).values())
+        self.reduced.update({c.ids: c for c in smaller if c.ids not in self.tried})
+        return smaller
+
+    def refits_with(self, effect_id: str) -> list[CandidateModel]:
+        """The refitted sets that have an effect, the smallest first."""
+        refitted = {**self.reduced, **self.tried}
+        return sorted((c for ids, c in refitted.items() if effect_id in ids), key=lambda c: len(c.ids))
+
+
 @dataclass(frozen=True, eq=False)
 class SubsetSearch:
-    """Result of the search: the base model (with the effects given), the chosen set, and all sets tried."""
+    """Result of the search: base model (with the effects given), chosen set, all sets tried, and what was not."""
 
     base: CandidateModel
     chosen: CandidateModel
     tried: tuple[CandidateModel, ...] = field(default=())
+    record: SearchRecord = field(default_factory=SearchRecord)
 
     def refitted(self, candidate: CandidateModel, effects: Sequence[Effect]) -> CandidateModel:
         """The candidate with another set of effects: the tried one if in the same noise, else refitted."""
@@ -144,8 +176,9 @@ def search_subsets(
     """
     start = CandidateModel(base, len(effects), ScreeningCache(workers or Workers()), base.model.effects)
     level, tried = [start], {start.ids: start}
+    record = SearchRecord(tried)
     for _ in range(MAX_EFFECTS):
-        extended = _extended_sets(level, effects, tried, progress)
+        extended = _extended_sets(level, effects, record, progress)
         if not extended:
             break
         if noise_from_residual(base):
@@ -158,16 +191,17 @@ def search_subsets(
                     break
                 level = [best]
         if not level[0].fit.converged:
+            record.unconverged = level[0].ids
             break
     best = level[0] if noise_from_residual(base) else min(tried.values(), key=lambda c: c.criterion)
     if len(best.ids) > 1:
-        exchanged = _exchanged(best, effects, tried, progress)
+        exchanged = _exchanged(best, effects, record, progress)
         best = best if noise_from_residual(base) else exchanged  # there compared below, in a common noise
-    smaller = _backward_elimination(best, tried, progress)
+    smaller = _backward_elimination(best, record, progress)
     chosen = _most_parsimonious(smaller, tuple(tried.values()))
     if chosen is not smaller and noise_from_residual(base):
-        chosen = _backward_elimination(chosen, tried, progress)  # in the common noise
-    return SubsetSearch(start, chosen, tuple(tried.values()))
+        chosen = _backward_elimination(chosen, record, progress)  # in the common noise
+    return SubsetSearch(start, chosen, tuple(tried.values()), record)
 
 
 def _best_by_criterion(candidates: Sequence[CandidateModel], width: int) -> list[CandidateModel]:
@@ -177,11 +211,11 @@ def _best_by_criterion(candidates: Sequence[CandidateModel], width: int) -> list
 
 
 def _exchanged(
-    best: CandidateModel, effects: Sequence[Effect], tried: dict[frozenset[str], CandidateModel], progress: Progress
+    best: CandidateModel, effects: Sequence[Effect], record: SearchRecord, progress: Progress
 ) -> CandidateModel:
     """The best set after one exchange pass: each effect in turn is replaced by others significant given the rest."""
-    _extended_sets(list(best.without_each(list(tried.values())).values()), effects, tried, progress)
-    return min(tried.values(), key=lambda c: c.criterion)
+    _extended_sets(record.without_each(best), effects, record, progress)
+    return min(record.tried.values(), key=lambda c: c.criterion)
 
 
 def _ids(effects: Sequence[Effect]) -> str:
@@ -240,15 +274,15 @@ def _best_in_noise_of(best: CandidateModel, others: Sequence[CandidateModel]) ->
 def _extended_sets(
     level: Sequence[CandidateModel],
     effects: Sequence[Effect],
-    tried: dict[frozenset[str], CandidateModel],
+    record: SearchRecord,
     progress: Progress,
 ) -> list[CandidateModel]:
-    """The sets extended by one significant effect, unless tried already; they are added to `tried`."""
+    """The sets extended by one significant effect, unless tried already; they are recorded as tried."""
     given = "; ".join(_ids(c.fit.model.effects) or "the rigid tool" for c in level)
     screen_all(level, effects, count_progress(progress, f"score tests given {given}"))
-    wanted = [extension for c in level for extension in _significant_extensions(c, c.screened(effects))]
+    wanted = [extension for c in level for extension in _wanted_extensions(c, effects, record)]
     extended = []
-    while wanted := [extension for extension in wanted if extension.ids not in tried]:
+    while wanted := [extension for extension in wanted if extension.ids not in record.tried]:
         first = list({extension.ids: extension for extension in reversed(wanted)}.values())[::-1]
         doing = "refit with " + "; ".join(" + ".join(sorted(extension.ids)) for extension in first)
         shared = [thing for c in level for thing in (*shared_objects(c.fit), c.cache)]
@@ -261,8 +295,10 @@ def _extended_sets(
             announce=announce,
         )
         for extension, new in zip(first, found, strict=True):
-            if new is not None:
-                tried[extension.ids] = new
+            if new is None:
+                record.unsolved.add(extension.ids)
+            else:
+                record.tried[extension.ids] = new
                 extended.append(new)
         wanted = [extension for extension in wanted if extension not in first]
     return extended
@@ -290,10 +326,13 @@ def screen_all(
         run_searches(wanted, cache, announce)
 
 
-def _significant_extensions(candidate: CandidateModel, screenings: Sequence[ScoreTest]) -> list[Extension]:
-    """The extensions by significant effects, the largest score first, at most MAX_REFITS."""
-    significant = sorted(significant_effects(screenings), key=lambda s: -s.statistic)
-    return [Extension(candidate, s) for s in significant[:MAX_REFITS]]
+def _wanted_extensions(candidate: CandidateModel, effects: Sequence[Effect], record: SearchRecord) -> list[Extension]:
+    """The extensions by significant effects, the largest score first, at most MAX_REFITS; others are passed over."""
+    significant = sorted(significant_effects(candidate.screened(effects)), key=lambda s: -s.statistic)
+    extensions = [Extension(candidate, s) for s in significant]
+    record.extended.add(candidate.ids)
+    record.passed_over.update(extension.ids for extension in extensions[MAX_REFITS:])
+    return extensions[:MAX_REFITS]
 
 
 def _refit_extension(extension: Extension) -> CandidateModel | None:
@@ -327,13 +366,11 @@ def refit_effects(
     return CandidateModel(after, candidate.candidates, candidate.cache, candidate.given)
 
 
-def _backward_elimination(
-    candidate: CandidateModel, tried: Mapping[frozenset[str], CandidateModel], progress: Progress
-) -> CandidateModel:
+def _backward_elimination(candidate: CandidateModel, record: SearchRecord, progress: Progress) -> CandidateModel:
     """Drop effects one by one while that lowers the criterion."""
     if candidate.ids:
         progress(f"backward elimination: refit without each of {_ids(candidate.added)}")
-    for smaller in candidate.without_each(list(tried.values())).values():
+    for smaller in record.without_each(candidate):
         if smaller.criterion < candidate.criterion:
-            return _backward_elimination(smaller, tried, progress)
+            return _backward_elimination(smaller, record, progress)
     return candidate

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from diagnosis.screening.score_test import ScoreTest
+from diagnosis.selection.subset_search import MAX_REFITS
 from diagnosis.verdict.aliasing import Alias
+from diagnosis.verdict.effect_refits import EffectRefits, FinalRefit
 from diagnosis.verdict.verdict import EffectVerdict
 from diagnosis.verdict_rule import VerdictRule
 from estimation.distributions import chi2_sf
@@ -25,6 +27,31 @@ REPLACEMENT_SENTENCE = (
 RANGE_SENTENCE = "{e.beyond_range} is not excited: detectable only beyond its physical range"
 NOT_SIGNIFICANT_SENTENCE = "rejected, because it is not significant: what it would explain is within the noise"
 LIMIT_SENTENCE = "the upper 95 % limit of its contribution is below tolerance"
+NOT_AFTER_REFIT_SENTENCE = "rejected, because it is significant in the score test, but not after the exact refit"
+REFIT_UNCONVERGED_SENTENCE = (
+    "rejected, because it is significant in the score test, but its exact refit has not converged"
+)
+LEFT_OUT_SENTENCE = "rejected, because it was below tolerance beside the effects with which the search chose it"
+EXPLAINS_NOTHING_SENTENCE = (
+    "rejected, because no set that it was refitted in explains the residual{e.refits.place}{e.refits.early_end}"
+)
+PREFERRED_SENTENCE = (
+    "rejected, because the search preferred {e.refits.chosen} to every set that it was refitted in{e.refits.place}"
+)
+UNSOLVED_SENTENCE = "rejected, because {e.refits.unsolved} has no solution at the initial values of its exact refit"
+UNCONVERGED_SENTENCE = (
+    "not tried, because the search does not go on from {e.refits.unconverged}, whose refit has not converged: exclude"
+    " effects of that set by --without"
+)
+PASSED_OVER_SENTENCE = (
+    f"not tried, because the search refits at most {MAX_REFITS} effects beside each set, and others had larger scores:"
+    " give it fewer candidates by --only"
+)
+ADEQUATE_SENTENCE = (
+    "not tried, because the search had ended at {e.refits.chosen}, which explains the residual: go on from there by"
+    " --given"
+)
+LATER_SENTENCE = "not tried, because it was not significant beside any set that the search extended{e.refits.later}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -38,7 +65,8 @@ class EffectEvidence:
     rejection   why it was not accepted, None unless it was tried for acceptance
     negligible  whether the upper 95 % limit of its contribution is within tolerance
     one_run     whether no recording has repeats
-    untried     whether effects beside the added ones were not refitted, as the refit of those has not converged
+    adjusted_p_value  of its score test, Holm over the effects that the final model lacks, as in the search
+    refits      what the search has refitted with it
     """
 
     screening: ScoreTest
@@ -49,7 +77,13 @@ class EffectEvidence:
     rejection: str | None = None
     negligible: bool = False
     one_run: bool = False
-    untried: bool = False
+    adjusted_p_value: float = 1.0
+    refits: EffectRefits = field(default_factory=EffectRefits)
+
+    @property
+    def significant(self) -> bool:
+        """Whether the search would refit it beside the final model: its absence has another reason than its p-value."""
+        return self.adjusted_p_value < LEVELS.effect
 
     @property
     def beyond_range(self) -> str | None:
@@ -93,16 +127,64 @@ EFFECT_RULES: tuple[EffectRule, ...] = (
     VerdictRule("only beyond its physical range", lambda e: e.beyond_range is not None, V.NOT_EXCITED, RANGE_SENTENCE),
     VerdictRule("upper limit within tolerance", lambda e: e.negligible, V.NEGLIGIBLE, LIMIT_SENTENCE),
     VerdictRule(
-        "significant beside a model that has not converged",
-        lambda e: e.untried and e.screening.p_value < LEVELS.refuted,
+        "not significant after the exact refit",
+        lambda e: e.significant and e.refits.final is FinalRefit.NOT_SIGNIFICANT,
         V.NOT_SUPPORTED,
-        "not tried, because the refit of the final model has not converged: give it fewer candidates by --only",
+        NOT_AFTER_REFIT_SENTENCE,
     ),
     VerdictRule(
-        "significant only in the score test",
-        lambda e: e.screening.p_value < LEVELS.refuted,
+        "exact refit not converged",
+        lambda e: e.significant and e.refits.final is FinalRefit.UNCONVERGED,
         V.NOT_SUPPORTED,
-        "rejected, because it is significant in the score test, but not after the exact refit",
+        REFIT_UNCONVERGED_SENTENCE,
+    ),
+    VerdictRule(
+        "left out of the chosen set as within tolerance",
+        lambda e: e.significant and e.refits.left_out,
+        V.NOT_SUPPORTED,
+        LEFT_OUT_SENTENCE,
+    ),
+    VerdictRule(
+        "refitted in sets that do not explain the residual",
+        lambda e: e.significant and e.refits.explains_nothing,
+        V.NOT_SUPPORTED,
+        EXPLAINS_NOTHING_SENTENCE,
+    ),
+    VerdictRule(
+        "refitted in sets to which the search preferred another",
+        lambda e: e.significant and bool(e.refits.smallest),
+        V.NOT_SUPPORTED,
+        PREFERRED_SENTENCE,
+    ),
+    VerdictRule(
+        "exact refit without a solution",
+        lambda e: e.significant and bool(e.refits.unsolved),
+        V.NOT_SUPPORTED,
+        UNSOLVED_SENTENCE,
+    ),
+    VerdictRule(
+        "not refitted, as the search ended without convergence",
+        lambda e: e.significant and bool(e.refits.unconverged),
+        V.NOT_SUPPORTED,
+        UNCONVERGED_SENTENCE,
+    ),
+    VerdictRule(
+        "not refitted, as refits are limited",
+        lambda e: e.significant and e.refits.passed_over,
+        V.NOT_SUPPORTED,
+        PASSED_OVER_SENTENCE,
+    ),
+    VerdictRule(
+        "not refitted, as the search ended at an adequate model",
+        lambda e: e.significant and e.refits.ended_adequate,
+        V.NOT_SUPPORTED,
+        ADEQUATE_SENTENCE,
+    ),
+    VerdictRule(
+        "not refitted, as it was not significant in the search",
+        lambda e: e.significant,
+        V.NOT_SUPPORTED,
+        LATER_SENTENCE,
     ),
     VerdictRule(
         "significant only in noise that is known",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.parallel.workers import WorkItem
-from diagnosis.screening.score_test import ScoreTest, adjusted_p_values, screen
+from diagnosis.screening.score_test import ScoreTest, adjusted_p_values, screen, significant_effects
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from diagnosis.verdict.aliasing import (
     Alias,
@@ -21,6 +21,7 @@ from diagnosis.verdict.aliasing import (
     alias_of,
     aliases,
 )
+from diagnosis.verdict.effect_refits import EffectRefits, FinalRefit, effect_refits, judge_refit, refit_beside
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectEvidence, EffectRule, beyond_range
 from diagnosis.verdict.selection_step import SelectionStep
 from diagnosis.verdict.upper_limit import contribution_upper_limit, within_tolerance
@@ -100,18 +101,22 @@ class Evidence:
     aliases     of each added effect, the closest first
     limits      of each effect not added: upper 95 % limit of its contribution to each channel, RMS
     rejections  why an effect was not accepted, by id
+    refits      what the search has refitted with each effect that is significant and not added
     """
 
     aliases: Mapping[str, list[Alias]]
     limits: Mapping[str, Mapping[str, float]]
     rejections: Mapping[str, str]
+    refits: Mapping[str, EffectRefits]
 
 
 def gather_evidence(
     selection: SubsetSearch, final: CandidateModel, effects: Sequence[Effect], rejections: Mapping[str, str]
 ) -> Evidence:
-    """Aliases of the final model's effects, and upper limits of those that it lacks, in one batch of work."""
+    """Aliases of the final model's effects; limits and refits of those that it lacks: in one batch of work."""
     alternatives = alias_candidates(selection, final, effects)
+    significant = [s.effect.id for s in significant_effects(final.screened(effects))]
+    beside = {i: larger for i in significant if (larger := refit_beside(selection, final, i)) is not None}
     limited = [
         s
         for s in final.screened(effects)
@@ -120,9 +125,13 @@ def gather_evidence(
     target = WhitenedModel.of(final)
     tasks = [WorkItem(c.screening.effect.id, partial(alias_of, target, c)) for c in alternatives]
     tasks += [WorkItem(s.effect.id, partial(contribution_upper_limit, final.fit, s, final.cache)) for s in limited]
-    found = final.cache.workers.run(tasks)
-    limits = {s.effect.id: limit for s, limit in zip(limited, found[len(alternatives) :], strict=True)}
-    return Evidence(aliases(alternatives, found[: len(alternatives)]), limits, rejections)
+    tasks += [WorkItem(i, partial(judge_refit, larger, final, i)) for i, larger in beside.items()]
+    found = iter(final.cache.workers.run(tasks))
+    fitted = [next(found) for _ in alternatives]
+    limits = {s.effect.id: next(found) for s in limited}
+    judged = {i: next(found) for i in beside}
+    refits = {i: effect_refits(selection, final, i, judged.get(i, FinalRefit.NONE)) for i in significant}
+    return Evidence(aliases(alternatives, fitted), limits, rejections, refits)
 
 
 def judge_effects(
@@ -172,7 +181,8 @@ def judge_effects(
             rejection=evidence.rejections.get(effect_id),
             negligible=limit is not None and within_tolerance(limit, tolerance),
             one_run=one_run,
-            untried=not final.fit.converged,
+            adjusted_p_value=adjusted.get(effect_id, 1.0),
+            refits=evidence.refits.get(effect_id, EffectRefits()),
         )
         others.append(
             _finding(
