@@ -105,7 +105,7 @@ class SlowResidual:
         band = cls.of_motion_band(name, spectrum, units).or_else(
             cls.of_rest(name, spectrum, recording, residual, units)
         )
-        band = band.or_else(cls.of_unsteady(recording, residual, units))
+        band = band.or_else(cls.of_unsteady(name, residual, units))
         found = cls.of_residual(name, residual, units).or_else(band)
         return found.or_else(cls.of_foreign(name, spectrum, recording.wrench.var(axis=0), units), tests=1)
 
@@ -118,17 +118,15 @@ class SlowResidual:
         return cls._of(name, units, Part.MOTION_ALONE, size, noise, rest_p_values(recording, residual))
 
     @classmethod
-    def of_unsteady(cls, recording: Recording, residual: Array, units: Mapping[str, str]) -> SlowResidual:
+    def of_unsteady(cls, recording: str, residual: Array, units: Mapping[str, str]) -> SlowResidual:
         """The part that comes and goes of a residual (n, p), where it exceeds the steady noise.
 
         A smaller one says little: the motion's derivatives err most where a move begins and ends.
         """
         unsteady, steady = unsteady_variance(residual)
-        larger = unsteady > steady
-        p_values = (
-            np.where(larger, steadiness_p_values(recording, residual), 1.0) if larger.any() else np.ones(len(units))
-        )
-        return cls._of(recording.name, units, Part.UNSTEADY, np.sqrt(unsteady), np.sqrt(steady), p_values)
+        larger, p_values = unsteady > steady, np.ones(len(units))
+        p_values[larger] = steadiness_p_values(residual[:, larger])
+        return cls._of(recording, units, Part.UNSTEADY, np.sqrt(unsteady), np.sqrt(steady), p_values)
 
     @classmethod
     def of_foreign(

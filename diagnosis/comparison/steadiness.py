@@ -2,19 +2,22 @@
 
 Noise of a sensor is Gaussian, of any colour, and the same throughout. A part that knocks, a gear whose ripple runs
 through the frequencies with its speed, or vibration that starts with the motion leave impulses in the whitened
-residual, or squares of it that are correlated, whatever the spectrum of the whole looks like.
+residual, squares of it that are correlated, or octaves of it whose power varies, whatever the spectrum of the whole
+looks like. It is whitened by an autoregression, which follows a resonance or a low-pass filter, as a smooth curve in
+log-log axes does not, and whose innovations have no leakage from the record's ends.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct
+from scipy.fft import dct, idct
 
 from estimation.distributions import chi2_isf, chi2_sf, normal_cdf
 from estimation.multiplicity import bonferroni_p_value
-from estimation.recordings.recording import Recording
-from estimation.robust.outliers import inverse_covariance_filter
+from estimation.noise.autoregression import fit_autoregression
 
 Array = NDArray[np.float64]
 
@@ -22,20 +25,44 @@ LAGS = 20
 """Samples, up to which the correlation of squares is tested."""
 OCTAVE = slice(4, 8)
 """Lines of a window's spectrum: an octave, in windows that are shorter the higher it lies."""
+OCTAVE_LINES = OCTAVE.stop - OCTAVE.start
 QUIET_SHARE = 0.25
 """Of an octave's windows, the quietest, which give the power of steady noise."""
 FEWEST = 24
 """Windows of an octave from which it is looked at."""
+FLOOR = 0.01
+"""Spectral density, over that of white noise of the residual's variance, below which a line is not tested: such lines
+have together less than a hundredth of the variance, and what is rounded or is left behind a filter lies there."""
 
 
-def steadiness_p_values(recording: Recording, residual: Array) -> Array:
+def steadiness_p_values(residual: Array) -> Array:
     """P-values (p,) of "a single run's residual (n, p) is steady Gaussian noise", of whatever spectrum.
 
-    Of the whitened residual the kurtosis (impulses) and the correlation of the squares are tested; Bonferroni.
+    Of the whitened residual the kurtosis (impulses), the correlation of the squares and the power of the octaves are
+    tested; Bonferroni. 1 where fewer lines are above `FLOOR` than `FEWEST` windows of the highest octave have.
     """
-    white = inverse_covariance_filter(recording, residual[None]).whitened(residual[None])[0]
-    tests = (kurtosis_p_value, squares_p_value)
-    return np.array([bonferroni_p_value([test(column) for test in tests]) for column in white.T])
+    return np.array([_p_value(column) for column in residual.T])
+
+
+def _p_value(series: Array) -> float:
+    lines = _white_lines(series - series.mean())
+    if len(lines) < FEWEST * OCTAVE.stop:
+        return 1.0
+    rows = np.asarray(idct(lines, norm="ortho"))
+    return bonferroni_p_value([test(rows) for test in (kurtosis_p_value, squares_p_value, octaves_p_value)])
+
+
+def _white_lines(series: Array) -> Array:
+    """Cosine lines (m,) of the innovations of a series (n,), those at which its spectrum is above `FLOOR`.
+
+    Closed up and transformed back they are m rows, white if the innovations are, and in the order of time: a shift of
+    the lines modulates a row and does not move it.
+    """
+    noise = fit_autoregression(series[:, None], np.ones(len(series), dtype=bool))
+    innovations = noise.innovations(series[None])[0]
+    filtered = np.fft.rfft(np.append(1.0, -noise.coefficients[:, 0]), 2 * len(innovations))[:-1]
+    power = noise.covariance[0, 0] / np.maximum(np.abs(filtered) ** 2, 1e-300)
+    return np.asarray(dct(innovations, norm="ortho")[power >= FLOOR * series.var()])
 
 
 def kurtosis_p_value(rows: Array) -> float:
@@ -67,28 +94,58 @@ def squares_p_value(rows: Array) -> float:
     return float(chi2_sf(n * (n + 2) * float((correlation**2 / (n - lags)).sum()), LAGS))
 
 
+def octaves_p_value(rows: Array) -> float:
+    """P-value of "independent normal rows (n,) have the same power in all windows", in every octave; Bonferroni.
+
+    By the test of M. S. Bartlett (Proc. R. Soc. A 160, 1937, 268-282), with the freedom of an octave's lines a window.
+    1 where the rows are too few for `FEWEST` windows.
+    """
+    powers = [(lines[:, :, 0] ** 2).mean(axis=1) for _, lines in _octaves(rows[:, None])]
+    return bonferroni_p_value([_bartlett_p_value(power) for power in powers])
+
+
+def _bartlett_p_value(power: Array) -> float:
+    """P-value of one variance in all windows, from their mean squares (windows,) of `OCTAVE_LINES` normal values."""
+    windows, power = len(power), np.maximum(power, 1e-300)
+    statistic = OCTAVE_LINES * windows * (np.log(power.mean()) - np.log(power).mean())
+    return float(chi2_sf(statistic / (1 + (windows + 1) / (3 * windows * OCTAVE_LINES)), windows - 1))
+
+
 def unsteady_variance(residual: Array) -> tuple[Array, Array]:
     """Variance (p,) of a residual (n, p) that comes and goes, and that of the steady noise beside it.
 
     In each octave the quietest windows show the level of the steady noise; the mean exceeds it by what comes and goes.
-    Octaves that are too low for `FEWEST` windows are in neither.
+    Octaves that are too low for `FEWEST` windows are in neither. Both are sizes and no test: a resonance that rings
+    through many windows comes and goes by chance, which `steadiness_p_values` tells from other causes.
     """
     unsteady, steady = np.zeros((2, residual.shape[1]))
-    count = OCTAVE.stop - OCTAVE.start
-    quantile = float(chi2_isf(1 - QUIET_SHARE, count)) / count
-    length = OCTAVE.stop
-    while length * FEWEST <= len(residual):
-        power = _octave_power(residual, length)
+    for length, lines in _octaves(residual):
+        freedom, power = _independent_lines(lines), (lines**2).mean(axis=1)
+        quantile = chi2_isf(1 - QUIET_SHARE, freedom) / freedom
         quiet, mean = np.quantile(power, QUIET_SHARE, axis=0) / quantile, power.mean(axis=0)
-        steady += np.minimum(quiet, mean) * count / length
-        unsteady += np.maximum(mean - quiet, 0.0) * count / length
-        length *= 2
+        steady += np.minimum(quiet, mean) * OCTAVE_LINES / length
+        unsteady += np.maximum(mean - quiet, 0.0) * OCTAVE_LINES / length
     return unsteady, steady
 
 
-def _octave_power(residual: Array, length: int) -> Array:
-    """Mean power (windows, p) of an octave's lines in windows of this length, beside each other."""
-    windows = len(residual) // length
-    start = (len(residual) - windows * length) // 2
-    parts = residual[start : start + windows * length].reshape(windows, length, -1)
-    return np.asarray((dct(parts, axis=1, norm="ortho")[:, OCTAVE] ** 2).mean(axis=1))
+def _octaves(residual: Array) -> Iterator[tuple[int, Array]]:
+    """Length of the windows, which are beside each other, and lines (windows, `OCTAVE_LINES`, p), octave by octave."""
+    length = OCTAVE.stop
+    while length * FEWEST <= len(residual):
+        windows = len(residual) // length
+        start = (len(residual) - windows * length) // 2
+        parts = residual[start : start + windows * length].reshape(windows, length, -1)
+        yield length, np.asarray(dct(parts, axis=1, norm="ortho")[:, OCTAVE])
+        length *= 2
+
+
+def _independent_lines(lines: Array) -> Array:
+    """Effective number (p,) of independent lines of equal power among an octave's (windows, `OCTAVE_LINES`, p).
+
+    1 over the sum of C_kl² (Satterthwaite), C the mean product of the lines of windows scaled to unit power, so that
+    loud windows count no more than quiet ones. The sum is without the bias 1 / windows that unit vectors have in it.
+    """
+    unit = lines / np.maximum(np.sqrt((lines**2).sum(axis=1, keepdims=True)), 1e-150)
+    product = np.einsum("wkp,wlp->klp", unit, unit) / len(lines)
+    squared = (len(lines) * (product**2).sum(axis=(0, 1)) - 1) / (len(lines) - 1)
+    return np.asarray(np.clip(1 / np.maximum(squared, 1e-300), 1.0, OCTAVE_LINES))
