@@ -65,7 +65,6 @@ def run(arguments: argparse.Namespace) -> None:
     from diagnosis.parallel.workers import available_cores
     from truewrench.files.data_set import DataSet, frame_sentences, frames_data
     from truewrench.files.output import make_folder, require_writable_folder
-    from truewrench.text.diagnosis_text import diagnosis_text
 
     if arguments.out is not None:
         require_writable_folder(arguments.out)
@@ -94,13 +93,16 @@ def run(arguments: argparse.Namespace) -> None:
         inputs = (arguments.rig, arguments.effects, arguments.calibration)
         texts = report_texts(found, provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs))
         written = write(found, data, texts, out, arguments.report)
+    from truewrench.text.diagnosis_text import diagnosis_text  # slow to import: while the recordings are read
+
     frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(case))
     print_result(arguments, lambda: diagnosis_text(found) + frames, lambda: data, written)
 
 
 def _import_diagnosis() -> None:
-    """Import what diagnoses, which takes as long as reading a recording does."""
+    """Import what diagnoses and says what was found, which takes as long as reading a recording does."""
     import diagnosis.diagnosis  # noqa: F401
+    import truewrench.text.diagnosis_text  # noqa: F401
 
 
 def _calibration_of(case: DataSet, path: Path) -> Calibration:
