@@ -1,7 +1,8 @@
 """Settings of all tests: one thread of linear algebra per process, as two processes share two cores; seeds are fixed.
 
 Garbage is collected after a hundred thousand new objects: after each seven hundred, Python's own, it took a fortieth
-of the time, most of it to look through what lives to the end.
+of the time, most of it to look through what lives to the end. Until the tests are collected, all that is made lives to
+the end, so that nothing is looked through.
 
 What is derived is kept between tests and runs, and away from the user's: entries are named by the source that they
 follow from, so that a test of an edited derivation derives.
@@ -14,6 +15,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
 settings.register_profile("seeded", derandomize=True, max_examples=60)
@@ -23,6 +25,9 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 KEPT = Path(__file__).resolve().parents[1] / ".pytest_cache" / "derivations"
 os.environ.setdefault("TRUEWRENCH_CACHE", str(KEPT))
 gc.set_threshold(100_000, 20, 20)
+
+NO_TIME = 0.005
+"""Seconds; `--durations` shows what took longer."""
 
 Made = pytest.Item | pytest.Collector | list[pytest.Item | pytest.Collector] | None
 """What pytest makes of a name of a module or class."""
@@ -70,10 +75,30 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items[:] = [*longest[::2], *others[:middle], *longest[1::2], *others[middle:]]
 
 
-def pytest_collection_finish() -> None:
-    """Leave what collecting made out of the garbage collector's rounds: a million objects that live to the end."""
-    gc.collect()
-    gc.freeze()
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Send half of xdist's six messages of a test: each wakes the process that reports, a millisecond in all.
+
+    Left out are the test's start, and its set-up and tear-down where they passed in no time.
+    """
+    if not hasattr(item.config, "workerinput"):
+        return None
+    for report in runtestprotocol(item, log=False, nextitem=nextitem):
+        if report.when == "call" or not report.passed or report.duration > NO_TIME:
+            item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Leave what collecting makes out of the garbage collector's rounds: a million objects that live to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _seconds(item: pytest.Item) -> float:

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-import pinocchio
 import pytest
 import sympy as sp
 from numpy.typing import NDArray
@@ -91,6 +90,8 @@ def test_planar_regressor_is_22_8(emitted) -> None:  # type: ignore[no-untyped-d
 @pytest.mark.parametrize("emitted", [by_numpy, by_c])
 def test_spatial_regressor_is_pinocchios(emitted) -> None:  # type: ignore[no-untyped-def]
     """Its velocity is zero at the instant, so that its spatial acceleration is the classical one."""
+    import pinocchio  # slow to import
+
     order = ["m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"]
     columns = [list(PARAMETERS).index(name) for name in order]
     u = inputs(Space.SPACE)[:300]

@@ -6,13 +6,15 @@ import doctest
 import inspect
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from griffe import Docstring, DocstringSectionKind, Parser
 
 import truewrench as tw
 from truewrench.files import demonstration
+
+if TYPE_CHECKING:
+    from griffe import DocstringSectionKind
 
 pytest.importorskip("mujoco")
 
@@ -32,6 +34,8 @@ def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def sections(name: str) -> dict[DocstringSectionKind, Any]:
     """The sections of a public name's docstring by their kind."""
+    from griffe import Docstring, Parser  # slow to import
+
     text = inspect.getdoc(getattr(tw, name)) or ""
     return {part.kind: part.value for part in Docstring(text, parser=Parser.numpy).parsed}
 
@@ -46,6 +50,8 @@ def signature_names(name: str) -> list[str]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_sections(name: str) -> None:
+    from griffe import DocstringSectionKind
+
     thing, found = getattr(tw, name), sections(name)
     summary = (inspect.getdoc(thing) or "").split("\n")[0]
     assert summary.endswith("."), "the first line is one sentence"

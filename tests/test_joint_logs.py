@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pinocchio
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
@@ -84,6 +83,8 @@ def elbow_columns(noise: float = 1.0) -> dict[str, Array]:
 
     `noise` is in multiples of the simulated rig's.
     """
+    import pinocchio  # slow to import
+
     model = pinocchio.buildModelFromUrdf(str(FOLDER / "elbow.urdf"))
     data, frame = model.createData(), model.getFrameId("tool0")
     values = list(truth().values())[7:]

@@ -35,6 +35,16 @@ def file_of(content: bytes, name: str = "log.csv") -> Make:
     return make
 
 
+def names(columns: int) -> bytes:
+    """A line of column names."""
+    return ",".join(f"c{i}" for i in range(columns)).encode() + b"\n"
+
+
+def ones(columns: int) -> bytes:
+    """A line of ones."""
+    return b"1," * (columns - 1) + b"1\n"
+
+
 def noise(name: str, head: bytes = b"") -> Make:
     return file_of(head + np.random.default_rng(len(name)).bytes(20_000), name)
 
@@ -130,10 +140,10 @@ REFUSED: dict[str, Make] = {
     "prose": file_of(b"Dear colleague,\nplease find the log attached.\nYours\n" * 20),
     "web page": file_of(b"<!DOCTYPE html><html><body><p>404</p></body></html>\n" * 30),
     "json": file_of(b'{"time": [0, 1], "fx": [1, 2]}'),
-    "a million columns": file_of(",".join(f"c{i}" for i in range(10**6)).encode() + b"\n" + b"1," * 999_999 + b"1\n"),
-    "a million unnamed columns": file_of((b"1," * 999_999 + b"1\n") * 3),
-    "30 000 columns": file_of((b"1," * 29_999 + b"1\n") * 3),
-    "one long line": file_of(b"1" * (6 << 20)),
+    "a million columns": lambda folder: file_of(names(10**6) + ones(10**6))(folder),
+    "a million unnamed columns": lambda folder: file_of(ones(10**6) * 3)(folder),
+    "30 000 columns": lambda folder: file_of(ones(30_000) * 3)(folder),
+    "one long line": lambda folder: file_of(b"1" * (6 << 20))(folder),
     "noise.csv": noise("noise.csv"),
     "noise.bag": noise("noise.bag"),
     "noise.mcap": noise("noise.mcap", b"\x89MCAP0\r\n"),

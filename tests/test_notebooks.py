@@ -9,8 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import jupytext
-import nbformat
 import numpy as np
 import pytest
 
@@ -160,6 +158,9 @@ def test_every_notebook_has_its_claims() -> None:
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_is_built_from_its_script(path: Path) -> None:
     """`make notebooks` has been run since the script was edited, and every cell has been executed in order."""
+    import jupytext  # slow to import
+    import nbformat
+
     script, notebook = jupytext.read(path), nbformat.read(FOLDER / f"{path.stem}.ipynb", as_version=4)
     assert [(c.cell_type, c.source) for c in notebook.cells] == [(c.cell_type, c.source) for c in script.cells]
     counts = [cell.execution_count for cell in notebook.cells if cell.cell_type == "code"]
@@ -178,6 +179,8 @@ def test_notebook_imports_truewrench_alone(path: Path) -> None:
 
 
 def test_notebooks_begin_with_a_question_and_end_with_its_answer() -> None:
+    import jupytext  # slow to import
+
     for path in NOTEBOOKS:
         cells = [cell.source for cell in jupytext.read(path).cells if cell.cell_type == "markdown"]
         assert "**The question: " in cells[0], path

@@ -12,7 +12,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-import setuptools
 
 import truewrench as tw
 from docs.generator.dependency_table import FILE, dependency_file, dependency_table
@@ -80,6 +79,8 @@ def environment_with(wheel: Path, folder: Path) -> Path:
 
     A path in a `.pth` file is searched, but the `.pth` files of that folder, an editable installation's, are not read.
     """
+    import setuptools  # slow to import
+
     venv.create(folder, with_pip=False)
     site = next(folder.glob("lib/python*/site-packages"))
     python = folder / "bin" / "python"

@@ -12,7 +12,6 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-import pinocchio
 import pytest
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
@@ -129,6 +128,8 @@ def by_mujoco(text: str, motion: Motion) -> Array:
 
 def by_pinocchio(text: str, motion: Motion) -> Array:
     """The same of Pinocchio's recursive Newton-Euler algorithm, of a robot on a free flyer."""
+    import pinocchio  # slow to import
+
     model = pinocchio.buildModelFromXML(text, pinocchio.JointModelFreeFlyer())
     model.gravity.linear[:] = GRAVITY
     q = np.concatenate([np.zeros(3), motion.turn.as_quat()])

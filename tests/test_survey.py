@@ -14,11 +14,9 @@ from pathlib import Path
 from threading import Thread
 from time import sleep
 
-import dask
 import pandas as pd
 import psutil
 import pytest
-from distributed import Client
 
 import truewrench as tw
 from benchmarks.dask_processes import DaskProcesses, dask_processes
@@ -263,6 +261,8 @@ def test_killed_worker_costs_no_row(tmp_path: Path, cluster: DaskProcesses) -> N
 
 def test_dask_client_is_an_executor(tmp_path: Path, cluster: DaskProcesses) -> None:
     paths = files(tmp_path, 3)
+    from distributed import Client  # slow to import
+
     with Client(cluster.address, set_as_default=False) as client:
         assert lengths(survey(paths, executor=client, work=stand_in.quick)) == [1, 2, 3]
         assert lengths(survey(paths, executor=client, work=stand_in.quick)) == [1, 2, 3]  # it is still the caller's
@@ -284,6 +284,8 @@ def test_recording_that_differs_where_it_is_diagnosed(tmp_path: Path, one: Execu
 def test_recording_that_kills_its_workers_is_one_row(tmp_path: Path) -> None:
     paths = files(tmp_path, 6)
     paths[2].write_text("poison")
+    import dask  # slow to import
+
     with dask.config.set({"distributed.scheduler.allowed-failures": 1}):  # 3 by default: each death costs a new process
         found = survey(paths, out=tmp_path / "out", workers=2, work=stand_in.deadly)
     errors = [row.outcome.error for row in found.rows]

@@ -26,8 +26,11 @@ THETA = sp.Matrix([*BIASES, MASS, MLG, INERTIA])
 """Parameter vector of 22.6."""
 MOTION_FUNCTIONS = sp.symbols("M1:5", real=True)
 
-A_GX, A_GY = (sp.simplify(sp.expand(centre_of_mass(2).dot(axis))) for axis in (ALONG_X, ALONG_Y))
-"""Components of a_G along x' and y'."""
+A_GX, A_GY = (
+    sp.expand(sp.expand(centre_of_mass(2).dot(axis)).subs(sp.sin(PHI) ** 2, 1 - sp.cos(PHI) ** 2))
+    for axis in (ALONG_X, ALONG_Y)
+)
+"""Components of a_G along x' and y', without squares of sines: SymPy's simplify finds the same in a second."""
 
 PRINTED_22_8 = sp.Matrix(
     [

@@ -9,9 +9,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
 
 MISSING = "Chromium is missing: apt-get install chromium (Debian), or name its program in the variable CHROMIUM"
 WAIT = 90_000
@@ -29,6 +32,8 @@ def chromium() -> str:
 @contextmanager
 def browser() -> Iterator[Browser]:
     """Chromium, without a window; whoever runs tests as root has no sandbox."""
+    from playwright.sync_api import sync_playwright  # slow to import
+
     program = chromium()
     with sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])

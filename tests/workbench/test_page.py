@@ -5,13 +5,16 @@ from __future__ import annotations
 import gzip
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from playwright.sync_api import Browser, Page
 
 from tests.workbench.browser import browser, idle, ready, workbench
 from tests.workbench.test_request_guard import answer
 from truewrench.files import demonstration
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
 
 pytest.importorskip("mujoco")
 
