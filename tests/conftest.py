@@ -15,7 +15,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
 settings.register_profile("seeded", derandomize=True, max_examples=60)
@@ -25,9 +24,6 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 KEPT = Path(__file__).resolve().parents[1] / ".pytest_cache" / "derivations"
 os.environ.setdefault("TRUEWRENCH_CACHE", str(KEPT))
 gc.set_threshold(100_000, 20, 20)
-
-NO_TIME = 0.005
-"""Seconds; `--durations` shows what took longer."""
 
 Made = pytest.Item | pytest.Collector | list[pytest.Item | pytest.Collector] | None
 """What pytest makes of a name of a module or class."""
@@ -73,21 +69,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     others = [item for item in items if not _seconds(item)]
     middle = max(0, len(items) // 2 - len(longest[::2]))
     items[:] = [*longest[::2], *others[:middle], *longest[1::2], *others[middle:]]
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
-    """Send half of xdist's six messages of a test: each wakes the process that reports, a millisecond in all.
-
-    Left out are the test's start, and its set-up and tear-down where they passed in no time.
-    """
-    if not hasattr(item.config, "workerinput"):
-        return None
-    for report in runtestprotocol(item, log=False, nextitem=nextitem):
-        if report.when == "call" or not report.passed or report.duration > NO_TIME:
-            item.ihook.pytest_runtest_logreport(report=report)
-    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
-    return True
 
 
 @pytest.hookimpl(wrapper=True)
