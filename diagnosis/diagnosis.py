@@ -37,6 +37,7 @@ from diagnosis.verdict.selection_step import (
     selection_steps,
 )
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
+from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
@@ -184,6 +185,7 @@ class Diagnosis(Tabular):
             "steps": [s.to_data() for s in self.steps],
             "effects": [f.to_data() for f in self.findings],
             "parameters": estimates_data(self.fit.parameters),
+            "tool_unknown": unknown_tool_reason(self.steps[-1].training, self.fit.model) or None,
             "zero_shift": None if self.zero_shift is None else dict(self.zero_shift),
             "validation_own": [disturbance_data(d) for d in self.disturbances] if self.steps[0].validation else None,
             "unexplained": None if self.unexplained is None else unexplained_data(self.unexplained),

@@ -17,6 +17,7 @@ from benchmarks.single_run import SingleRun
 from diagnosis.comparison.comparison import comparison_of
 from diagnosis.verdict.motion_notes import inertial_share, motion_notes, orientation_share
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
+from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
 from estimation.fit import Fit, fit
@@ -24,7 +25,7 @@ from estimation.recordings.motion_limits import motion_limits
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
-from modeling.rig.rig import Rig
+from modeling.rig.rig import SPATIAL_CHANNELS, Rig
 from truewrench.simulated_rig import (
     CableSpring,
     GravityTilt,
@@ -38,7 +39,8 @@ from truewrench.simulated_rig import (
     ViscousDrag,
     simulate,
 )
-from truewrench.text.tool_text import tool_text, unknown_tool_reason
+from truewrench.text.fit_summary import FitSummary
+from truewrench.text.tool_text import tool_text
 
 pytest.importorskip("mujoco")
 
@@ -123,6 +125,16 @@ def test_an_unrecorded_acceleration_is_recognised_whatever_it_biases(motion: str
         "Tool: not known, as what the model lacks is an acceleration that was not recorded, or a contact: "
         "log the position."
     )
+
+
+def test_no_parameter_of_an_unknown_tool_is_printed_as_known() -> None:
+    frame = SingleRun(noise="white", motion="point to point", seed=7004).frame()
+    for position, known in ((POSITION, True), ([], False)):
+        columns = [c for c in frame if c in {"time", *ORIENTATION, *SPATIAL_CHANNELS, *position}]
+        fitted = fit(spatial(), recorded(frame[columns], rig=None))
+        found = FitSummary(fitted, fitted.intervals())
+        table, _ = found.parameters().split("(m mass")
+        assert (table.count("±"), table.count("not known")) == ((16, 0) if known else (0, 16))
 
 
 OTHERS = [effect() for effect in (CableSpring, ViscousDrag, GravityTilt, SensorRotation, TimeDelay, SensorLag, Magnet)]

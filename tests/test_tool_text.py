@@ -15,6 +15,7 @@ from benchmarks.unlisted_physics import GuidingHand
 from diagnosis.comparison.comparison import comparison_of
 from diagnosis.comparison.residual_spectrum import ResidualSpectrum
 from diagnosis.comparison.slow_residual import SlowResidual, foreign_forces
+from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from estimation.confidence_intervals import intervals
 from estimation.fit import Fit, fit
 from estimation.recordings.recording import Recording
@@ -22,7 +23,7 @@ from modeling.chain.model import spatial
 from modeling.rig.rig import Convention
 from truewrench.simulated_rig import HiddenEffect, simulate
 from truewrench.text.fit_summary import FitSummary
-from truewrench.text.tool_text import tool_text, unknown_tool_reason
+from truewrench.text.tool_text import tool_text
 
 pytest.importorskip("mujoco")
 

@@ -9,6 +9,7 @@ from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.motion_notes import motion_notes
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual
+from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
@@ -18,7 +19,7 @@ from truewrench.effect_description import parameter_meaning
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.text.step_names import step_names
 from truewrench.text.tool_extent import tool_extent_text
-from truewrench.text.tool_text import tool_text, unknown_tool_reason
+from truewrench.text.tool_text import tool_text
 from truewrench.text.verdict_words import (
     CANDIDATES_NOTE,
     RECORD_VERDICT_LABELS,

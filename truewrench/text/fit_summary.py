@@ -12,6 +12,7 @@ from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.verdict.motion_notes import lacks_acceleration, motion_notes
 from diagnosis.verdict.unexplained_residual import describe_residual
+from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.upper_limit import channel_tolerance
 from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
 from estimation.fit import Fit
@@ -28,13 +29,17 @@ from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.data_set import DataSet, frame_sentences, frames_data
 from truewrench.text.tool_extent import tool_extent_text
-from truewrench.text.tool_text import LEGEND, tool_text, unknown_tool_reason
+from truewrench.text.tool_text import LEGEND, tool_text
 
 ADVICE = (
     "`truewrench diagnose` with the same recordings tests every effect that could explain it; by hand, in Python,"
     " tw.study(...).suspects() does."
 )
 """After where a model fails: what to do about it."""
+
+
+NOT_KNOWN = "not known"
+"""In place of an interval where the readings do not say what the tool weighs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +110,11 @@ class FitSummary:
         return "\n".join(["The model fits: the residual is consistent with the noise.", *self.notes])
 
     @cached_property
+    def unknown_tool(self) -> str:
+        """Why the readings do not say what the tool weighs, empty where they do: parameters have no std then."""
+        return unknown_tool_reason(self.comparisons, self.fit.model)
+
+    @cached_property
     def slow(self) -> tuple[SlowResidual, ...]:
         """The significant slow parts of the residuals of single runs."""
         return slow_residuals(self.comparisons)
@@ -120,7 +130,7 @@ class FitSummary:
         names = ("parameter", "value", f"{self.intervals.level:.0%} interval", "degrees of freedom")
         found = Table.of(names, self._parameter_rows())
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
-        unknown = unknown_tool_reason(self.comparisons, self.fit.model)
+        unknown = self.unknown_tool
         tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), unknown=unknown)) else []
         tool += [text] if not unknown and (text := tool_extent_text(self.fit)) else []
         return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
@@ -130,16 +140,21 @@ class FitSummary:
         ends = zip(known.low, known.high, known.freedom, strict=True)
         for estimate, (low, high, freedom) in zip(self.fit.parameters.values(), ends, strict=True):
             row = (estimate.name, self._estimate(estimate))
-            if estimate.std == 0 or not isfinite(low) or estimate.name in self.fit.held:
+            if self.unknown_tool:
+                yield (*row, NOT_KNOWN, "")
+            elif estimate.std == 0 or not isfinite(low) or estimate.name in self.fit.held:
                 yield (*row, "", "")
             else:
                 count = f"{freedom:.3g}" if freedom < MAX_DEGREES_OF_FREEDOM else "many"
                 yield (*row, f"{low:.6g} to {high:.6g}", count)
 
     def _estimate(self, found: Estimate) -> str:
-        """Value and std; of one that a bound holds the value alone."""
+        """Value and std; of one that a bound holds, or of a tool that is not known, the value alone."""
+        unit = "" if found.unit == "1" else f" {found.unit}"
         if found.std > 0 and found.name in self.fit.held:
-            return " ".join([f"{found.value:.6g}", *([] if found.unit == "1" else [found.unit])]) + f", {HELD}"
+            return f"{found.value:.6g}{unit}, {HELD}"
+        if self.unknown_tool:
+            return f"{found.value:.2g}{unit}"
         return estimate_text(found.value, found.std, found.unit)
 
     def _effect_sizes(self) -> Iterator[str]:
@@ -168,7 +183,10 @@ class FitSummary:
         """JSON data in addition to the model: numbers are finite or None."""
         ends = zip(self.fit.parameters, self.intervals.low, self.intervals.high, strict=True)
         data: dict[str, Any] = {
-            "intervals": {name: [float(a), float(b)] if isfinite(a) else None for name, a, b in ends},
+            "intervals": {
+                n: [float(a), float(b)] if isfinite(a) and not self.unknown_tool else None for n, a, b in ends
+            },
+            "tool_unknown": self.unknown_tool or None,
             "condition": self.fit.condition if isfinite(self.fit.condition) else None,
             "unseen": [str(direction) for direction in self.fit.unidentifiable],
             "fits": not self.misfitting,

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import isfinite
 
-from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.slow_residual import foreign_forces
-from diagnosis.verdict.motion_notes import lacks_acceleration
 from estimation.fit import Fit
 from estimation.static.centre_of_mass import CentreOfMass
-from modeling.chain.model import WrenchModel
 from modeling.number_format import estimate_text
 from modeling.space import Space
 
@@ -27,16 +22,6 @@ BIASED = "the model does not fit, and what it lacks biases these"
 SIGNIFICANT = 5.0
 """Std of a mass from which there is one."""
 WEIGHTLESS = "these readings hold no weight; was the tool compensated already?"
-FOREIGN = "is not the tool's: contact, another load or a disturbance"
-UNRECORDED = "what the model lacks is an acceleration that was not recorded, or a contact: log the position"
-
-
-def unknown_tool_reason(comparisons: Sequence[Comparison], model: WrenchModel) -> str:
-    """Why the readings do not say what the tool weighs, empty where they do."""
-    if comparisons and all(lacks_acceleration([comparison], model) for comparison in comparisons):
-        return UNRECORDED
-    foreign = foreign_forces(comparisons)
-    return f"most of what {', '.join(foreign)} read {FOREIGN}" if foreign else ""
 
 
 def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
 from diagnosis.comparison.residual_map import ResidualMap
 from diagnosis.screening.suspects import Suspects
+from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.verdict import EffectVerdict
 from estimation.recordings.recording import Recording
 from estimation.recordings.reports.reading_report import StepKind
@@ -24,7 +25,7 @@ from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
 from truewrench.files.data_set import DataSet, frame_sentences
 from truewrench.reports.effect_row import effect_row
-from truewrench.text.tool_text import tool_text, unknown_tool_reason
+from truewrench.text.tool_text import tool_text
 from truewrench.text.verdict_words import (
     RECORD_VERDICT_LABELS,
     disturbance_sentences,
