@@ -99,9 +99,9 @@ class PlayedRecord:
 
     def total_derivative(self, derivative: Array) -> Array:
         """dP/dx dx + dP/dw dw (n, p, k), for the derivative dx of the load."""
+        if not derivative.shape[2]:
+            return derivative
         found = self.through(derivative)
-        if not found.shape[2]:
-            return found
         by_width = np.concatenate([run.by_width for run in self.runs])
         return np.asarray(found + by_width[:, :, None] * self.record.constant("play")[1])
 
