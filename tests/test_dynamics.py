@@ -131,6 +131,15 @@ def test_no_width_is_no_play() -> None:
     np.testing.assert_array_equal(played.by_width, narrow.by_width)
 
 
+@pytest.mark.parametrize("width", [0.0, 0.4, 2.0, 50.0])
+def test_of_noise_each_sample_is_followed(width: float) -> None:
+    """Between turning points that all push, that partly do, and none of which does."""
+    noise = np.random.default_rng(5).normal(size=(500, 2))
+    widths = np.array([width, 0.0])
+    played = PlayResponse.of(noise, widths, periodic=False, smooth=False)
+    np.testing.assert_allclose(played.reading, pushed(noise, widths, noise[0]), atol=1e-14)
+
+
 def test_what_is_never_pushed_stays_where_it_began() -> None:
     series = load(100)
     played = PlayResponse.of(series, np.full(3, 1e3), periodic=False)

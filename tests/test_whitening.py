@@ -131,6 +131,18 @@ def test_innovations_of_known_noise_are_white(samples: int) -> None:
     np.testing.assert_allclose(rows, np.eye(len(w)), atol=1e-10)  # rounding, noise powers from 1e-3 to 10
 
 
+@pytest.mark.parametrize("first", [3, 7])
+def test_innovations_are_what_the_past_does_not_predict(first: int) -> None:
+    """Also of channels that are zero, and of a series that ends before its first innovation."""
+    model = NoiseModel(np.eye(2), np.array([[0.5, 0.1], [-0.2, 0.3], [0.1, 0.2]]))
+    series = np.random.default_rng(3).normal(size=(4, 2, 30))
+    series[1, 0], series[2] = 0.0, 0.0
+    past = sum(model.coefficients[lag - 1][:, None] * series[..., first - lag : 30 - lag] for lag in (1, 2, 3))
+    np.testing.assert_allclose(model.innovations(series, first), series[..., first:] - past, atol=1e-14)
+    assert not model.innovations(series, first)[2].any()
+    assert model.innovations(series[..., :2], first).shape == (4, 2, 0)
+
+
 def test_coefficients_are_those_of_least_squares() -> None:
     """Over all samples whose past is free of events, those that only a lower order can use included."""
     rng = np.random.default_rng(1)

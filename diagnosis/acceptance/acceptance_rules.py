@@ -12,12 +12,12 @@ import numpy as np
 from diagnosis.acceptance.coefficient_consistency import inconsistent_effect
 from diagnosis.acceptance.foreign_residual import effect_of_foreign_residual
 from diagnosis.acceptance.held_out import HeldOut
-from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
+from diagnosis.comparison.comparison import comparison_of, noise_from_residual
 from diagnosis.comparison.data_split import half_splits
 from diagnosis.comparison.removed_share import remaining_power, removed_power
 from diagnosis.selection.subset_search import CandidateModel
 from diagnosis.verdict_rule import VerdictRule
-from estimation.fit import Fit, refit, with_ordinary_estimate
+from estimation.fit import Fit, refit
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from modeling.significance import LEVELS
 from modeling.tool.rigid_body import inertial_parameters
@@ -125,14 +125,14 @@ class AcceptanceEvidence:
         """Of single runs alone the effect that removes least, if less than what remains and `LEAST_SHARE` of all."""
         if any(noise.source is not NoiseSource.RESIDUAL for noise in self.candidate.fit.noise):
             return None
-        whole = _comparisons(self.candidate)
+        whole = self.candidate.reported
         remains = remaining_power(whole)
         if not remains:
             return None
         smaller = self.candidate.without_each()
-        removed = {i: removed_power(_comparisons(without), whole) for i, without in smaller.items()}
+        removed = {i: removed_power(without.reported, whole) for i, without in smaller.items()}
         least = min(removed, key=lambda effect_id: removed[effect_id])
-        limit = min(remains, LEAST_SHARE * (removed_power(_comparisons(self.base), whole) + remains))
+        limit = min(remains, LEAST_SHARE * (removed_power(self.base.reported, whole) + remains))
         return least if removed[least] < limit else None
 
     @cached_property
@@ -144,12 +144,6 @@ class AcceptanceEvidence:
             return ids[0]
         costs = {i: smaller.cost for i, smaller in self.candidate.without_each().items() if i in ids}
         return min(costs, key=lambda effect_id: costs[effect_id])
-
-
-def _comparisons(candidate: CandidateModel) -> list[Comparison]:
-    """Its recordings with its prediction as reported, by ordinary least squares where a run has no other noise."""
-    reported = with_ordinary_estimate(candidate.fit)
-    return [comparison_of(reported, i) for i in range(len(reported.recordings))]
 
 
 def _cost(fitted: Fit, noise: Sequence[RecordingNoise]) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from diagnosis.comparison.comparison import comparison_of, noise_from_residual
+from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
 from diagnosis.parallel.progress import CountCallback, Progress, count_progress, silent
 from diagnosis.parallel.workers import Workers
 from diagnosis.screening.null_model import NullModel
@@ -20,7 +20,7 @@ from diagnosis.screening.score_test import (
 )
 from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.selection.offset_test import refit_in_own_noise, with_offsets_tested
-from estimation.fit import Fit, refit, shared_objects
+from estimation.fit import Fit, refit, shared_objects, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi_square_penalty
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
@@ -98,6 +98,12 @@ class CandidateModel:
     def lack_of_fit(self) -> float:
         """P-value of lack of fit in any recording, Bonferroni-corrected for their number."""
         return bonferroni_p_value([comparison_of(self.fit, i).lack_of_fit for i in range(len(self.fit.recordings))])
+
+    @cached_property
+    def reported(self) -> tuple[Comparison, ...]:
+        """Its recordings with its prediction as reported, by ordinary least squares where a run has no other noise."""
+        fitted = with_ordinary_estimate(self.fit)
+        return tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
 
     @property
     def adequate(self) -> bool:

@@ -259,8 +259,7 @@ class AutoregressiveWhitener(Whitener):
     def _whiten(self, means: Array, rows: Array) -> None:
         """Write the whitened innovations of block means (c, p, blocks) into rows (c, blocks - order, p)."""
         order = self.noise.order
-        for channel, white in whitened_by_channel(self.noise.root, self.noise.innovations(means)):
-            rows[:, :, channel] = white
+        np.matmul(self.noise.innovations(means).swapaxes(1, 2), self.noise.root.T, out=rows)
         if self.event_noise is not None:
             self._whiten_events(means, rows, self.event_noise)
         if self.weights is not None:
@@ -270,8 +269,7 @@ class AutoregressiveWhitener(Whitener):
         order = self.noise.order
         for start, end in self.events:
             first, last = max(start, order), max(end, order)
-            for channel, white in whitened_by_channel(noise.root, means[:, :, first:last]):
-                rows[:, first - order : last - order, channel] = white
+            rows[:, first - order : last - order] = means[:, :, first:last].swapaxes(1, 2) @ noise.root.T
             rows[:, last - order : end] = 0.0
 
     def steady_state(self, values: Array) -> Array:

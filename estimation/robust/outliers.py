@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
 from estimation.distributions import normal_isf
-from estimation.noise.power_spectrum import MIN_ORDINATES, smooth_power_spectrum
+from estimation.noise.power_spectrum import MIN_ORDINATES, power_levels, smooth_power_spectra
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
 from estimation.robust.robust_loss import Loss
@@ -62,12 +62,11 @@ def inverse_covariance_filter(recording: Recording, residual: Array) -> InverseC
         return InverseCovarianceFilter(np.ones(residual.shape[1:]))
     frequency = np.arange(1, once) / (2 * once * sample_step(recording))
     power = (dct(residual, axis=1, norm="ortho") ** 2).mean(axis=0)[1:]
-    weights = np.zeros(residual.shape[1:])
-    for channel, ordinates in enumerate(power.T):
-        # A cosine line has one degree of freedom where a Fourier line has two: half the shape.
-        spectrum = smooth_power_spectrum(frequency, ordinates, shape=len(residual) / 2)
-        weights[1:, channel] = np.where(spectrum.tones, 0.0, 1 / spectrum(frequency))
-        weights[0, channel] = 1 / spectrum(frequency[:1])[0]
+    # A cosine line has one degree of freedom where a Fourier line has two: half the shape.
+    spectra = smooth_power_spectra(frequency, power, shape=len(residual) / 2)
+    inverse = 1 / power_levels(spectra, frequency)
+    tones = np.stack([spectrum.tones for spectrum in spectra], axis=1)
+    weights = np.concatenate([inverse[:1], np.where(tones, 0.0, inverse)])
     return InverseCovarianceFilter(weights)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +37,17 @@ class PlayResponse:
 
         Raises InputError for a negative width.
         """
+        columns = np.ascontiguousarray(np.transpose(load), dtype=float)
+        turns = [TurningPoints.of(column, periodic=periodic, smooth=smooth) for column in columns]
+        return cls.turning(columns, turns, width, periodic=periodic)
+
+    @classmethod
+    def turning(cls, load: Array, turns: Sequence[TurningPoints], width: Array, *, periodic: bool) -> PlayResponse:
+        """`of` a load (p, n) whose turning points are known, one entry a channel."""
         if np.any(np.asarray(width) < 0):
             raise InputError(what=f"the half-width {np.min(width):g} is negative", where="play", remedy="make it >= 0")
-        columns = np.ascontiguousarray(np.transpose(load), dtype=float)
-        turns = (TurningPoints.of(column, periodic=periodic, smooth=smooth) for column in columns)
-        return cls(
-            tuple(ChannelPlay.of(*each, periodic) for each in zip(columns, turns, map(float, width), strict=True))
-        )
+        each = zip(load, turns, map(float, width), strict=True)
+        return cls(tuple(ChannelPlay.of(*channel, periodic) for channel in each))
 
     @property
     def reading(self) -> Array:
@@ -76,9 +82,10 @@ class PlayedRecord:
         """Of a load (n, p), with the half-widths at the record's parameters."""
         width = record.vectors("play").value({}, record.theta, 1)[0]
         periodic, smooth = record.clock.periodic, record.dt is not None
-        return cls(
-            record, tuple(PlayResponse.of(r, width, periodic=periodic, smooth=smooth) for r in record.runs(load))
-        )
+        several = np.stack([run.T for run in record.runs(load)])
+        turns = _turning_points(several.tobytes(), several.shape, periodic, smooth)
+        runs = zip(several, turns, strict=True)
+        return cls(record, tuple(PlayResponse.turning(*run, width, periodic=periodic) for run in runs))
 
     @property
     def reading(self) -> Array:
@@ -92,11 +99,20 @@ class PlayedRecord:
 
     def total_derivative(self, derivative: Array) -> Array:
         """dP/dx dx + dP/dw dw (n, p, k), for the derivative dx of the load."""
+        if not derivative.shape[2]:
+            return derivative
         found = self.through(derivative)
-        if not found.shape[2]:
-            return found
         by_width = np.concatenate([run.by_width for run in self.runs])
         return np.asarray(found + by_width[:, :, None] * self.record.constant("play")[1])
+
+
+@lru_cache(maxsize=1)
+def _turning_points(
+    load: bytes, shape: tuple[int, int, int], periodic: bool, smooth: bool
+) -> tuple[tuple[TurningPoints, ...], ...]:
+    """Turning points of each run and channel of a load (runs, p, n); kept for the last: many widths are tried on it."""
+    runs = np.frombuffer(load).reshape(shape)
+    return tuple(tuple(TurningPoints.of(column, periodic=periodic, smooth=smooth) for column in run) for run in runs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +135,7 @@ class ChannelPlay:
         states = _PlayStates.along(turns, width, load[0])
         if periodic:
             states = _PlayStates.along(turns, width, states.reading[-1], states.side[-1], states.source[-1])
-        branch = np.searchsorted(turns.place, np.arange(len(load)), side="left")
+        branch = turns.branch
         upwards = _directions(load, turns)[branch]
         held = states.reading[branch]
         pushed = upwards * (load - held) >= width
@@ -157,12 +173,24 @@ class _PlayStates:
     def along(
         cls, turns: TurningPoints, width: float, reading: float, side: float = 0.0, source: int = -1
     ) -> _PlayStates:
-        states = [(float(reading), float(side), int(source))]
-        for number, (crest, height) in enumerate(zip(turns.crest.tolist(), turns.height.tolist(), strict=True)):
-            pushes = crest * (height - states[-1][0]) >= width
-            states.append((height - crest * width, -crest, number) if pushes else states[-1])
-        readings, sides, sources = zip(*states, strict=True)
-        return cls(np.array(readings), np.array(sides), np.array(sources, dtype=np.intp))
+        """From the reading, side and source at the first sample; at each turning point the load pushes or not."""
+        crest, height = turns.crest, turns.height
+        each = height - crest * width  # the reading where it pushes
+        pushing = crest * (height - np.append(reading, each)[:-1]) >= width
+        if not pushing.all():  # else all do, as without play, and each finds the reading of the one before
+            pushing = _pushing(crest, height, each, width, float(reading))
+        last = np.append(0, np.cumsum(pushing))
+        readings, sides = np.append(reading, each[pushing]), np.append(side, -crest[pushing])
+        return cls(readings[last], sides[last], np.append(source, np.flatnonzero(pushing))[last])
+
+
+def _pushing(crest: Array, height: Array, each: Array, width: float, reading: float) -> NDArray[np.bool_]:
+    """Whether the load pushes at each of K turning points, (K,), where the reading is then `each` (K,)."""
+    found = np.zeros(len(crest), dtype=bool)
+    for number, (up, top, pushed) in enumerate(zip(crest.tolist(), height.tolist(), each.tolist(), strict=True)):
+        if up * (top - reading) >= width:
+            found[number], reading = True, pushed
+    return found
 
 
 def _directions(load: Array, turns: TurningPoints) -> Array:

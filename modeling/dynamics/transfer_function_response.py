@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy  # loads scipy.fft with its first use
 from numpy.typing import NDArray
@@ -35,11 +37,12 @@ def _filtered_run(record: MotionRecord, series: Array, slope: int | None) -> Arr
     omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, record.dt), dtype=np.float64)
     gain, slopes = record.transfer(omega, record.theta)
     factor = gain if slope is None else slopes[slope]
-    columns = series.T.reshape(-1, len(series))
-    found = np.empty(columns.shape)
-    for first in range(0, len(found), at_once := max(1, FILTER_BATCH // length)):
-        part = slice(first, first + at_once)
-        lines = scipy.fft.rfft(_reflected_ends(columns[part], before, after))
+    columns, ends = series.T.reshape(-1, len(series)), _Ends.of(before, after)
+    found = np.zeros(columns.shape)
+    moving = np.flatnonzero(columns.any(axis=1))  # what is zero stays zero: most of a load's derivatives
+    for first in range(0, len(moving), at_once := max(1, FILTER_BATCH // length)):
+        part = moving[first : first + at_once]
+        lines = scipy.fft.rfft(ends.added_to(columns[part]))
         lines *= factor
         found[part] = scipy.fft.irfft(lines, n=length, overwrite_x=True)[:, before : length - after]
     return found.reshape(series.T.shape).T
@@ -52,12 +55,35 @@ def _extension(samples: int) -> tuple[int, int]:
     return least, min(after, samples - 1)
 
 
-def _reflected_ends(series: Array, before: int, after: int) -> Array:
-    """Series (c, n) extended by point reflections at both ends, cross-faded so that they close periodically."""
-    if not before:
-        return series
-    first = 2 * series[:, :1] - series[:, before:0:-1]
-    last = 2 * series[:, -1:] - series[:, -2 : -after - 2 : -1]
-    rise, fall = (0.5 - 0.5 * np.cos(np.linspace(0, np.pi, before)), 0.5 + 0.5 * np.cos(np.linspace(0, np.pi, after)))
-    middle = (series[:, :1] + series[:, -1:]) / 2
-    return np.concatenate([middle + (first - middle) * rise, series, middle + (last - middle) * fall], axis=1)
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """Ends of a run, cross-faded so that it closes periodically.
+
+    rise  (before,) weights of the point reflection at the start, from 0 to 1
+    fall  (after,) weights of that at the end, from 1 to 0
+    """
+
+    rise: Array
+    fall: Array
+
+    @classmethod
+    def of(cls, before: int, after: int) -> _Ends:
+        """Of as many samples before and after a run; 0 for a run that is periodic already."""
+        rise, fall = np.cos(np.linspace(0, np.pi, before)), np.cos(np.linspace(0, np.pi, after))
+        return cls(0.5 - 0.5 * rise, 0.5 + 0.5 * fall)
+
+    def added_to(self, series: Array) -> Array:
+        """Series (c, n) extended by their point reflections at both ends, (c, before + n + after)."""
+        before, after, samples = len(self.rise), len(self.fall), series.shape[1]
+        if not before:
+            return series
+        whole = np.empty((len(series), before + samples + after))
+        first, own, last = np.split(whole, [before, before + samples], axis=1)
+        middle = (series[:, :1] + series[:, -1:]) / 2
+        own[:] = series
+        np.subtract(2 * series[:, :1] - middle, series[:, before:0:-1], out=first)
+        np.subtract(2 * series[:, -1:] - middle, series[:, -2 : -after - 2 : -1], out=last)
+        for part, weights in ((first, self.rise), (last, self.fall)):
+            part *= weights
+            part += middle
+        return whole

@@ -26,6 +26,7 @@ class TurningPoints:
     height   (K,), extremal value in the unit of the series
     samples, weights   (K, m) each: height = sum of weights · series[samples]. As an extremum is stationary in its
              position, the weights are also the exact derivative of the height in those samples
+    branch   (n,), number of turning points before each sample of the series
     """
 
     place: Array
@@ -33,6 +34,7 @@ class TurningPoints:
     height: Array
     samples: Indices
     weights: Array
+    branch: Indices
 
     @classmethod
     def of(cls, series: Array, *, periodic: bool, smooth: bool) -> TurningPoints:
@@ -53,7 +55,9 @@ class TurningPoints:
             accepted = beyond & ~_after_constant_section(series, at)
             offset = np.where(accepted, shift, offset)
             weights = np.where(accepted[:, None], interpolation, weights)
-        return cls(at + offset, crest, np.sum(weights * around, axis=1), samples, weights)
+        place = at + offset
+        branch = np.searchsorted(place, np.arange(len(series)), side="left")
+        return cls(place, crest, np.sum(weights * around, axis=1), samples, weights, branch)
 
 
 def _turns(series: Array, periodic: bool) -> tuple[Array, Indices]:
@@ -92,11 +96,19 @@ def _extrema(around: Array, centre: Indices) -> tuple[Array, Array]:
     origin = centre - (size - 1) / 2
     z = origin - _ratio(after - before, 2 * (after - 2 * extremum + before))
     for _ in range(NEWTON_CORRECTIONS):
-        monomials = np.vander(z, size - 1, increasing=True)
+        monomials = _monomials(z, size - 1)
         slope = np.einsum("ij,ij->i", by_place, monomials)
         curvature = np.einsum("ij,ij->i", by_place_twice, monomials[:, :-1])
         z = np.clip(z - _ratio(slope, curvature), origin - 0.5, origin + 0.5)
-    return z - origin, np.vander(z, size, increasing=True) @ to_powers
+    return z - origin, _monomials(z, size) @ to_powers
+
+
+def _monomials(place: Array, count: int) -> Array:
+    """Powers 0 to count - 1 of places (K,), (K, count)."""
+    found = np.ones((count, len(place))).T
+    for power in range(1, count):
+        np.multiply(found[:, power - 1], place, out=found[:, power])
+    return found
 
 
 def _ratio(numerator: Array, denominator: Array) -> Array:

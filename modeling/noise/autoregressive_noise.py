@@ -146,10 +146,18 @@ class NoiseModel(StationaryNoise):
     def innovations(self, series: Array, first: int | None = None) -> Array:
         """Innovations (..., p, n - first) of a series (..., p, n) from sample `first`, by default the order, on."""
         first, count = self.order if first is None else first, series.shape[-1]
-        innovation = series[..., first:].copy()
-        for lag, past in enumerate(self.coefficients, start=1):
-            innovation -= past[:, None] * series[..., first - lag : max(count - lag, 0)]
-        return innovation
+        if not self.order or count <= first:
+            return series[..., first:].copy()
+        each = series[..., first - self.order :].reshape(-1, len(self.covariance), count - first + self.order)
+        found = np.zeros((*each.shape[:2], count - first))
+        for column, channel in np.argwhere(each.any(axis=2)).tolist():  # most derivatives are zero in most channels
+            found[column, channel] = np.convolve(each[column, channel], self._filters[channel], "valid")
+        return found.reshape(*series.shape[:-1], count - first)
+
+    @cached_property
+    def _filters(self) -> Array:
+        """From a series to its innovations, (p, order + 1): 1, and the coefficients with the other sign."""
+        return np.column_stack([np.ones(len(self.covariance)), -self.coefficients.T])
 
     def whitened_chunk(self, series: Array, history: int = 0) -> Array:
         """Innovations of unit variance (..., p, rows) of a series (..., p, n) after its first `history` samples.
