@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 from modeling import symbolic as sp
 from modeling.parameter import Parameter
@@ -51,23 +50,32 @@ def newton_euler(body: RigidBody, lift: sp.Matrix, omega: sp.Matrix, alpha: sp.M
     powers of r by moments: 1 by the mass, r_i by the first moment, r_i r_j by the second moments
     Sigma = tr(I)/2 - I.
     """
-    moments = (body.mass, tuple(body.first_moment), tuple(body.inertia))
-    force, torque = _newton_euler(moments, tuple(lift), tuple(omega), tuple(alpha))
-    return sp.Matrix(force), sp.Matrix(torque)
+    general = _general_newton_euler()
+    given = (body.mass, *body.first_moment, *body.inertia, *lift, *omega, *alpha)
+    values = dict(zip(general.symbols, given, strict=True))
+    return general.force.xreplace(values), general.torque.xreplace(values)
 
 
-@lru_cache(maxsize=64)
-def _newton_euler(
-    moments: tuple[Any, ...], lift: tuple[Any, ...], omega: tuple[Any, ...], alpha: tuple[Any, ...]
-) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """`newton_euler` of tuples, cached: most effects change neither body nor motion."""
-    body = RigidBody(moments[0], sp.Matrix(moments[1]), sp.Matrix(3, 3, moments[2]))
-    r = sp.Matrix(sp.symbols("r_1 r_2 r_3"))
-    rate = sp.Matrix(omega)
-    element = sp.Matrix(lift) + sp.Matrix(alpha).cross(r) + rate.cross(rate.cross(r))
+@dataclass(frozen=True)
+class _NewtonEuler:
+    """Force and torque (3, 1) of any body: mass, first moment, inertia by rows, lift, omega and alpha are `symbols`."""
+
+    symbols: tuple[sp.Symbol, ...]
+    force: sp.Matrix
+    torque: sp.Matrix
+
+
+@lru_cache(maxsize=1)
+def _general_newton_euler() -> _NewtonEuler:
+    """Derived once: effects change what is put in, neither the equations nor the integral."""
+    mass, *others = symbols = sp.symbols("m s_1:4 J_1:10 f_1:4 w_1:4 a_1:4", real=True)
+    first, inertia, lift, rate, turn = (others[i:j] for i, j in ((0, 3), (3, 12), (12, 15), (15, 18), (18, 21)))
+    body = RigidBody(mass, sp.Matrix(first), sp.Matrix(3, 3, inertia))
+    r, omega = sp.Matrix(sp.symbols("r_1 r_2 r_3")), sp.Matrix(rate)
+    element = sp.Matrix(lift) + sp.Matrix(turn).cross(r) + omega.cross(omega.cross(r))
     force = element.applyfunc(lambda e: _sum_over_body(e, r, body))
     torque = r.cross(element).applyfunc(lambda e: _sum_over_body(e, r, body))
-    return tuple(force), tuple(torque)
+    return _NewtonEuler(symbols, force, torque)
 
 
 def _sum_over_body(density: sp.Expr, r: sp.Matrix, body: RigidBody) -> sp.Expr:
