@@ -168,7 +168,7 @@ def judged_by_refits(seen: Watched) -> list[Finding]:
     ]  # fmt: skip
 
 
-LONG = ("partly explained", "run beside hysteresis")
+LONG = ("partly explained", "run beside hysteresis", "more")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.long] if n in LONG else []) for n in CASES])

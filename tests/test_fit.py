@@ -145,7 +145,11 @@ def realisations(noise: str, repeats: int) -> tuple[Fit, ...]:
     )
 
 
-@pytest.mark.parametrize(("noise", "repeats"), [("white", 4), ("autoregressive", 4), ("white", 1)])
+@pytest.mark.parametrize(
+    ("noise", "repeats"),
+    [("white", 4), pytest.param("autoregressive", 4, marks=pytest.mark.long(seconds=3)),
+     pytest.param("white", 1, marks=pytest.mark.long(seconds=2))],
+)  # fmt: skip
 def test_intervals_cover_the_truth(noise: str, repeats: int) -> None:
     """95 % intervals of 6 parameters in 60 realisations of the noise.
 

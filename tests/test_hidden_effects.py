@@ -106,8 +106,9 @@ FOUND = {
     "time_delay, six axes": Hidden(SpatialRig(), TimeDelay(delay=0.012), {"delay": 0.012}),
 }
 
-DAILY = ("viscous_drag", "sensor_lag", "contact_event", "gravity_tilt, six axes")
-"""Of four kinds: load, dynamics, transient, six axes; the others are in the long tier."""
+DAILY = ("viscous_drag", "sensor_lag", "contact_event")
+"""Of three kinds: load, dynamics, transient; the others are in the long tier, as are those in six axes, of which daily
+tests of single runs are."""
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, marks=[] if c in DAILY else pytest.mark.long) for c in FOUND])

@@ -141,7 +141,7 @@ OTHERS = [effect() for effect in (CableSpring, ViscousDrag, GravityTilt, SensorR
 
 
 @pytest.mark.parametrize("hidden", [None, SensorGain(), *OTHERS], ids=lambda effect: type(effect).__name__)
-@pytest.mark.parametrize("seed", [7003, 7005])
+@pytest.mark.parametrize("seed", [7003, pytest.param(7005, marks=pytest.mark.long(seconds=0.5))])
 def test_other_loads_are_not_taken_for_an_unrecorded_acceleration(hidden: HiddenEffect | None, seed: int) -> None:
     """The sensor's origin stays where it is, so that nothing is lost without its position."""
     path = point_to_point(seed)

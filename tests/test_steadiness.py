@@ -52,7 +52,7 @@ def rounded(rng: np.random.Generator, n: int) -> Array:
 LOW_PASS = {"low-pass at 0.05": low_pass(0.05), "low-pass at 0.2": low_pass(0.2)}
 RESONANCES = {f"resonance, damping {damping}": resonance(damping) for damping in (0.01, 0.003)}
 COLOURS: dict[str, Residual] = NOISES | LOW_PASS | RESONANCES | {"rounded": rounded}
-DAILY = ("white", "resonance, damping 0.01", "low-pass at 0.05")
+DAILY = ("white", "low-pass at 0.05")
 """Of the colours: the others are in the long tier."""
 colours = pytest.mark.parametrize(
     "noise", [pytest.param(c, marks=[] if c in DAILY else pytest.mark.long) for c in COLOURS]
