@@ -25,6 +25,8 @@ from modeling.chain.prediction import Prediction
 from modeling.chain.stages.bias_stage import Bias
 from modeling.evaluation import cache as store
 from modeling.evaluation.cache import DerivationCache, cached, source_digest
+from modeling.evaluation.tape_evaluation import TapeEvaluation
+from modeling.evaluation.vector_function import CompiledVector
 from modeling.parameter import Parameter
 from modeling.space import Space
 from tests.effects.cases import CASES, Case
@@ -104,6 +106,32 @@ def test_what_is_found_is_what_is_derived(case: Case, folder: Path, monkeypatch:
     for one, two, three in zip(derived, written, found, strict=True):
         np.testing.assert_array_equal(one, two)
         np.testing.assert_array_equal(one, three)
+
+
+EARLY = [case for case in CASES if case.effect.stage.number <= Stage.NONLINEARITY.number]
+LATE = [case for case in CASES if case.effect.stage.number > Stage.NONLINEARITY.number]
+
+
+@pytest.mark.parametrize("case", EARLY, ids=lambda case: f"{case.effect.id}-{case.space.name}")
+def test_parts_from_models_with_fewer_effects_are_those_derived_in_full(case: Case) -> None:
+    """Beside two effects after the load, one of which is added first: outline, values and derivatives."""
+    first, *_, last = [other.effect for other in LATE if other.space is case.space]
+    model, rng = case.plain + first + case.effect + last, np.random.default_rng(5)
+    assert model not in (model.of_load, model.of_sensor)
+    columns = model.columns
+    assert set(model.outline.parts) == set(columns)
+    prediction = Prediction(model)
+    for name, vector in columns.items():
+        part = model.outline.parts[name]
+        assert (part.inputs, part.names, part.active) == (vector.inputs, vector.names, vector.active)
+        if name != "load" or "equilibrium" not in columns:  # of a deflected load is not compiled by itself
+            compiled = prediction.vector(name).compiled
+            theta = rng.uniform(0.1, 0.5, len(part.names))
+            inputs = list(rng.uniform(0.1, 0.5, (len(part.inputs), 4)))
+            expected, found = (TapeEvaluation(c.tape) for c in (CompiledVector.of(vector), compiled))
+            if not inputs:
+                inputs = [np.zeros(1)]
+            np.testing.assert_allclose(found.values(inputs, theta), expected.values(inputs, theta), rtol=1e-9)
 
 
 def test_models_that_differ_are_kept_apart(folder: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from html import escape
@@ -15,6 +15,7 @@ from modeling.chain.chain import Chain, rigid_chain
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.stages.bias_stage import Bias
 from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
+from modeling.chain.stages.stage import Stage
 from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.evaluation.cache import PlainData, cached, canonical_data
 from modeling.expressions.intermediate_variables import Definitions, symbols_of
@@ -37,6 +38,11 @@ class ModelPart:
     names: tuple[str, ...]
     active: tuple[int, ...]
 
+    def among(self, own: Sequence[str], others: Sequence[str]) -> ModelPart:
+        """The part of a model with the parameters `own` in one with more of them, in place of its own."""
+        names = (*others, *self.names[len(own) :])
+        return ModelPart(inputs=self.inputs, names=names, active=tuple(names.index(self.names[i]) for i in self.active))
+
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOutline:
@@ -48,6 +54,9 @@ class ModelOutline:
     @classmethod
     def of(cls, model: WrenchModel) -> Self:
         """The outline of derived expressions."""
+        load, sensor = model.of_load, model.of_sensor
+        if model not in (load, sensor):
+            return cls(parts=_parts_in(model, load) | _parts_in(model, sensor), stages=sensor.outline.stages)
         parts = {n: ModelPart(inputs=c.inputs, names=c.names, active=c.active) for n, c in model.columns.items()}
         return cls(parts=parts, stages=tuple(type(stage).__name__ for stage in model.chain.dynamics))
 
@@ -68,9 +77,19 @@ class ModelOutline:
         return tuple(sorted(names | ({"time"} if LinearDynamics.__name__ in self.stages else set())))
 
 
+def _parts_in(model: WrenchModel, reduced: WrenchModel) -> dict[str, ModelPart]:
+    """The parts of the model that one with fewer effects has as well, by name."""
+    own, others = ([p.name for p in m.parameters] for m in (reduced, model))
+    parts = reduced.outline.parts.items()
+    return {name: part.among(own, others) for name, part in parts if model.reduced_to(name) == reduced}
+
+
 def _part(*, inputs: list[str], names: list[str], active: list[int]) -> ModelPart:
     return ModelPart(inputs=tuple(inputs), names=tuple(names), active=tuple(active))
 
+
+LOAD_PARTS = ("load", "deflected load", "equilibrium")
+"""Parts that no effect after the nonlinearity acts on; effects up to the nonlinearity act on no other part."""
 
 T = TypeVar("T")
 QuarterTurnRotation = tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, int, int]]
@@ -324,6 +343,24 @@ class WrenchModel:
     def inputs(self) -> tuple[str, ...]:
         """Names of all input signals of the prediction."""
         return self.outline.inputs
+
+    def reduced_to(self, part: str) -> WrenchModel:
+        """The model with those effects alone that act on a part: many models have it in common."""
+        return self.of_load if part in LOAD_PARTS else self.of_sensor
+
+    @cached_property
+    def of_load(self) -> WrenchModel:
+        """With the effects up to the load alone; itself with an effect of another module, which may act anywhere."""
+        return self._with_stages(lambda stage: stage.number <= Stage.NONLINEARITY.number)
+
+    @cached_property
+    def of_sensor(self) -> WrenchModel:
+        """With the effects after the load alone; itself with an effect of another module, which may act anywhere."""
+        return self._with_stages(lambda stage: stage.number > Stage.NONLINEARITY.number)
+
+    def _with_stages(self, wanted: Callable[[Stage], bool]) -> WrenchModel:
+        effects = tuple(effect for effect in self.effects if wanted(effect.stage))
+        return self if self._described is None or effects == self.effects else replace(self, effects=effects)
 
     def stored(self, part: str, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
         """`read` of the data from `derive` for a part of this model, cached on disk for all processes."""

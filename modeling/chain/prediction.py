@@ -173,6 +173,10 @@ class Prediction:
         model, part = self.model, self.model.outline.parts[name]
 
         def compiled_part() -> CompiledVector:
+            reduced = model.reduced_to(name)
+            if reduced != model:
+                own = compiled_prediction(reduced).vector(name)
+                return own.compiled.among_parameters([part.names.index(n) for n in own.names], len(part.names))
             return model.stored(
                 name, lambda: CompiledVector.of(model.columns[name]).to_data(), CompiledVector.from_data
             )
@@ -202,6 +206,11 @@ class Prediction:
     @cached_property
     def _transfer(self) -> CompiledVector:
         """H(s) and its derivative in the parameters."""
+        reduced = self.model.of_sensor
+        if reduced != self.model:
+            names = [p.name for p in self.model.parameters]
+            places = [names.index(p.name) for p in reduced.parameters]
+            return compiled_prediction(reduced)._transfer.among_parameters(places, len(names))
 
         def derived() -> CompiledVector:
             transfer = self.model.transfer_function.xreplace({laplace(): sp.Symbol("s", real=True)})

@@ -121,6 +121,13 @@ class Tape:
                 dependent.add(number)
         return dependent
 
+    def among_parameters(self, places: Sequence[int], count: int) -> Tape:
+        """The tape with its parameters at these places among `count` of them."""
+        m, added = self.inputs, count - self.parameters
+        renumbered = [*range(m), *(m + place for place in places), *range(m + count, self.size + added), NO_OPERAND]
+        operations = tuple((name, renumbered[a], renumbered[b]) for name, a, b in self.operations)
+        return Tape(m, count, self.constants, operations, tuple(renumbered[r] for r in self.results))
+
     def with_inputs(self, parameters: Sequence[int]) -> Tape:
         """The tape with some of the parameters as further inputs, in that order."""
         m, chosen = self.inputs, list(parameters)

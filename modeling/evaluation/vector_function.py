@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Self
@@ -43,6 +43,11 @@ class CompiledVector:
         graph = vector.graph(u, theta)
         jacobian = ca.densify(ca.jacobian(graph, theta)[:, list(vector.active)])
         return cls(vector.inputs, vector.active, Tape.of(u, theta, ca.vertcat(graph, ca.vec(jacobian))))
+
+    def among_parameters(self, places: Sequence[int], count: int) -> CompiledVector:
+        """The vector with its parameters at these places, which ascend, among `count` of them."""
+        tape = self.tape.among_parameters(places, count)
+        return CompiledVector(self.inputs, tuple(places[i] for i in self.active), tape)
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Self:
