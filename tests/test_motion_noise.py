@@ -6,6 +6,7 @@ The simulated rig shares no equation with smoothing or propagation. Each recordi
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -26,6 +27,7 @@ from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
 from modeling.rig.rig import SPATIAL_CHANNELS, Rig
+from truewrench.command_line import main
 from truewrench.simulated_rig import (
     CableSpring,
     GravityTilt,
@@ -135,6 +137,21 @@ def test_no_parameter_of_an_unknown_tool_is_printed_as_known() -> None:
         found = FitSummary(fitted, fitted.intervals())
         table, _ = found.parameters().split("(m mass")
         assert (table.count("±"), table.count("not known")) == ((16, 0) if known else (0, 16))
+
+
+@pytest.mark.long(seconds=4)
+def test_reports_say_that_the_tool_is_unknown(tmp_path: Path) -> None:
+    frame = SingleRun(noise="white", motion="point to point", seed=7004).frame()
+    path = tmp_path / "run.csv"
+    frame[["time", *ORIENTATION, *SPATIAL_CHANNELS]].to_csv(path, index=False)
+    assert main(["fit", str(path), "--report", str(tmp_path / "fit"), "--json"]) == 0
+    only = ["--only", "viscous_drag", "--workers", "1"]
+    assert main(["diagnose", str(path), "--report", str(tmp_path / "diagnosis"), "--json", *only]) == 0
+    pages = [page for folder in ("fit", "diagnosis") for page in (tmp_path / folder).glob("*.[hm]*")]
+    assert len(pages) == 4
+    assert all(
+        "The tool is not known, as what the model lacks is" in page.read_text(encoding="utf-8") for page in pages
+    )
 
 
 OTHERS = [effect() for effect in (CableSpring, ViscousDrag, GravityTilt, SensorRotation, TimeDelay, SensorLag, Magnet)]

@@ -67,6 +67,7 @@ def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:
         "remark": f"{remark[:1].upper()}{remark[1:]}",
         "errors": _error_table(summary),
         "parameters": ParameterChanges(None, fit),
+        "unknown_tool": summary.unknown_tool,
         "cards": effect_cards(fit),
         "recordings": _sections(summary),
     }

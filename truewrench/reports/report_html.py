@@ -8,6 +8,7 @@ from typing import Any
 
 from diagnosis.comparison.error_table import error_table
 from diagnosis.diagnosis import Diagnosis
+from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from modeling.number_format import P_VALUE, SHARE, FormattedQuantity
 from modeling.table import Column, Table
@@ -79,6 +80,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "changed": changed,
         "base_name": base_name(diagnosis),
         "parameters": ParameterChanges(diagnosis.steps[0].fit if changed else None, diagnosis.fit),
+        "unknown_tool": unknown_tool_reason(diagnosis.steps[-1].training, diagnosis.fit.model),
         "zero_shift": _by_channel(diagnosis, diagnosis.zero_shift or {}),
         "unexplained": diagnosis.unexplained,
         "unexplained_sizes": _by_channel(
