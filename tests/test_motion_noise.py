@@ -22,7 +22,7 @@ from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
 from estimation.fit import Fit, fit
-from estimation.recordings.motion_limits import motion_limits
+from estimation.recordings.motion_limits import motion_limits, world_axes
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
@@ -167,6 +167,16 @@ def test_other_loads_are_not_taken_for_an_unrecorded_acceleration(hidden: Hidden
     frame = simulate(SIMULATED, turn, hidden=effects, repeats=1, samples_per_period=1500, seed=3)
     fitted = fit(spatial(), recorded(frame.drop(columns=[*POSITION, "repeat"]), rig=None))
     assert not unknown_tool_reason([comparison_of(fitted, 0)], fitted.model)
+
+
+def test_world_axes_are_those_of_the_world_on_any_base() -> None:
+    """A sensor at rest in a base on its side: the world's upward axis is the base's x, turned into the sensor."""
+    turns = Rotation.from_rotvec(np.random.default_rng(2).standard_normal((30, 3)))
+    columns = dict(zip(ORIENTATION, turns.as_quat().T, strict=True)) | {"time": 0.01 * np.arange(30)}
+    readings = dict(zip(SPATIAL_CHANNELS, np.random.default_rng(3).standard_normal((6, 30)), strict=True))
+    side = Rig.from_data({"robot": {"gravity_direction": [-1.0, 0.0, 0.0]}})
+    recording = from_columns(columns | readings, name="side.csv", rig=side)
+    np.testing.assert_allclose(world_axes(recording)[:, :, 2], turns.inv().apply([1.0, 0.0, 0.0]), atol=1e-12)
 
 
 def test_an_acceleration_that_was_not_recorded_is_recognised() -> None:

@@ -35,7 +35,7 @@ def world_axes(recording: Recording) -> Array:
     """The world's axes in those of the sensor, (n, 3, 3) with an axis in each column, of a recorded orientation."""
     from scipy.spatial.transform import Rotation
 
-    turns = Rotation.from_quat(np.column_stack([recording.columns[name] for name in QUATERNION]))
+    turns = Rotation.from_quat(np.column_stack([recording.world_columns[name] for name in QUATERNION]))
     return np.asarray(turns.inv().as_matrix())
 
 

@@ -37,7 +37,6 @@ ADVICE = (
 )
 """After where a model fails: what to do about it."""
 
-
 NOT_KNOWN = "not known"
 """In place of an interval where the readings do not say what the tool weighs."""
 
