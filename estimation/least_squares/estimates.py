@@ -208,10 +208,16 @@ def correlation_frame(names: Sequence[str], covariance: Array, identifiable: NDA
     """Correlation coefficients (k, k) by name; missing where a parameter is fixed or not identifiable."""
     import pandas as pd
 
+    index = pd.Index(names, name="parameter")
+    return pd.DataFrame(correlation_matrix(covariance, identifiable), index=index, columns=index)
+
+
+def correlation_matrix(covariance: Array, identifiable: NDArray[np.bool_]) -> Array:
+    """Correlation coefficients (k, k); NaN where a parameter is fixed or not identifiable."""
     variance = np.where(identifiable & np.isfinite(np.diag(covariance)), np.diag(covariance), 0.0)
     std = np.where(variance > 0, np.sqrt(np.maximum(variance, 0.0)), np.nan)
-    index = pd.Index(names, name="parameter")
-    return pd.DataFrame(covariance / std / std[:, None], index=index, columns=index)
+    correlation: Array = covariance / std / std[:, None]
+    return correlation
 
 
 def estimates_data(estimates: Mapping[str, Estimate]) -> dict[str, Any]:

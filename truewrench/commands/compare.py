@@ -48,9 +48,11 @@ def run(arguments: argparse.Namespace) -> None:
         found = compare_models(models, recordings)
     written = []
     if arguments.report is not None:
+        from diagnosis.parallel.workers import available_cores
         from truewrench.reports.comparison_report import comparison_report
         from truewrench.reports.report_files import write_report_files
 
         provenance = provenance_of(arguments, *paths, *arguments.on)
-        written = write_report_files(comparison_report(found, provenance), arguments.report)
+        texts = comparison_report(found, provenance, available_cores())
+        written = write_report_files(texts, arguments.report)
     print_result(arguments, lambda: found, found.to_data, written)

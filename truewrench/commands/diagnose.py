@@ -70,13 +70,14 @@ def run(arguments: argparse.Namespace) -> None:
         require_writable_folder(arguments.out)
     require_report_folder(arguments)
     keep_freed_memory()
+    workers = available_cores() if arguments.workers is None else arguments.workers
     case = DataSet.read(
         arguments.recordings,
         validation=arguments.validate,
         rig=arguments.rig,
         period=arguments.period,
         one_run=arguments.no_period,
-        workers=available_cores() if arguments.workers is None else arguments.workers,
+        workers=workers,
         meanwhile=_import_diagnosis,
     )
     calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
@@ -84,14 +85,15 @@ def run(arguments: argparse.Namespace) -> None:
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
     with suspicions_named((*case.training, *case.validation)):
-        found = diagnosed(case, candidates, arguments.workers)
+        found = diagnosed(case, candidates, workers)
     found = found if calibration is None else found.calibrated(calibration)
     out = None if arguments.out is None else make_folder(arguments.out)
     data = found.to_data() | frames_data(case)
     written = []
     if out is not None or arguments.report is not None:
         inputs = (arguments.rig, arguments.effects, arguments.calibration)
-        texts = report_texts(found, provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs))
+        provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
+        texts = report_texts(found, provenance, workers)
         written = write(found, data, texts, out, arguments.report)
     from truewrench.text.diagnosis_text import diagnosis_text  # slow to import: while the recordings are read
 
@@ -136,14 +138,14 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers
     return found if case.gravity is None else replace(found, gravity=case.gravity)
 
 
-def report_texts(found: Diagnosis, provenance: Provenance) -> ReportTexts:
-    """The report as HTML and as Markdown."""
+def report_texts(found: Diagnosis, provenance: Provenance, workers: int) -> ReportTexts:
+    """The report as HTML and as Markdown, drawn by so many processes."""
     from truewrench.files.output import progress_line
     from truewrench.reports.report_html import diagnosis_report
 
     with progress_line() as progress:
         progress("write the report")
-        return diagnosis_report(found, provenance)
+        return diagnosis_report(found, provenance, workers)
 
 
 def write(

@@ -18,7 +18,7 @@ from modeling.number_format import axis_label, format_number
 from truewrench.plots.charts.chart import Band, Chart, Level, Line, Mark, Panel, Points, in_rows
 from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, INK, NOISE
-from truewrench.plots.svg_image import SvgImage, svg_image
+from truewrench.plots.svg_image import SvgImage
 
 COLUMNS = 3
 NOTE_SHARE = 0.25
@@ -125,7 +125,7 @@ def error_reduction_image(
     """Figure of the errors of all recordings after each step, per channel."""
     sizes = [f"{n} {format_number(_largest_error_ratio(s), 2)}" for n, s in zip(names, steps, strict=True)]
     alt = f"Error / noise floor after each step, worst channel: {', '.join(sizes)}."
-    return svg_image(error_reduction_figure(steps, names, tolerance), alt)
+    return SvgImage(lambda: error_reduction_figure(steps, names, tolerance), alt)
 
 
 def _largest_error_ratio(step: ComparedStep) -> float:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from urllib.parse import quote
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+
+from diagnosis.parallel.workers import run_spmd
 
 SYSTEM_FONTS = "-apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'Liberation Sans', sans-serif"
 _FONT = re.compile(r"'DejaVu Sans'[^;\"]*sans-serif")
@@ -23,28 +27,62 @@ SAFE = " !$&()*+,-./:;=?@[]^_`{|}~'"
 
 
 @dataclass(frozen=True)
-class SvgImage:
-    """SVG data URI with alternative text, size in CSS pixels and caption."""
+class Drawing:
+    """SVG data URI and its size in CSS pixels."""
 
     source: str
-    alt: str
     width: int
     height: int
+
+    @classmethod
+    def of(cls, figure: Figure) -> Drawing:
+        """The figure as a data URI.
+
+        Text stays text, in the system font, and path coordinates keep one decimal of a point, which halves the
+        file. The hash salt makes the output deterministic.
+        """
+        stream = io.StringIO()
+        for axes in figure.axes:
+            axes.patch.set_alpha(0.0)  # the page's paper, light or dark, shows through
+        with rc_context({"svg.fonttype": "none", "svg.hashsalt": "truewrench"}):
+            figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+        text = _PATH.sub(lambda found: _LONG_NUMBER.sub(r"\1", found[0]), _FONT.sub(SYSTEM_FONTS, stream.getvalue()))
+        width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
+        source = f"data:image/svg+xml,{quote(_SPACES.sub(' ', _HEAD.sub('', text)), safe=SAFE)}"
+        return cls(source, width, height)
+
+
+@dataclass(eq=False)
+class SvgImage:
+    """A figure of a page, with alternative text and caption; drawn when it is asked for, or by `draw_images`."""
+
+    figure: Callable[[], Figure]
+    alt: str
     caption: str = ""
 
+    @cached_property
+    def drawing(self) -> Drawing:
+        """The figure as a data URI."""
+        return Drawing.of(self.figure())
 
-def svg_image(figure: Figure, alt: str, caption: str = "") -> SvgImage:
-    """The figure as a data URI.
+    @property
+    def source(self) -> str:
+        """SVG data URI."""
+        return self.drawing.source
 
-    Text stays text, in the system font, and path coordinates keep one decimal of a point, which halves the
-    file. The hash salt makes the output deterministic.
-    """
-    stream = io.StringIO()
-    for axes in figure.axes:
-        axes.patch.set_alpha(0.0)  # the page's paper, light or dark, shows through
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "truewrench"}):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    text = _PATH.sub(lambda found: _LONG_NUMBER.sub(r"\1", found[0]), _FONT.sub(SYSTEM_FONTS, stream.getvalue()))
-    width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
-    source = f"data:image/svg+xml,{quote(_SPACES.sub(' ', _HEAD.sub('', text)), safe=SAFE)}"
-    return SvgImage(source, alt, width, height, caption)
+    @property
+    def width(self) -> int:
+        """CSS pixels."""
+        return self.drawing.width
+
+    @property
+    def height(self) -> int:
+        """CSS pixels."""
+        return self.drawing.height
+
+
+def draw_images(images: Sequence[SvgImage], workers: int) -> None:
+    """Draw the images of a page in so many processes; a page takes longer to draw than to diagnose or to write."""
+    drawn = run_spmd(min(workers, len(images)), lambda team: team.map(lambda image: image.drawing, images))
+    for image, drawing in zip(images, drawn, strict=True):
+        image.drawing = drawing

@@ -15,10 +15,15 @@ from modeling.table import Column, Table
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
 from truewrench.reports.effect_card import effect_cards
-from truewrench.reports.page_templates import html_page, markdown_page
 from truewrench.reports.parameter_changes import ParameterChanges
 from truewrench.reports.provenance import Provenance
-from truewrench.reports.recording_section import RecordingSection, full_section, line_count, short_section
+from truewrench.reports.recording_section import (
+    RecordingSection,
+    full_section,
+    line_count,
+    recording_images,
+    short_section,
+)
 from truewrench.reports.report_files import ReportTexts
 from truewrench.reports.zoom.zoomable_figure import points_of_line
 from truewrench.text.fit_summary import FitSummary
@@ -46,11 +51,18 @@ def study_report(study: Study, provenance: Provenance) -> ReportTexts:
 
 
 def fit_report(
-    summary: FitSummary, provenance: Provenance, frames: Sequence[str] = (), steps: StudySteps | None = None
+    summary: FitSummary,
+    provenance: Provenance,
+    frames: Sequence[str] = (),
+    steps: StudySteps | None = None,
+    workers: int = 1,
 ) -> ReportTexts:
-    """The report as HTML and as Markdown; `frames` are sentences on what the data decided of frames."""
+    """The report as HTML and as Markdown, drawn by so many processes.
+
+    `frames` are sentences on what the data decided of frames.
+    """
     values = _values(summary, provenance) | {"notes": [*frames, *summary.fit.remarks()], "study": steps}
-    return ReportTexts(html_page("fit.html", values), markdown_page("fit.md", values))
+    return ReportTexts.of("fit", values, recording_images(values["recordings"]), workers)
 
 
 def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.fit import Fit
-from estimation.least_squares.estimates import HELD, Estimate
+from estimation.least_squares.estimates import HELD, Estimate, correlation_matrix
 from modeling.number_format import NO_VALUE, format_number, format_unit, format_with_std
 from modeling.table import Column, Table
 
@@ -68,12 +69,11 @@ class ParameterChanges:
         rows = [(names[i], *("1" if i == j else _signed(correlation[i, j]) for j in chosen)) for i in chosen]
         return Table.of(columns, rows)
 
-    def _correlation(self) -> tuple[list[str], np.ndarray[tuple[int, int], np.dtype[np.float64]]]:
+    def _correlation(self) -> tuple[list[str], NDArray[np.float64]]:
         """Names and coefficients of the parameters that are estimated; the diagonal is zero."""
-        frame = self.after.correlation
-        every: np.ndarray[tuple[int, int], np.dtype[np.float64]] = frame.to_numpy(dtype=np.float64)
+        every = correlation_matrix(self.after.covariance, self.after.identifiable)
         estimated = np.flatnonzero(np.isfinite(np.diag(every)))
-        names = [str(name) for name in frame.index[estimated]]
+        names = [list(self.after.parameters)[place] for place in estimated]
         matrix = np.nan_to_num(every[np.ix_(estimated, estimated)])
         np.fill_diagonal(matrix, 0.0)
         return names, matrix

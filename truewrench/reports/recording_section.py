@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from truewrench.plots.residuals.nonperiodic_residual_plot import (
 from truewrench.plots.residuals.residual_map_plot import residual_map_figure
 from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum_figure
 from truewrench.plots.residuals.time_series_plot import time_series_figure
-from truewrench.plots.svg_image import SvgImage, svg_image
+from truewrench.plots.svg_image import SvgImage
 from truewrench.reports.compared_models import compared_models
 from truewrench.reports.zoom.zoomable_figure import (
     ZoomableFigure,
@@ -52,8 +53,18 @@ class RecordingSection:
     spectrum: SvgImage | None = None
     disturbances: tuple[str, ...] = ()
 
+    @property
+    def images(self) -> list[SvgImage]:
+        """All figures, in their order on the page."""
+        return [*self.series, *self.maps, *filter(None, (self.spectrum, self.nonperiodic))]
+
 
 Sides = Sequence[LabelledComparison]
+
+
+def recording_images(sections: Sequence[RecordingSection]) -> list[SvgImage]:
+    """The figures of all recordings, in their order on the page."""
+    return [image for section in sections for image in section.images]
 
 
 def line_count(recordings: Sequence[Sides]) -> int:
@@ -69,7 +80,7 @@ def full_section(sides: Sides, tolerance: Mapping[str, float], points: int) -> R
     return replace(
         short_section(sides, points, fitted=True),
         maps=_map_images(sides, tolerance),
-        spectrum=None if recording.at_rest else svg_image(residual_spectrum_figure(sides), alt),
+        spectrum=None if recording.at_rest else SvgImage(lambda: residual_spectrum_figure(sides), alt),
         zoomable_spectra=()
         if recording.at_rest
         else tuple((name, zoomable_spectrum(sides, i)) for i, name in enumerate(recording.channels)),
@@ -89,9 +100,8 @@ def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage
     """Non-periodic residual; of the final model alone where the effects added do not change it."""
     first, last = nonperiodic_residual(sides[0])[1], nonperiodic_residual(sides[-1])[1]
     unchanged = np.all(np.abs(first - last).max(axis=0) < 0.2 * std_of_interval_means(sides[0]))
-    return svg_image(
-        nonperiodic_residual_figure(sides[-1:] if unchanged else sides), "Non-periodic residual over the record."
-    )
+    shown = sides[-1:] if unchanged else sides
+    return SvgImage(lambda: nonperiodic_residual_figure(shown), "Non-periodic residual over the record.")
 
 
 def diagnosis_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
@@ -111,7 +121,7 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
 
 def _series_images(sides: Sequence[LabelledComparison]) -> tuple[SvgImage, ...]:
     return tuple(
-        svg_image(time_series_figure(sides, i), f"{c}: measured and predicted; below, the residual.")
+        SvgImage(partial(time_series_figure, sides, i), f"{c}: measured and predicted; below, the residual.")
         for i, c in enumerate(sides[0].recording.channels)
     )
 
@@ -123,14 +133,10 @@ def _map_images(sides: Sequence[LabelledComparison], tolerance: Mapping[str, flo
     for channel in sides[0].recording.channels:
         variables = [m.variable for m in maps[0] if m.channel == channel][:MAX_MAP_VARIABLES]
         chosen = [[_map_of(found, channel, v) for v in variables] for found in maps]
-        figure = residual_map_figure([(s.label, row) for s, row in zip(sides, chosen, strict=True)])
+        labelled = [(s.label, row) for s, row in zip(sides, chosen, strict=True)]
         count = sum(int(m.practically_significant.sum()) for m in chosen[0])
-        images.append(
-            svg_image(
-                figure,
-                f"{channel} against {', '.join(variables)}, rigid tool: {count} significant cells above tolerance.",
-            )
-        )
+        alt = f"{channel} against {', '.join(variables)}, rigid tool: {count} significant cells above tolerance."
+        images.append(SvgImage(partial(residual_map_figure, labelled), alt))
     return tuple(images)
 
 

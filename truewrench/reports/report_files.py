@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Self
 
 from truewrench.files.output import atomic_write, make_folder
+from truewrench.plots.svg_image import SvgImage, draw_images
+from truewrench.reports.page_templates import html_page, markdown_page
 
 REPORT_FILES = ("report.html", "report.md")
 
@@ -17,6 +21,12 @@ class ReportTexts:
 
     html: str
     markdown: str
+
+    @classmethod
+    def of(cls, template: str, values: Mapping[str, Any], images: Sequence[SvgImage], workers: int) -> Self:
+        """The values in the templates of this name; their images are drawn by so many processes."""
+        draw_images(images, workers)
+        return cls(html_page(f"{template}.html", values), markdown_page(f"{template}.md", values))
 
 
 def write_report_files(texts: ReportTexts, folder: str | Path) -> list[Path]:

@@ -16,10 +16,10 @@ from truewrench.files.output import atomic_write
 from truewrench.plots.error_reduction_plot import error_reduction_image
 from truewrench.reports.effect_card import effect_cards
 from truewrench.reports.effect_row import effect_row
-from truewrench.reports.page_templates import html_page, markdown_page
+from truewrench.reports.page_templates import html_page
 from truewrench.reports.parameter_changes import ParameterChanges
 from truewrench.reports.provenance import Provenance
-from truewrench.reports.recording_section import diagnosis_sections
+from truewrench.reports.recording_section import diagnosis_sections, recording_images
 from truewrench.reports.report_files import ReportTexts
 from truewrench.reports.verdict_section import verdict_section
 from truewrench.text.step_names import base_name, step_names
@@ -47,10 +47,11 @@ def report_page(diagnosis: Diagnosis, provenance: Provenance | None = None) -> s
     return html_page("report.html", _values(diagnosis, provenance or Provenance.now()))
 
 
-def diagnosis_report(diagnosis: Diagnosis, provenance: Provenance) -> ReportTexts:
-    """The report as HTML and as Markdown; names given by users are escaped."""
+def diagnosis_report(diagnosis: Diagnosis, provenance: Provenance, workers: int = 1) -> ReportTexts:
+    """The report as HTML and as Markdown, drawn by so many processes; names given by users are escaped."""
     values = _values(diagnosis, provenance)
-    return ReportTexts(html_page("report.html", values), markdown_page("report.md", values))
+    leading = filter(None, (values["head"]["picture"], values["error_image"]))
+    return ReportTexts.of("report", values, [*leading, *recording_images(values["recordings"])], workers)
 
 
 def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:

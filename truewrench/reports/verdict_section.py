@@ -15,7 +15,7 @@ from modeling.number_format import format_number, format_p_value, format_unit
 from modeling.rig.rig import Convention
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.residuals.worst_channel_plot import MIN_SIGNAL_TO_NOISE, worst_channel, worst_channel_figure
-from truewrench.plots.svg_image import svg_image
+from truewrench.plots.svg_image import SvgImage
 from truewrench.reports.compared_models import compared_models, worst_recording
 from truewrench.reports.effect_row import EffectRow
 from truewrench.text.verdict_words import (
@@ -45,7 +45,7 @@ def verdict_section(diagnosis: Diagnosis, rows: Sequence[EffectRow]) -> dict[str
     """What the head of the report shows, with the channel of the largest error-to-noise ratio of the rigid tool."""
     sides = compared_models(diagnosis, worst_recording(diagnosis))
     alt = "Residual of the worst channel, with the rigid tool and with the final model."
-    picture = svg_image(worst_channel_figure(sides), alt, _figure_caption(sides[0]))
+    picture = SvgImage(lambda: worst_channel_figure(sides), alt, _figure_caption(sides[0]))
     return {
         "kind": diagnosis.verdict.value,
         "label": RECORD_VERDICT_LABELS[diagnosis.verdict],

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from modeling.number_format import axis_label
 from truewrench.plots.style import ADEQUATE_COLOUR, FAINT, INK, LEGEND, MISFIT_COLOUR, PanelGrid, panel_title
-from truewrench.plots.svg_image import SvgImage, svg_image
+from truewrench.plots.svg_image import SvgImage
 from truewrench.surveying.change_detection import ChangeKind, QuantityChange
 from truewrench.surveying.quantity_series import QuantitySeries, quantity_series, rows_in_time_order
 from truewrench.surveying.survey_row import SurveyRow
@@ -51,8 +51,9 @@ def survey_image(
     omitted = max(0, len(chosen) - MAX_PANELS)
     caption = "Bars: ± one standard deviation. Hollow: the model is not adequate, so that the bar is too short."
     caption += f" {omitted} more quantities without a change are in the table only." if omitted else ""
-    figure = _survey_figure(shown, [(s, by_name.get(s.name)) for s in chosen[:MAX_PANELS]], labels)
-    return svg_image(figure, "Verdicts, errors and quantities over the times of the recordings.", caption)
+    quantities = [(s, by_name.get(s.name)) for s in chosen[:MAX_PANELS]]
+    alt = "Verdicts, errors and quantities over the times of the recordings."
+    return SvgImage(lambda: _survey_figure(shown, quantities, labels), alt, caption)
 
 
 def series_to_draw(candidates: Sequence[QuantitySeries], changed: Collection[str]) -> list[QuantitySeries]:

@@ -17,7 +17,7 @@ def packed_plotly() -> str:
     """plotly.js, gzipped, in base64."""
     from plotly.offline import get_plotlyjs
 
-    return b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
+    return b64encode(gzip.compress(get_plotlyjs().encode(), 6, mtime=0)).decode()
 
 
 @cache
