@@ -40,6 +40,8 @@ LINE_COLUMNS = 500
 LEGEND_LINE, TITLE_LINE, CHARACTER, HANDLE = 15, 20, 5.4, 36
 """CSS pixels: a line of the legend, of titles, a character of the legend, its coloured handle with a gap."""
 POINTS_PER_PIXEL = 0.75
+MINOR_TICKS = (2, 5)
+"""Of each decade: a report with all eight takes an eighth longer to draw."""
 PLAIN_EXPONENT = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "−0123456789")
 _EXPONENT = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]{2,}")
 DASHES: dict[bool, Any] = {True: (0, (4, 2)), False: "-"}
@@ -131,9 +133,9 @@ def draw_panel(axes: Axes, panel: Panel, *, title_room: float = 1.0) -> list[Not
     The title may be `title_room` times as wide as the axes.
     """
     if panel.x_log:
-        axes.set_xscale("log")
+        axes.set_xscale("log", subs=MINOR_TICKS)
     if panel.y_log:
-        axes.set_yscale("log")
+        axes.set_yscale("log", subs=MINOR_TICKS)
     notes = [note for number, mark in enumerate(panel.drawn) for note in _draw(mark, axes, panel, 0.1 * number)]
     if panel.title:
         panel_title(axes, typeset(panel.title), panel.title_colour, room=title_room)
