@@ -19,7 +19,9 @@ from modeling.space import Space
 from truewrench.effect_description import SKETCHES, effect_sketch, parameter_meaning
 from truewrench.effect_description.drawing import HEIGHT, WIDTH
 from truewrench.effect_description.effect_equations import effect_equations
-from truewrench.effect_description.mathml import GREEK, formula_mathml, mathml
+from truewrench.effect_description.equation_texts import EquationTexts, equation_texts
+from truewrench.effect_description.formula_mathml import GREEK, formula_mathml
+from truewrench.effect_description.mathml import mathml
 
 MODELS = {
     Space.PLANE: planar(Rig(name="arm", link_lengths=(0.4, 0.3, 0.2), gravity=9.8)),
@@ -91,6 +93,8 @@ def parameters_of(equation: ElementTree.Element) -> set[str]:
 @pytest.mark.parametrize(("effect", "space"), DESCRIBED, ids=case_name)
 def test_equations_are_well_formed_and_have_the_parameters(effect: Effect, space: Space) -> None:
     found = effect_equations(effect, MODELS[space])
+    texts = EquationTexts() if found is None else EquationTexts(tuple(found.mathml), found.symbols)
+    assert equation_texts(effect, MODELS[space]) == texts
     if found is None:  # its equations are too long, or between tool and world: the stated one is shown
         assert effect.id in ("cable_spring", "bias_drift")
         return

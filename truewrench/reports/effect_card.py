@@ -11,8 +11,8 @@ from modeling.chain.effect import Effect
 from modeling.number_format import NO_VALUE, format_number, format_unit, format_with_std
 from modeling.table import Column, Table
 from truewrench.effect_description import effect_sketch, parameter_meaning
-from truewrench.effect_description.effect_equations import effect_equations
 from truewrench.effect_description.effect_size import size_sentence
+from truewrench.effect_description.equation_texts import equation_texts
 
 
 @dataclass(frozen=True)
@@ -43,15 +43,15 @@ def effect_cards(fit: Fit) -> list[EffectCard]:
 
 
 def _effect_card(effect: Effect, fit: Fit) -> EffectCard:
-    derived = effect_equations(effect, fit.model)
+    derived = equation_texts(effect, fit.model)
     return EffectCard(
         id=effect.id,
         title=effect.title,
         stated=effect.equation,
         advice=effect.advice,
         sketch=sketch_markup(effect),
-        equations=() if derived is None else tuple(Markup(line) for line in derived.mathml),  # SymPy escapes
-        symbols="" if derived is None else derived.symbols,
+        equations=tuple(Markup(line) for line in derived.mathml),  # SymPy escapes
+        symbols=derived.symbols,
         size=size_sentence(fit, effect.id),
         table=_parameter_table(effect, fit),
     )

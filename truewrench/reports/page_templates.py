@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from modeling.number_format import format_percentage, typeset_text
 from truewrench.effect_description import SKETCH_STYLE
-from truewrench.effect_description.mathml import formula_mathml
+from truewrench.effect_description.formula_mathml import formula_mathml
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MEASURED, MISFIT_COLOUR, NOISE, QUIET_NOISE
 from truewrench.reports.markdown import markdown_table, markdown_text
 from truewrench.reports.zoom.plotly_script import loader_script, packed_plotly, script_hash

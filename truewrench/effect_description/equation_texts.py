@@ -1,0 +1,44 @@
+"""Equations of an effect as text for a page, cached on disk: a report then needs no SymPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from modeling.chain.effect import Effect
+from modeling.chain.model import WrenchModel
+from modeling.evaluation.cache import source_digest
+
+
+@dataclass(frozen=True)
+class EquationTexts:
+    """Equations as `<math>` elements, and a sentence on their symbols; empty where none is short enough to be read."""
+
+    mathml: tuple[str, ...] = ()
+    symbols: str = ""
+
+
+def equation_texts(effect: Effect, model: WrenchModel) -> EquationTexts:
+    """What the effect changes of the readings of this model, derived from its perturbation."""
+    alone = replace(model, effects=(effect,))
+    return alone.stored(f"equations by {_source()}", lambda: _derived(effect, model), _read)
+
+
+def _derived(effect: Effect, model: WrenchModel) -> Mapping[str, Any]:
+    from truewrench.effect_description.effect_equations import effect_equations
+
+    found = effect_equations(effect, model)
+    return {} if found is None else {"mathml": found.mathml, "symbols": found.symbols}
+
+
+def _read(data: Mapping[str, Any]) -> EquationTexts:
+    return EquationTexts(tuple(data["mathml"]), str(data["symbols"])) if data else EquationTexts()
+
+
+@cache
+def _source() -> str:
+    """A hash of the modules that derive and print the equations."""
+    return source_digest(Path(__file__).parent)
