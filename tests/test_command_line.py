@@ -504,15 +504,20 @@ def test_what_only_describes_imports_nothing_heavy(calls: list[list[str]], says:
     assert not [text for text in says if text not in done.stdout]
 
 
-def test_a_diagnosis_of_plain_files_imports_only_what_it_uses() -> None:
+def test_a_diagnosis_of_plain_files_imports_only_what_it_uses(bench: Bench, run: Runner) -> None:
+    """Of what was derived before: the first run of the two derives. A report needs nothing but its own libraries."""
+    argv = ["diagnose", bench.training, "--rig", bench.rig, "--only", "viscous_drag", "--workers", "1"]
+    assert run(*argv).code == 0
     unused = (*HEAVY[2:], "pyarrow", "scipy.interpolate", "scipy.optimize", "scipy.stats")
     code = (
-        "import sys\nimport truewrench.files.data_set, truewrench.files.output\n"
-        "import diagnosis.diagnosis, diagnosis.parallel.workers\n"
-        f"print('loaded:', [name for name in {unused} if name in sys.modules])"
+        f"import sys\nfrom truewrench.command_line import main\nmain({argv})\n"
+        f"print('loaded:', [name for name in {unused} if name in sys.modules])\n"
+        "import truewrench.reports.report_html\n"
+        "print('for a report:', [name for name in ('pandas', 'sympy', 'casadi') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
-    assert done.stdout == "loaded: []\n"
+    assert "Tool: m " in done.stdout
+    assert done.stdout.endswith("loaded: []\nfor a report: []\n")
 
 
 def test_the_public_names_are_loaded_one_by_one() -> None:

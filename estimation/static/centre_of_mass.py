@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
-from modeling.expressions.compilation import numpy_function
+from modeling.evaluation.tape import Tape
+from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.space import Space
 from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
 
@@ -65,24 +67,13 @@ class CentreOfMass(Tabular):
     @classmethod
     def of(cls, fitted: Estimated) -> CentreOfMass:
         """Of the model's body, changed by its effects, at the values estimated; without a load that it took up."""
-        body, space = fitted.model.without_recording_specific.chain.body, fitted.model.space
-        unit = {"x'": sp.Matrix([1, 0, 0]), "tip": space.tip_axis} if space is Space.PLANE else _unit_vectors()
-        centre = {name: axis.dot(body.first_moment) / body.mass for name, axis in unit.items()}
-        centre = {name: expression for name, expression in centre.items() if expression != 0}
-        symbols = [p.symbol for p in fitted.model.parameters]
-        column = sp.Matrix(list(centre.values()))
-        slopes = column.jacobian(symbols)
-        size = len(symbols)  # the model's parameters come first
-        values = numpy_function(symbols, [*column, *slopes])(*fitted.theta[:size])
-        jacobian = np.array(values[len(centre) :], dtype=float).reshape(len(centre), size)
-        used = np.array([[bool(entry != 0) for entry in slopes.row(i)] for i in range(len(centre))])
+        model = fitted.model
+        size = len(model.parameters)  # the model's parameters come first
+        form = model.stored("centre of mass", lambda: _CentreForm.of(model).to_data(), _CentreForm.from_data)
+        value, jacobian = form.at(fitted.theta[:size])
         covariance = np.nan_to_num(fitted.covariance[:size, :size], posinf=0.0)
-        return cls(
-            tuple(centre),
-            np.array(values[: len(centre)], dtype=float),
-            jacobian @ covariance @ jacobian.T,
-            np.array([fitted.identifiable[:size][row].all() for row in used]),
-        )
+        known = np.array([fitted.identifiable[list(used)].all() for used in form.used])
+        return cls(form.axes, value, jacobian @ covariance @ jacobian.T, known)
 
     @property
     def std(self) -> Array:
@@ -96,6 +87,49 @@ class CentreOfMass(Tabular):
         numbers = zip(self.axes, (1e3 * self.value).tolist(), (1e3 * self.std).tolist(), strict=True)
         rows = [(f"centre of mass, {axis}", v if np.isfinite(s) else None, s, "mm") for axis, v, s in numbers]
         return Table.of(("quantity", value, std, "unit"), rows)
+
+
+@dataclass(frozen=True, eq=False)
+class _CentreForm:
+    """The centre of mass of a model as a function of its k parameters.
+
+    axes  of the d components
+    used  of each, the numbers of the parameters that it depends on
+    tape  the components, then their derivatives (d, k) row by row, over the parameters
+    """
+
+    axes: tuple[str, ...]
+    used: tuple[tuple[int, ...], ...]
+    tape: Tape
+
+    @classmethod
+    def of(cls, model: WrenchModel) -> Self:
+        """Derived from the model's body."""
+        body, space = model.without_recording_specific.chain.body, model.space
+        unit = {"x'": sp.Matrix([1, 0, 0]), "tip": space.tip_axis} if space is Space.PLANE else _unit_vectors()
+        centre = {name: axis.dot(body.first_moment) / body.mass for name, axis in unit.items()}
+        centre = {name: expression for name, expression in centre.items() if expression != 0}
+        symbols = [p.symbol for p in model.parameters]
+        column = sp.Matrix(list(centre.values()))
+        slopes = column.jacobian(symbols)
+        used = tuple(tuple(j for j in range(len(symbols)) if slopes[i, j] != 0) for i in range(len(centre)))
+        return cls(tuple(centre), used, Tape.of_expressions(symbols, [*column, *slopes]))
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Self:
+        """From the result of `to_data`."""
+        used = tuple(tuple(map(int, row)) for row in data["used"])
+        return cls(tuple(map(str, data["axes"])), used, Tape.from_data(data["tape"]))
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"axes": self.axes, "used": self.used, "tape": self.tape.to_data()}
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """Components (d,) m, and their derivatives (d, k) at these parameters."""
+        values = TapeEvaluation(self.tape).values(list(theta[:, None])).ravel()
+        count = len(self.axes)
+        return values[:count], values[count:].reshape(count, len(theta))
 
 
 def _unit_vectors() -> dict[str, sp.Matrix]:
