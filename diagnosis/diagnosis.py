@@ -17,6 +17,7 @@ from diagnosis.calibration.calibration import Calibration
 from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.error_table import noise_floors
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
+from diagnosis.comparison.unrecorded_acceleration import lacks_acceleration
 from diagnosis.comparison.validation import zero_shift
 from diagnosis.parallel.progress import Progress, silent
 from diagnosis.parallel.workers import Workers, WorkItem, run_spmd
@@ -27,7 +28,6 @@ from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, sear
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
 from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
 from diagnosis.verdict.given_alternative import GivenAlternative, given_alternatives
-from diagnosis.verdict.motion_notes import lacks_acceleration
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.result_json import disturbance_data, unexplained_data
 from diagnosis.verdict.selection_step import (
@@ -375,7 +375,7 @@ def _record_evidence(
             c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
         ),
         power_share=float(power[-1] / max(power[0], 1e-300)),
-        unrecorded_acceleration=lacks_acceleration(steps[-1].training, final.fit.model),
+        unrecorded_acceleration=any(lacks_acceleration(c, final.fit.model) for c in steps[-1].training),
     )
 
 

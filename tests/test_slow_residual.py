@@ -175,7 +175,7 @@ def test_hand_on_the_tool_is_foreign() -> None:
         "run", ResidualSpectrum.of(residual, weight), (weight + residual).var(axis=0), {"fz": "N"}
     )
     assert found.above_noise == ("fz",)
-    assert "contact, another load or a disturbance" in found.sentence
+    assert "contact, another load, a disturbance" in found.sentence
 
 
 def test_band_of_the_motion() -> None:

@@ -54,6 +54,27 @@ def test_a_recording_without_the_hand_says_what_the_tool_is() -> None:
     assert "Tool: m " in FitSummary(found, intervals(found)).text(None)
 
 
+def test_a_vibration_above_the_motion_does_not_hide_the_tool() -> None:
+    """20 N at a tenth of the sample rate beside 12 N of weight that turns in seconds."""
+    frame = SingleRun(noise="white", motion="sines", seed=46).frame()
+    shaken = 30 * np.sin(0.2 * np.pi * np.arange(len(frame)))
+    found = fitted([recorded(frame.assign(fx=frame["fx"] + shaken, fy=frame["fy"] + shaken))])
+    assert unknown_tool_reason([comparison_of(found, 0)], found.model) == ""
+    mass = found.parameters["m"]
+    assert abs(mass.value - RIG.mass) < 4 * mass.std
+
+
+def test_two_recordings_that_hide_the_tool_in_two_ways_leave_it_unknown() -> None:
+    unrecorded = SingleRun(noise="white", motion="sines", seed=47).frame().drop(columns=["px", "py", "pz"])
+    found = fitted([run(41, GuidingHand()), replace(recorded(unrecorded), name="unrecorded")])
+    reasons = [unknown_tool_reason([comparison_of(found, number)], found.model) for number in range(2)]
+    assert len(set(reasons)) == 2
+    assert all(reasons)
+    assert unknown_tool_reason([comparison_of(found, number) for number in range(2)], found.model) == "; ".join(
+        sorted(reasons, reverse=True)
+    )
+
+
 def test_a_hand_that_is_the_smaller_part_of_the_force_does_not_hide_the_tool() -> None:
     """3 N at random beside 12 N of weight."""
     found = fitted([run(41, GuidingHand(force=3.0))])

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.slow_residual import slow_residuals
+from diagnosis.comparison.unrecorded_acceleration import lacks_acceleration
 from estimation.fit import Fit
+from modeling.chain.model import WrenchModel
 from modeling.number_format import P_VALUE
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
@@ -24,11 +28,9 @@ class ComparedFit(Tabular):
 
     @property
     def misfitting(self) -> tuple[str, ...]:
-        """The recordings with a significant lack of fit or slow residual, the held-out ones named as such."""
-        slow = {s.recording for s in slow_residuals(self.training) if s.above_noise}
-        names = [(c.recording.name, c.lack_of_fit) for c in self.training]
-        fitted = [name for name, p_value in names if p_value < LEVELS.effect or name in slow]
-        held_out = [c.recording.name for c in self.validation if c.lack_of_fit < LEVELS.held_out]
+        """The recordings that the model does not fit, the held-out ones named as such."""
+        fitted = [c.recording.name for c in misfitting(self.training, self.fit.model)]
+        held_out = [c.recording.name for c in held_out_misfitting(self.validation)]
         return (*fitted, *(f"{name} (held out)" for name in held_out))
 
     def __repr__(self) -> str:
@@ -50,6 +52,19 @@ class ComparedFit(Tabular):
     def printed(self) -> list[Table | str]:
         """What led to it, then its errors."""
         return [self.label, self.table]
+
+
+def misfitting(training: Sequence[Comparison], model: WrenchModel) -> list[Comparison]:
+    """Fitted recordings with a significant lack of fit, a slow residual above the noise, or motion not recorded."""
+    slow = {s.recording for s in slow_residuals(training) if s.above_noise}
+    return [
+        c for c in training if c.lack_of_fit < LEVELS.effect or c.recording.name in slow or lacks_acceleration(c, model)
+    ]
+
+
+def held_out_misfitting(validation: Sequence[Comparison]) -> list[Comparison]:
+    """Held-out recordings with a significant lack of fit."""
+    return [c for c in validation if c.lack_of_fit < LEVELS.held_out]
 
 
 def _row(comparison: Comparison, kind: str) -> tuple[Value, ...]:

@@ -60,10 +60,15 @@ class ResidualSpectrum:
         return np.asarray(self.power[self.reach + 1 :].mean(axis=0))
 
     @property
+    def band_power(self) -> Array:
+        """Variance (p,) in what follows the motion."""
+        return np.asarray(self.power[1 : self.reach + 1].sum(axis=0) / len(self.power))
+
+    @property
     def band_excess(self) -> Array:
         """Variance (p,) of the residual in what follows the motion in excess of white noise as above it."""
-        low = self.power[1 : self.reach + 1]
-        return np.asarray(np.maximum(low.sum(axis=0) - len(low) * self.noise_variance, 0.0) / len(self.power))
+        lines = min(self.reach, len(self.power) - 1)
+        return np.asarray(np.maximum(self.band_power - lines * self.noise_variance / len(self.power), 0.0))
 
     @property
     def beyond_flicker_noise(self) -> Array:

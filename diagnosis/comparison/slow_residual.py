@@ -62,8 +62,8 @@ class Part(Enum):
         " that the model lacks, or interference; when it is large tells which"
     )
     FOREIGN = (
-        "most of these readings is not the tool's: contact, another load or a disturbance; record a motion without"
-        " contact"
+        "most of these readings is not the tool's in the motion recorded: contact, another load, a disturbance or an"
+        " error of the motion; record a motion without contact"
     )
 
     @property
@@ -231,6 +231,7 @@ def foreign_forces(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
 
     None otherwise: the force of all channels together counts, as which of them the weight acts on is a matter of axes,
     and a recording whose force is mostly the tool's, or that is not tested as it repeats or rests, says what it weighs.
+    What is faster than the motion and what follows it, as a vibration is, does not hide the tool.
     """
     found: list[str] = []
     for comparison in comparisons:
@@ -244,10 +245,12 @@ def foreign_forces(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
 def _foreign_forces(comparison: Comparison) -> list[str]:
     recording, residual, units = comparison.recording, comparison.residual, comparison.space.channel_units
     forces = [units[c] == "N" for c in recording.channels]
-    missed, read = (series[:, forces].var(axis=0).sum() for series in (residual, recording.wrench))
-    if not _is_tested(comparison) or missed < FOREIGN_SHARE * read:
+    if not _is_tested(comparison):
         return []
     spectrum = ResidualSpectrum.of(residual, recording.wrench - residual)
+    read = ResidualSpectrum(dct(recording.wrench, axis=0, norm="ortho") ** 2, spectrum.band)
+    if spectrum.band_power[forces].sum() < FOREIGN_SHARE * read.band_power[forces].sum():
+        return []
     foreign = SlowResidual.of_foreign(recording.name, spectrum, recording.wrench.var(axis=0), units)
     return [c for c in foreign.above_noise if units[c] == "N"]
 

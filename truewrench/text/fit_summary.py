@@ -8,9 +8,10 @@ from functools import cached_property
 from math import isfinite
 from typing import Any
 
+from diagnosis.comparison.compared_step import held_out_misfitting, misfitting
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
-from diagnosis.verdict.motion_notes import lacks_acceleration, motion_notes
+from diagnosis.verdict.motion_notes import motion_notes
 from diagnosis.verdict.unexplained_residual import describe_residual
 from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.upper_limit import channel_tolerance
@@ -81,14 +82,8 @@ class FitSummary:
 
     @property
     def misfitting(self) -> list[Comparison]:
-        """Recordings with a significant lack of fit, or a slow residual above the noise, fitted or held out."""
-        slow = {s.recording for s in self.slow if s.above_noise}
-        fitted = [
-            c
-            for c in self.comparisons
-            if c.lack_of_fit < LEVELS.effect or c.recording.name in slow or lacks_acceleration([c], self.fit.model)
-        ]
-        return fitted + [c for c in self.validation if c.lack_of_fit < LEVELS.held_out]
+        """Recordings that the model does not fit, fitted or held out."""
+        return [*misfitting(self.comparisons, self.fit.model), *held_out_misfitting(self.validation)]
 
     def headline(self) -> str:
         """Whether the model fits, before any number of it: the std of a model that does not fit means nothing."""
