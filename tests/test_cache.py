@@ -27,6 +27,7 @@ from modeling.evaluation import cache as store
 from modeling.evaluation.cache import DerivationCache, cached, source_digest
 from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.evaluation.vector_function import CompiledVector
+from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.parameter import Parameter
 from modeling.space import Space
 from tests.effects.cases import CASES, Case
@@ -112,12 +113,27 @@ EARLY = [case for case in CASES if case.effect.stage.number <= Stage.NONLINEARIT
 LATE = [case for case in CASES if case.effect.stage.number > Stage.NONLINEARITY.number]
 
 
+MAGNET = {
+    "id": "magnet",
+    "title": "a field that goes with the position, on the readings",
+    "advice": "none",
+    "parameters": {"b": {"unit": "N/m"}},
+    "zero": {"fx": "b*px"},
+}
+
+
 @pytest.mark.parametrize("case", EARLY, ids=lambda case: f"{case.effect.id}-{case.space.name}")
-def test_parts_from_models_with_fewer_effects_are_those_derived_in_full(case: Case) -> None:
-    """Beside two effects after the load, one of which is added first: outline, values and derivatives."""
+@pytest.mark.parametrize("formula", [False, True], ids=["catalogue", "formula of the motion"])
+def test_parts_from_models_with_fewer_effects_are_those_derived_in_full(case: Case, formula: bool) -> None:
+    """Beside two effects after the load, one of which is added first: outline, values and derivatives.
+
+    Effects of the joints change the motion that a user's formula reads.
+    """
     first, *_, last = [other.effect for other in LATE if other.space is case.space]
+    last = CustomEffect.from_data(MAGNET) if formula else last
     model, rng = case.plain + first + case.effect + last, np.random.default_rng(5)
-    assert model not in (model.of_load, model.of_sensor)
+    assert model != model.of_load
+    assert (model == model.of_sensor) == (formula and case.effect.needs_joints)
     columns = model.columns
     assert set(model.outline.parts) == set(columns)
     prediction = Prediction(model)

@@ -71,7 +71,8 @@ class Effect(ABC):
     Subclasses state their equation, sign and units in the docstring; `id` is stable, `advice` says what to check on the
     rig, `confused_with` names effects that it may be aliased with. `per_recording` effects (events, bias drift) are
     recording-specific disturbances; `needs_repeats` effects are aliased with slow physics in a single run of a motion;
-    `needs_joints` effects act on joints or links.
+    `needs_joints` effects act on joints or links, and so change the motion; after the load, effects that `reads_motion`
+    depend on it.
     """
 
     id: ClassVar[str]
@@ -84,6 +85,7 @@ class Effect(ABC):
     per_recording: ClassVar[bool] = False
     needs_repeats: ClassVar[bool] = False
     needs_joints: ClassVar[bool] = False
+    reads_motion: ClassVar[bool] = False
 
     @property
     def designable(self) -> bool:

@@ -351,15 +351,19 @@ class WrenchModel:
     @cached_property
     def of_load(self) -> WrenchModel:
         """With the effects up to the load alone; itself with an effect of another module, which may act anywhere."""
-        return self._with_stages(lambda stage: stage.number <= Stage.NONLINEARITY.number)
+        return self._with_effects(lambda effect: not _after_load(effect))
 
     @cached_property
     def of_sensor(self) -> WrenchModel:
-        """With the effects after the load alone; itself with an effect of another module, which may act anywhere."""
-        return self._with_stages(lambda stage: stage.number > Stage.NONLINEARITY.number)
+        """With the effects after the load alone; itself with an effect of another module, which may act anywhere.
 
-    def _with_stages(self, wanted: Callable[[Stage], bool]) -> WrenchModel:
-        effects = tuple(effect for effect in self.effects if wanted(effect.stage))
+        Where one of these reads the motion, with the effects on the joints as well, which change it.
+        """
+        moved = any(effect.reads_motion for effect in self.effects if _after_load(effect))
+        return self._with_effects(lambda effect: _after_load(effect) or (moved and effect.needs_joints))
+
+    def _with_effects(self, wanted: Callable[[Effect], bool]) -> WrenchModel:
+        effects = tuple(filter(wanted, self.effects))
         return self if self._described is None or effects == self.effects else replace(self, effects=effects)
 
     def stored(self, part: str, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
@@ -377,6 +381,11 @@ class WrenchModel:
             return json.dumps(canonical_data(own), sort_keys=True)
         except TypeError:
             return None
+
+
+def _after_load(effect: Effect) -> bool:
+    """Whether an effect acts on the readings after the load."""
+    return effect.stage.number > Stage.NONLINEARITY.number
 
 
 def planar(rig: Rig | None = None) -> WrenchModel:

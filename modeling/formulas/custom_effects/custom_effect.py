@@ -46,6 +46,7 @@ class CustomEffect(Effect):
     """
 
     definition: EffectDefinition
+    reads_motion = True  # a formula of any stage may
 
     id = _from_definition("id")
     title = _from_definition("title")
