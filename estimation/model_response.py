@@ -99,7 +99,7 @@ def model_response(
     """
     mean = _mean_motion_response(model, recording, theta, derivative=derivative, tolerance=tolerance)
     own = decided_own_motion(model.base, recording)
-    return mean if own is None else replace(mean, own_motion=_added(model, own, theta, mean))
+    return mean if own is None else replace(mean, own_motion=_added(model, recording, own, theta, mean))
 
 
 def _mean_motion_response(
@@ -109,10 +109,11 @@ def _mean_motion_response(
     *,
     derivative: bool,
     tolerance: float = DEFLECTION_TOLERANCE,
+    steady: bool = True,
 ) -> ModelResponse:
-    """`model_response` to the motion in the recording's signals."""
+    """`model_response` to the motion in the recording's signals, if `steady` in its periodic steady state."""
     k = len(theta) if derivative else 0
-    record = motion_record(model, recording, theta, derivative=derivative)
+    record = motion_record(model, recording, theta, derivative=derivative, steady=steady)
     deflection = compiled_prediction(model).deflection
     parts = record.evaluated("load") if deflection is None else [deflection.response(record, tolerance)]
     for stage in compiled_prediction(model).stages:
@@ -129,24 +130,23 @@ def _mean_motion_response(
     )
 
 
-def _added(model: WrenchModel, own: OwnMotion, theta: Array, mean: ModelResponse) -> Array:
-    """What each repeat's own motion adds to the response (n, p) to the mean motion."""
-    return _mean_motion_response(model, own, theta, derivative=False).value - mean.value
+def _added(model: WrenchModel, recording: Recording, own: OwnMotion, theta: Array, mean: ModelResponse) -> Array:
+    """What each repeat's own motion adds to the response (n, p) to the mean motion.
+
+    A motion that differs from repeat to repeat is in no steady state, and what came before the record is unknown: a
+    model with memory responds to both motions from the record's start, where the same is missing in both.
+    """
+    if not compiled_prediction(model).instantaneous:
+        mean = _mean_motion_response(model, recording, theta, derivative=False, steady=False)
+    return _mean_motion_response(model, own, theta, derivative=False, steady=False).value - mean.value
 
 
 def decided_own_motion(base: WrenchModel, recording: Recording) -> OwnMotion | None:
     """The motion of each repeat, where it differs and the readings show that it did; None for the mean motion.
 
-    The rigid tool, fitted to the mean of the readings, predicts what the differences of the motion add to them, d. Of
-    what the readings e differ between the repeats, that is true (e = d + noise) or an error of the measured motion
-    (e = noise). In noise of the spectrum S of e the chi-square of the second is higher by
-
-        4 sum Re(conj(D) E) / S - 2 sum |D|² / S,
-
-    and above `LEVELS.separated_by_readings` the first is taken: an error of the motion is taken for motion at 0.12 % at
-    the most, whatever its size, if S is known. As it is estimated, simulations find 0.3 % in white noise, 1 % in 1/f
-    noise and random walks, and 6 % where the errors of two repeats are random walks, too. True differences that are
-    missed are noise then: they are small, or in a few lines, which count for 2 each and channel at the most.
+    The rigid tool, fitted to the mean of the readings, predicts what the differences of the motion add to them. If it
+    was an error of the measured motion, the readings lack it (`is_separated`). True differences that are missed are
+    noise then: they are small, or the same at all phases of the motion.
     """
     own = recording.own_motion
     if own is None:
@@ -166,7 +166,8 @@ def _own_motion_is_read(base: WrenchModel, recording: Recording, own: OwnMotion)
     weight[varying] = 1 / recording.wrench.std(axis=0)[varying]
     rows = (response.derivative * weight[:, None]).reshape(-1, len(nothing))
     theta = np.asarray(np.linalg.lstsq(rows, (readings * weight).ravel(), rcond=None)[0], dtype=np.float64)
-    added = _added(base, own, theta, _mean_motion_response(base, recording, theta, derivative=False))
+    mean = _mean_motion_response(base, recording, theta, derivative=False)
+    added = _added(base, recording, own, theta, mean)
     return is_separated(added, recording.wrench, own.repeats)
 
 
@@ -193,22 +194,26 @@ def _sum(parts: Sequence[ResponsePart], columns: tuple[int, ...]) -> tuple[Array
     return value, derivative
 
 
-def motion_record(model: WrenchModel, recording: Recording, theta: Array, *, derivative: bool = True) -> MotionRecord:
+def motion_record(
+    model: WrenchModel, recording: Recording, theta: Array, *, derivative: bool = True, steady: bool = True
+) -> MotionRecord:
     """The recording as the stages of the model take it, at the parameters theta (k,)."""
     prediction = compiled_prediction(model)
+    motion = () if steady else recording.signals
     return MotionRecord(
         signals=model_signals(recording),
         dt=recording.dt,
         repeats=recording.repeats,
         samples_per_repeat=recording.samples_per_repeat,
         continuous=recording.continuous,
-        nonperiodic=nonperiodic_signals(recording),
+        nonperiodic=nonperiodic_signals(recording) | {*motion},
         theta=theta,
         vectors=prediction.vector,
         transfer=prediction.transfer,
         transfer_parameters=prediction.transfer_parameters,
         summed=not all(stage.linear for stage in prediction.stages),
         derivative=derivative,
+        steady=steady,
     )
 
 

@@ -161,9 +161,8 @@ def test_reports_say_that_the_tool_is_unknown(tmp_path: Path) -> None:
     assert main(["diagnose", str(path), "--report", str(tmp_path / "diagnosis"), "--json", *only]) == 0
     pages = [page for folder in ("fit", "diagnosis") for page in (tmp_path / folder).glob("*.[hm]*")]
     assert len(pages) == 4
-    assert all(
-        "The tool is not known, as what the model lacks looks like" in page.read_text(encoding="utf-8") for page in pages
-    )
+    said = "The tool is not known, as what the model lacks looks like"
+    assert all(said in page.read_text(encoding="utf-8") for page in pages)
 
 
 OTHERS = [effect() for effect in (CableSpring, ViscousDrag, GravityTilt, SensorRotation, TimeDelay, SensorLag, Magnet)]

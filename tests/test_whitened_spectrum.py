@@ -9,8 +9,8 @@ from scipy.fft import idct
 from scipy.stats import binom
 
 from diagnosis.screening.score_test import screen, significant_effects
+from estimation.autoregression import fit_autoregression
 from estimation.fit import fit
-from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.noise_level import NoiseLevel
 from estimation.noise.whitened_spectrum import WhitenedSpectrum, lines
 from estimation.noise.whitening import AutoregressiveWhitener

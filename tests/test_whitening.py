@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
+from estimation import autoregression
+from estimation.autoregression import fit_autoregression
 from estimation.model_response import ModelResponse
-from estimation.noise import autoregression
-from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener

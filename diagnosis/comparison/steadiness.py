@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
+from estimation.autoregression import fit_autoregression
 from estimation.distributions import chi2_isf, chi2_sf, normal_cdf
 from estimation.multiplicity import bonferroni_p_value
-from estimation.noise.autoregression import fit_autoregression
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, maximum_filter1d, median_filter, minimum_filter1d
 
+from estimation.autoregression import fit_autoregression
 from estimation.contact.variance_of_means import MeanDifferences, VarianceOfMeans
 from estimation.distributions import chi2_isf, normal_cdf, normal_isf
-from estimation.noise.autoregression import fit_autoregression
 from estimation.noise.disturbances.transient_windows import Windows, cumulative_sums, inside
 from modeling.noise.channel_whitening import block_means
 from modeling.significance import LEVELS

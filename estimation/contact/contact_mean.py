@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.autoregression import fit_autoregression
 from estimation.contact.contact_detection import ContactDetection, ContactInterval
 from estimation.contact.point_force import PointForce
 from estimation.contact.variance_of_means import MeanDifferences, VarianceOfMeans
 from estimation.distributions import chi2_sf
-from estimation.noise.autoregression import fit_autoregression
 from modeling.noise.channel_whitening import block_means
 
 Array = NDArray[np.float64]

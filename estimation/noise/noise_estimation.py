@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.noise.autoregression import fit_autoregression
+from estimation.autoregression import fit_autoregression
 from estimation.noise.disturbances.transient_windows import inside, samples_of
 from estimation.noise.motion_noise import MotionNoise
 from estimation.noise.noise_from_repeats import noise_from_repeats

@@ -41,6 +41,7 @@ class MotionRecord:
 
     nonperiodic   names of the signals that differ between repeats
     continuous    whether repeats follow each other without pause
+    steady        whether they then find the model in its periodic steady state; not where each moves in its own way
     vectors       the compiled vectors of the model's stages by name (`ChainStage.vectors`)
     transfer      H(j omega) and its derivatives in the parameters `transfer_parameters`, at omega (rad/s)
     summed        whether a stage acts on the sum of all summands: play, saturation
@@ -59,11 +60,12 @@ class MotionRecord:
     transfer_parameters: tuple[int, ...]
     summed: bool
     derivative: bool = True
+    steady: bool = True
 
     @property
     def clock(self) -> TimeBase:
         """Sampling interval, and whether the motion is in its periodic steady state."""
-        return TimeBase(self.dt, periodic=self.repeats > 1 and self.continuous)
+        return TimeBase(self.dt, periodic=self.repeats > 1 and self.continuous and self.steady)
 
     def repeating(self, inputs: Iterable[str]) -> bool:
         """Whether these signals are the same in every repeat; true for a single run."""
