@@ -14,7 +14,7 @@ from diagnosis.acceptance.acceptance import accept
 from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.acceptance.recording_disturbance import RecordingDisturbance, disturbances_of, with_disturbances
 from diagnosis.calibration.calibration import Calibration
-from diagnosis.comparison.comparison import noise_from_residual
+from diagnosis.comparison.comparison import Comparison, noise_from_residual
 from diagnosis.comparison.error_table import noise_floors
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.comparison.unrecorded_acceleration import lacks_acceleration
@@ -104,7 +104,7 @@ class Diagnosis(Tabular):
     @cached_property
     def lack_of_fit(self) -> float:
         """Bonferroni-corrected p-value of the final model's lack of fit over the training recordings."""
-        return bonferroni_p_value([c.lack_of_fit for c in self.steps[-1].training])
+        return lack_of_fit(self.steps[-1].training)
 
     @property
     def stated_lack_of_fit(self) -> float | None:
@@ -297,7 +297,7 @@ def _diagnosed(
         )
         steps = selection_steps(selection, final, known)
         power = power[:1]
-    require_positive_fitted_mass(final.fit)
+    require_positive_fitted_mass(steps[-1].fit)
     progress("verdict, upper limit and aliases of every effect")
     evidence = gather_evidence(selection, final, candidates, reasons)
     findings = judge_effects(selection, final, steps, power, evidence, candidates, tolerance, effect_rules)
@@ -365,7 +365,7 @@ def _record_evidence(
 ) -> RecordEvidence:
     compared = (*steps[-1].training, *steps[-1].validation)
     return RecordEvidence(
-        lack_of_fit=final.lack_of_fit,
+        lack_of_fit=lack_of_fit(steps[-1].training),
         held_out_lack_of_fit=min((c.lack_of_fit for c in steps[-1].validation), default=1.0),
         effects=len(final.ids),
         unaccepted=noise_from_residual(final.fit) and len(selection.tried) > 1,
@@ -377,6 +377,11 @@ def _record_evidence(
         power_share=float(power[-1] / max(power[0], 1e-300)),
         unrecorded_acceleration=any(lacks_acceleration(c, final.fit.model) for c in steps[-1].training),
     )
+
+
+def lack_of_fit(compared: Sequence[Comparison]) -> float:
+    """P-value of lack of fit in any of the recordings, Bonferroni-corrected for their number."""
+    return bonferroni_p_value([c.lack_of_fit for c in compared])
 
 
 def _unexplained(step: SelectionStep, tolerance: Mapping[str, float]) -> UnexplainedResidual:
