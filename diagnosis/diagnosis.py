@@ -285,8 +285,8 @@ def _diagnosed(
     acceptance = accept(chosen, selection.base, held_out, candidates)
     final, reasons = acceptance.candidate, dict(acceptance.reasons)
     known = acceptance.held_out
-    tolerance, _ = channel_tolerance(final.fit)
     steps = selection_steps(selection, final, known)
+    tolerance, _ = channel_tolerance(steps[-1].fit)
     power = explainable_power_by_step(steps)
     verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance))
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:

@@ -369,14 +369,16 @@ def fit(
 def with_ordinary_estimate(fitted: Fit) -> Fit:
     """The fit with parameters by ordinary least squares where its noise comes from the residual of a run.
 
-    Their std are those in the noise's own spectrum. The noise stays as it was, for tests.
+    Their std are those in the noise's own spectrum. The noise stays as it was, for tests, but for the std of one
+    sample, which is that of the new residual: an estimate in near-integrated noise leaves a larger one.
     """
-    from estimation.ordinary_estimate import OrdinaryEstimate  # spectra: slow to import
+    from estimation.noise.noise_estimation import with_floor_of  # spectra: slow to import
+    from estimation.ordinary_estimate import OrdinaryEstimate
 
     found = OrdinaryEstimate.of(fitted.problem, fitted.theta, fitted.residuals)
     if found is None:
         return fitted
-    return replace(
+    estimated = replace(
         fitted,
         theta=found.theta,
         covariance=found.covariance_in_noise,
@@ -384,6 +386,9 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
         converged=found.converged,
         ordinary=found,
     )
+    parts = zip(fitted.noise, fitted.recordings, estimated.residuals, strict=True)
+    noise = tuple(with_floor_of(own, recording, r, len(fitted.unknowns)) for own, recording, r in parts)
+    return replace(estimated, noise=noise)
 
 
 def _whole_recordings(parts: Iterable[RecordingOrChunk], executor: Executor | None) -> tuple[Recording, ...]:

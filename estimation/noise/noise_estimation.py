@@ -120,7 +120,7 @@ def _noise_from_residual(
     events (s) a run has a noise of its own: the residual's variance there about its mean, and its correlation time.
     """
     block = 1 if recording.at_rest else max(1, len(residual) // MAX_BLOCKS)
-    floor = _floor(recording, residual, fitted, events)
+    floor = residual_floor(recording, residual, fitted, events)
     residual = block_means(residual, block)
     n, p = residual.shape
     ranges = [samples_of(event, sample_step(recording) * block, n) for event in events]
@@ -139,12 +139,21 @@ def _noise_from_residual(
     return RecordingNoise(floor, whitener, NoiseSource.RESIDUAL, log_power_variance, events=events, motion=motion)
 
 
-def _floor(recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]) -> Array:
-    """Std of one sample (p,) outside events."""
+def residual_floor(
+    recording: Recording, residual: Array, fitted: int, events: tuple[tuple[float, float], ...]
+) -> Array:
+    """Std of one sample (p,) of the residual of a model of so many parameters, outside events."""
     ranges = [samples_of(event, sample_step(recording), len(residual)) for event in events]
     event_free = ~inside(ranges, len(residual))
     floor = np.sqrt((residual[event_free] ** 2).sum(axis=0) / max(1.0, event_free.sum() - fitted / residual.shape[1]))
     return np.asarray(np.maximum(floor, 1e-12 * max(floor.max(), 1e-300)))
+
+
+def with_floor_of(noise: RecordingNoise, recording: Recording, residual: Array, fitted: int) -> RecordingNoise:
+    """The noise, where it is taken from a residual, with the std of one sample of this one."""
+    if noise.source is not NoiseSource.RESIDUAL:
+        return noise
+    return replace(noise, floor=residual_floor(recording, residual, fitted, noise.events))
 
 
 def _white_equivalent_std(in_events: Array, floor: Array) -> Array:
