@@ -13,6 +13,7 @@ from scipy.stats import binom, kurtosistest, t
 from diagnosis.comparison.slow_residual import SlowResidual
 from diagnosis.comparison.steadiness import (
     kurtosis_p_value,
+    level_spacing,
     octaves_p_value,
     squares_p_value,
     steadiness_p_values,
@@ -126,6 +127,20 @@ def test_p_values_hold_in_noise_of_any_colour(noise: str) -> None:
     p_values = steadiness_p_values(residual)
     for level in (LEVEL, LEVELS.effect):
         assert (p_values < level).sum() <= binom.isf(TAIL, channels, level)
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.05, 0.1, 0.2, 0.4])
+def test_rounding_is_no_finding(noise: float) -> None:
+    """Of readings of a weight that turns, in steps of 1; knocks that are larger than the steps are found."""
+    rng, time = np.random.default_rng(5), np.arange(3000)
+    weight = 12 * np.sin(time[:, None] / [170, 110, 260]) + rng.uniform(0, 1, 3)
+    exact = weight + noise * rng.normal(size=weight.shape)
+    for knocked in (False, True):
+        exact[:, 2] += knocked * 15 * rng.choice([-1, 1], size=3000) * (rng.uniform(size=3000) < 0.02)
+        readings = np.round(exact)
+        np.testing.assert_array_equal(level_spacing(readings), 1.0)
+        found = SlowResidual.of_unsteady("run", readings - weight, UNITS, level_spacing(readings))
+        assert found.above_noise == (("tau",) if knocked else ())
 
 
 @pytest.mark.parametrize("samples", [400, 1500])

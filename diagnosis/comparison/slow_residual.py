@@ -19,7 +19,7 @@ from scipy.fft import dct
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.residual_spectrum import ResidualSpectrum
 from diagnosis.comparison.rest_comparison import rest_p_values
-from diagnosis.comparison.steadiness import steadiness_p_values, unsteady_variance
+from diagnosis.comparison.steadiness import level_spacing, steadiness_p_values, unsteady_variance
 from estimation.distributions import chi_square_p_value
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.recording import Recording
@@ -105,7 +105,7 @@ class SlowResidual:
         band = cls.of_motion_band(name, spectrum, units).or_else(
             cls.of_rest(name, spectrum, recording, residual, units)
         )
-        band = band.or_else(cls.of_unsteady(name, residual, units))
+        band = band.or_else(cls.of_unsteady(name, residual, units, level_spacing(recording.wrench)))
         found = cls.of_residual(name, residual, units).or_else(band)
         return found.or_else(cls.of_foreign(name, spectrum, recording.wrench.var(axis=0), units), tests=1)
 
@@ -118,13 +118,16 @@ class SlowResidual:
         return cls._of(name, units, Part.MOTION_ALONE, size, noise, rest_p_values(recording, residual))
 
     @classmethod
-    def of_unsteady(cls, recording: str, residual: Array, units: Mapping[str, str]) -> SlowResidual:
-        """The part that comes and goes of a residual (n, p), where it exceeds the steady noise.
+    def of_unsteady(
+        cls, recording: str, residual: Array, units: Mapping[str, str], spacing: Array | float = 0.0
+    ) -> SlowResidual:
+        """The part that comes and goes of a residual (n, p), where it exceeds the steady noise and the rounding.
 
-        A smaller one says little: the motion's derivatives err most where a move begins and ends.
+        A smaller one says little: the motion's derivatives err most where a move begins and ends, and readings that
+        are rounded to levels of some `spacing` (p,), coarser than their noise, err by half of it at the most.
         """
         unsteady, steady = unsteady_variance(residual)
-        larger, p_values = unsteady > steady, np.ones(len(units))
+        larger, p_values = unsteady > np.maximum(steady, (np.asarray(spacing) / 2) ** 2), np.ones(len(units))
         p_values[larger] = steadiness_p_values(residual[:, larger])
         return cls._of(recording, units, Part.UNSTEADY, np.sqrt(unsteady), np.sqrt(steady), p_values)
 

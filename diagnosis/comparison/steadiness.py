@@ -30,6 +30,8 @@ QUIET_SHARE = 0.25
 """Of an octave's windows, the quietest, which give the power of steady noise."""
 FEWEST = 24
 """Windows of an octave from which it is looked at."""
+SAME_LEVEL = 1e-9
+"""Of the range of a channel's readings: values that are nearer are equal but for rounding."""
 FLOOR = 0.01
 """Spectral density, over that of white noise of the residual's variance, below which a line is not tested: such lines
 have together less than a hundredth of the variance, and what is rounded or is left behind a filter lies there."""
@@ -137,6 +139,16 @@ def _octaves(residual: Array) -> Iterator[tuple[int, Array]]:
         parts = residual[start : start + windows * length].reshape(windows, length, -1)
         yield length, np.asarray(dct(parts, axis=1, norm="ortho")[:, OCTAVE])
         length *= 2
+
+
+def level_spacing(readings: Array) -> Array:
+    """Least spacing (p,) between the values of readings (n, p): that of the levels where they are rounded."""
+    spacings = []
+    for column in readings.T:
+        steps = np.diff(np.unique(column))
+        apart = steps[steps > SAME_LEVEL * np.ptp(column)]
+        spacings.append(float(apart.min(initial=np.inf)) if len(apart) else 0.0)
+    return np.array(spacings)
 
 
 def _independent_lines(lines: Array) -> Array:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.parallel.workers import WorkItem
 from diagnosis.screening.score_test import ScoreTest, adjusted_p_values, screen, significant_effects
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
@@ -43,7 +44,8 @@ class Finding(Tabular):
     """Verdict on one effect, with its evidence.
 
     p_value         multiplicity-corrected, of the score test; None when not tested
-    error_removed   share of the systematic power that it removes; not added: of the excess chi-square, by its score
+    error_removed   share of the systematic power that it removes; not added: of the excess chi-square, by its score,
+                    None where the noise is taken from the residual, so that there is no such excess
     detectable      changes of its amplitudes that are detected with 80 % power
     confusable_with ids of its aliases (of an alias: the added effect)
     closest         of an added effect: the other one that imitates it best, None where no other is significant there
@@ -167,7 +169,8 @@ def judge_effects(
     separated = {a.effect.id: (added_id, a) for added_id, of in evidence.aliases.items() for a in of if a.separated}
     screenings = final.screened(candidates)
     adjusted = adjusted_p_values(screenings)
-    excess = None if selection.base.adequate else selection.base.excess
+    unknown_excess = selection.base.adequate or noise_from_residual(final.fit)  # the latter fits that noise
+    excess = None if unknown_excess else selection.base.excess
     one_run = all(recording.repeats == 1 for recording in fit.recordings)
     others = []
     for screening in screenings:

@@ -65,7 +65,9 @@ class FrameEvidence:
     def weight_sentence(self) -> str:
         """How little of the force is a weight."""
         share = 100 * max(self.as_read.fit.explained, 0.0)
-        text = f"the weight that turns with the sensor is that of {self.as_read.mass:.2g} kg, and {share:.2g} % of the"
+        text = (
+            f"a weight that turns with the sensor would be that of {self.as_read.mass:.2g} kg, and {share:.2g} % of the"
+        )
         return f"{text} force's power: compensated already, or hidden by contact"
 
 

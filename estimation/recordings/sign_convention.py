@@ -68,8 +68,8 @@ def _reason(on_tool: WeightFit, on_sensor: WeightFit) -> str:
     """Why neither sign is shown."""
     best = max(on_tool, on_sensor, key=lambda fit: fit.explained)
     if best.shows_no_weight:
-        text = "the forces show no weight that turns with the sensor"
-        return f"{text} ({100 * best.explained:.2g} % of their power): compensated already, or hidden by contact"
+        share = f"{max(100 * best.explained, 0.0):.2g} % of the forces' power"
+        return f"at most {share} is a weight that turns with the sensor: compensated already, or hidden by contact"
     text = "a weight on the sensor explains the forces as well as one with the other sign"
     return f"{text} ({100 * on_tool.explained:.3g} and {100 * on_sensor.explained:.3g} % of their power)"
 

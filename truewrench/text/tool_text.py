@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
+import numpy as np
+
 from estimation.fit import Fit
 from estimation.static.centre_of_mass import CentreOfMass
 from modeling.number_format import estimate_text
@@ -19,17 +21,18 @@ LEGEND = {
 BIASED = "the model does not fit, and what it lacks biases these"
 """Of the numbers of a model with something missing."""
 
+FORCES = ("fx", "fy", "fz")
 SIGNIFICANT = 5.0
 """Std of a mass from which there is one."""
 WEIGHTLESS = "these readings hold no weight; was the tool compensated already?"
+TOO_STILL = "the sensor's zero may hide its weight, which this motion hardly turns; record one that turns the tool."
 
 
 def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     """Mass and centre of mass with std, as far as they are identifiable; empty where the mass is not.
 
-    Of readings without weight it says that there is none; where the tool is `unknown`, for which reason.
-
-    Of a `misfitting` model it says that the std are too small.
+    Of readings without weight it says that there is none, unless its std leaves room for one of all that they read;
+    where the tool is `unknown`, for which reason. Of a `misfitting` model it says that the std are too small.
     """
     mass = fitted.parameters["m"]
     if not isfinite(mass.std):
@@ -37,7 +40,8 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     if unknown:
         return f"Tool: not known, as {unknown}."
     if abs(mass.value) < SIGNIFICANT * mass.std:
-        return f"Tool: none, m {estimate_text(mass.value, mass.std, mass.unit)}: {WEIGHTLESS}"
+        found, why = ("not known", TOO_STILL) if _may_be_heavy(fitted) else ("none", WEIGHTLESS)
+        return f"Tool: {found}, m {estimate_text(mass.value, mass.std, mass.unit)}: {why}"
     centre = CentreOfMass.of(fitted)
     parts = [
         f"{axis} {estimate_text(1e3 * value, 1e3 * std, 'mm')}"
@@ -47,3 +51,11 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     where = f"; centre of mass {', '.join(parts)} from the sensor's origin, in its axes" if parts else ""
     doubt = f" ({BIASED})" if misfitting else ""
     return f"Tool: m {estimate_text(mass.value, mass.std, mass.unit)}{where}{doubt}."
+
+
+def _may_be_heavy(fitted: Fit) -> bool:
+    """Whether the mass may be that of a weight of the size of the forces read, which the sensor's zero would hide."""
+    mass, force = fitted.parameters["m"], [c in FORCES for c in fitted.recordings[0].channels]
+    read = np.concatenate([recording.wrench[:, force] for recording in fitted.recordings])
+    weight = fitted.model.gravity * (abs(mass.value) + SIGNIFICANT * mass.std)
+    return weight > float(np.sqrt((read**2).sum(axis=1).mean()))
