@@ -42,7 +42,7 @@ from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
 from estimation.fit import Fit, check_channels, initial_noise, recordings_of, refit, require_positive_fitted_mass
-from estimation.gravity.gravity_direction import with_gravity_direction
+from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
@@ -310,7 +310,8 @@ def _diagnosed(
     final.cache.forget()
     return Diagnosis(
         final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
-        gravity=case.found, given_alternatives=alternatives,
+        gravity=None if case.found is None else with_fitted_tilt(case.found, final.fit.model, steps[-1].fit.values),
+        given_alternatives=alternatives,
     )  # fmt: skip
 
 

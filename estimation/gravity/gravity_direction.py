@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from estimation.gravity.gravity_estimate import GravityEstimate
@@ -10,7 +10,7 @@ from estimation.gravity.gravity_evidence import gravity_evidence
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.effects.gravity_load import GravityTilt
-from modeling.kinematics.base_mounting import Direction
+from modeling.kinematics.base_mounting import Direction, in_base_axes, unit_direction
 from modeling.rig.rig import Rig
 
 
@@ -40,6 +40,21 @@ def with_gravity_direction(model: WrenchModel, recordings: Sequence[Recording]) 
     if not found.along_axis and all(effect.id != GravityTilt.id for effect in mounted.effects):
         mounted = mounted + GravityTilt()
     return MountedCase(mounted, mounted_recordings(several, found.direction), found)
+
+
+def with_fitted_tilt(found: GravityEstimate, model: WrenchModel, estimates: Mapping[str, float]) -> GravityEstimate:
+    """The estimate turned by the `gravity_tilt` that a fit of the model, on that base, found beside the tool.
+
+    The first estimate knows nothing of the other effects of the model; `estimates` are its parameters by name.
+    """
+    tilt = next((effect for effect in model.effects if effect.id == GravityTilt.id), None)
+    if tilt is None:
+        return found
+    parameters = tilt.qualified(model.space)
+    own = {p.name.removeprefix(f"{tilt.id}."): estimates[p.name] for p in parameters}
+    turned = tilt.perturb(replace(model, effects=()).chain, own).gravity
+    components = [float(part) for part in turned][: model.space.value]
+    return replace(found, direction=in_base_axes(unit_direction(components), found.direction))
 
 
 def stated_direction(model: WrenchModel, recordings: Sequence[Recording]) -> Direction | None:

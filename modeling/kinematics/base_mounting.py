@@ -46,6 +46,15 @@ def base_placement(direction: Direction) -> Placement:
     return Placement(quaternion=(-y / across * sin(half) + 0.0, x / across * sin(half) + 0.0, 0.0, cos(half)))
 
 
+def in_base_axes(vector: Direction, direction: Direction) -> Direction:
+    """A vector of the world in axes of a base in which gravity points along `direction`."""
+    if len(direction) == 2:
+        c, s = cos(base_angle(direction)), sin(base_angle(direction))
+        return (c * vector[0] - s * vector[1], c * vector[1] + s * vector[0])
+    x, y, z, w = base_placement(direction).quaternion
+    return tuple(rotated_vector((-x, -y, -z, w), vector))
+
+
 def motion_in_world(motion: Mapping[str, Any], direction: Direction) -> dict[str, Any]:
     """The signals of a sensor's motion in base axes, numbers, arrays or expressions, in the world."""
     return _planar(motion, base_angle(direction)) if len(direction) == 2 else _spatial(motion, direction)

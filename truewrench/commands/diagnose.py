@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
     from diagnosis.parallel.freed_memory import keep_freed_memory
     from diagnosis.parallel.workers import available_cores
-    from truewrench.files.data_set import DataSet, frame_sentences, frames_data
+    from truewrench.files.data_set import DataSet, frame_sentences, frames_data, with_fitted_gravity
     from truewrench.files.output import make_folder, require_writable_folder
 
     if arguments.out is not None:
@@ -87,6 +87,7 @@ def run(arguments: argparse.Namespace) -> None:
     with suspicions_named((*case.training, *case.validation)):
         found = diagnosed(case, candidates, workers)
     found = found if calibration is None else found.calibrated(calibration)
+    case = with_fitted_gravity(case, found.fit)
     out = None if arguments.out is None else make_folder(arguments.out)
     data = found.to_data() | frames_data(case)
     written = []
@@ -124,6 +125,7 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers
     """
     from diagnosis.diagnosis import diagnose
     from diagnosis.parallel.workers import available_cores
+    from truewrench.files.data_set import with_fitted_gravity
     from truewrench.files.output import progress_line
 
     with progress_line() as progress:
@@ -135,7 +137,7 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers
             progress=progress,
             workers=available_cores() if workers is None else workers,
         )
-    return found if case.gravity is None else replace(found, gravity=case.gravity)
+    return found if case.gravity is None else replace(found, gravity=with_fitted_gravity(case, found.fit).gravity)
 
 
 def report_texts(found: Diagnosis, provenance: Provenance, workers: int) -> ReportTexts:

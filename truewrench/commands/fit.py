@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.stream:
         run_stream(arguments)
         return
-    from truewrench.files.data_set import DataSet
+    from truewrench.files.data_set import DataSet, with_fitted_gravity
 
     constraints = constraints_of(arguments)
     case = DataSet.read(
@@ -79,6 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
     with suspicions_named((*case.training, *case.validation)), progress_line() as progress:
         progress("fit")
         found = fit_summary_of(model, case, constraints, robust=arguments.robust)
+        case = with_fitted_gravity(case, found.fit)
     written = [] if arguments.report is None else write_report(arguments, found, case)
     print_fit(
         arguments,

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from diagnosis.parallel.workers import Workers, run_spmd
-from estimation.gravity.gravity_direction import with_gravity_direction
+from estimation.fit import Fit
+from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.logs.log_reading import read_with_rig
 from estimation.recordings.readings_digest import require_different_readings
@@ -198,6 +199,13 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
         "mounting_angle_deg": degrees(mounting_angle(sign)),
         "mounting": sign.mounting.tolist(),
     }
+
+
+def with_fitted_gravity(case: DataSet, fitted: Fit) -> DataSet:
+    """The case with the direction of gravity that the data decided turned by the tilt fitted beside the tool."""
+    if case.gravity is None:
+        return case
+    return replace(case, gravity=with_fitted_tilt(case.gravity, fitted.model, fitted.values))
 
 
 def frame_sentences(case: DataSet, *, detailed: bool = False) -> list[str]:
