@@ -137,6 +137,11 @@ class Diagnosis(Tabular):
         return self.steps[-1].misfitting or tuple(r.name for r in self.fit.recordings)
 
     @cached_property
+    def tool_unknown(self) -> str:
+        """Why the readings do not say what the tool weighs, empty where they do."""
+        return unknown_tool_reason(self.steps[-1].training, self.fit.model)
+
+    @cached_property
     def slow_residuals(self) -> tuple[SlowResidual, ...]:
         """The significant slow parts of the residuals of single runs, with the final model."""
         return slow_residuals(self.steps[-1].training)
@@ -185,7 +190,7 @@ class Diagnosis(Tabular):
             "steps": [s.to_data() for s in self.steps],
             "effects": [f.to_data() for f in self.findings],
             "parameters": estimates_data(self.fit.parameters),
-            "tool_unknown": unknown_tool_reason(self.steps[-1].training, self.fit.model) or None,
+            "tool_unknown": self.tool_unknown or None,
             "zero_shift": None if self.zero_shift is None else dict(self.zero_shift),
             "validation_own": [disturbance_data(d) for d in self.disturbances] if self.steps[0].validation else None,
             "unexplained": None if self.unexplained is None else unexplained_data(self.unexplained),

@@ -21,6 +21,7 @@ from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.screening.suspects import Suspects
 from diagnosis.selection.subset_search import CandidateModel, refit_with_effect
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
+from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.upper_limit import channel_tolerance
 from estimation.fit import (
     Fit,
@@ -171,6 +172,11 @@ class Study(Tabular):
     def undone(self) -> int:
         """How many steps can be done again."""
         return len(self._undone)
+
+    @property
+    def tool_unknown(self) -> str:
+        """Why the readings do not say what the tool weighs, empty where they do."""
+        return unknown_tool_reason(self.steps[-1].training, self.fit.model)
 
     @property
     def misfitting(self) -> tuple[str, ...]:

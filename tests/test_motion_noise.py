@@ -152,7 +152,7 @@ def test_no_parameter_of_an_unknown_tool_is_printed_as_known() -> None:
 
 
 @pytest.mark.long(seconds=4)
-def test_reports_say_that_the_tool_is_unknown(tmp_path: Path) -> None:
+def test_reports_and_files_say_that_the_tool_is_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frame = SingleRun(noise="white", motion="point to point", seed=7004).frame()
     path = tmp_path / "run.csv"
     frame[["time", *ORIENTATION, *SPATIAL_CHANNELS]].to_csv(path, index=False)
@@ -162,7 +162,18 @@ def test_reports_say_that_the_tool_is_unknown(tmp_path: Path) -> None:
     pages = [page for folder in ("fit", "diagnosis") for page in (tmp_path / folder).glob("*.[hm]*")]
     assert len(pages) == 4
     said = "The tool is not known, as what the model lacks looks like"
-    assert all(said in page.read_text(encoding="utf-8") for page in pages)
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert said in text
+        assert text.count("not known") > 16  # no parameter has an interval
+    model = tmp_path / "model.json"
+    assert main(["fit", str(path), "--physical", "--out", str(model)]) == 0
+    capsys.readouterr()
+    for to in ("ur", "urdf"):
+        assert main(["emit", str(model), "--to", to]) == 0
+        emitted = capsys.readouterr()
+        assert "NOT KNOWN, as what the model lacks looks like" in emitted.out
+        assert "warning: the tool is not known" in emitted.err
 
 
 OTHERS = [effect() for effect in (CableSpring, ViscousDrag, GravityTilt, SensorRotation, TimeDelay, SensorLag, Magnet)]

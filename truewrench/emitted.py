@@ -97,10 +97,12 @@ def emitted(
     return _code(model, to, rate)
 
 
-def _source() -> str:
+def _source(unknown: str = "") -> str:
+    """What made it, and of an unknown tool why its numbers are none."""
     from importlib.metadata import version
 
-    return f"truewrench {version('truewrench')}"
+    doubt = f" (NOT KNOWN, as {unknown})" if unknown else ""
+    return f"truewrench {version('truewrench')}{doubt}"
 
 
 def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
@@ -115,7 +117,7 @@ def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | No
     tool = tool if sensor_pose is None else tool.seen_from(sensor_pose)
     left_out = f" {tool.left_out[0].upper()}{tool.left_out[1:]}." if tool.left_out else ""
     said = f"Written in the {tool.frame}. {_convention_sentence(saved)}{left_out}"
-    return Emitted(payload_format(to).text(tool, _source()), None, said, saved.misfit_warning(BIASED))
+    return Emitted(payload_format(to).text(tool, _source(saved.tool_unknown)), None, said, saved.misfit_warning(BIASED))
 
 
 def _sensor_link(saved: ModelFile) -> str:

@@ -167,7 +167,7 @@ def write(
     contents = (
         texts.html,
         json.dumps(data, indent=2, allow_nan=False) + "\n",
-        ModelFile.of(found.fit, found.misfitting).to_text(),
+        ModelFile.of(found.fit, found.misfitting, found.tool_unknown).to_text(),
     )
     with ExitStack() as files:
         for name, text in zip(FILES, contents, strict=True):

@@ -88,6 +88,7 @@ def run(arguments: argparse.Namespace) -> None:
         lambda: found.text(case, runs=arguments.runs, verbose=arguments.verbose),
         written,
         [c.recording.name for c in found.misfitting],
+        found.unknown_tool,
     )
 
 
@@ -142,6 +143,7 @@ def print_fit(
     text: Callable[[], str],
     report: Sequence[Path] = (),
     misfitting: Sequence[str] | None = None,
+    tool_unknown: str = "",
 ) -> None:
     """Write the model file of --out, and print the fit as text or as JSON."""
     saved = None
@@ -149,7 +151,7 @@ def print_fit(
         from truewrench.files.model_file import ModelFile
         from truewrench.files.output import atomic_write
 
-        saved = ModelFile.of(found, misfitting)
+        saved = ModelFile.of(found, misfitting, tool_unknown)
         if arguments.out is not None:
             with atomic_write(arguments.out) as path:
                 path.write_text(saved.to_text(), encoding="utf-8")

@@ -64,6 +64,7 @@ class ModelFile(NamedEstimates, Tabular):
     remainder     RMS per channel of the systematic residual of the fit
     fitted_on     SHA-256 of the readings of each recording of the fit; None where it is not known
     misfitting    recordings that the model does not fit, held-out ones named as such; None where it was not tested
+    tool_unknown  why the recordings do not say what the tool weighs; empty where they do, or it was not tested
     """
 
     model: WrenchModel
@@ -75,10 +76,11 @@ class ModelFile(NamedEstimates, Tabular):
     remainder: Mapping[str, float]
     fitted_on: tuple[str, ...] | None = None
     misfitting: tuple[str, ...] | None = None
+    tool_unknown: str = ""
 
     @classmethod
-    def of(cls, fitted: Fit | StreamedFit, misfitting: Iterable[str] | None = None) -> Self:
-        """Model file of a fit, with the biases of its first recording, and `misfitting` where it was tested."""
+    def of(cls, fitted: Fit | StreamedFit, misfitting: Iterable[str] | None = None, tool_unknown: str = "") -> Self:
+        """Model file of a fit, with the biases of its first recording, and the others where they were tested."""
         noise = fitted.noise if isinstance(fitted, StreamedFit) else fitted.noise[0]
         names = [p.name for p in fitted.model.parameters]
         known, calibration = fitted.parameters, CalibratedModel.of(fitted)
@@ -92,6 +94,7 @@ class ModelFile(NamedEstimates, Tabular):
             remainder=_by_channel(fitted.model, calibration.remainder),
             fitted_on=None if isinstance(fitted, StreamedFit) else tuple(map(readings_digest, fitted.recordings)),
             misfitting=None if misfitting is None else tuple(misfitting),
+            tool_unknown=tool_unknown,
         )
 
     @property
@@ -104,7 +107,12 @@ class ModelFile(NamedEstimates, Tabular):
         return [repr(self.model), self.table]
 
     def misfit_warning(self, consequence: str) -> str:
-        """That the model does not fit its recordings, and what follows; empty where it does, or was not tested."""
+        """That the model does not fit its recordings, and what follows; empty where it does, or was not tested.
+
+        Where the tool is unknown, that it is.
+        """
+        if self.tool_unknown:
+            return f"the tool is not known, as {self.tool_unknown}: {consequence}"
         if not self.misfitting:
             return ""
         remedy = "`truewrench diagnose` or `tw.diagnose` searches for what is missing"
@@ -189,6 +197,7 @@ class ModelFile(NamedEstimates, Tabular):
             remainder=table.remainder,
             fitted_on=None if table.fitted_on is None else tuple(table.fitted_on),
             misfitting=None if table.misfitting is None else tuple(table.misfitting),
+            tool_unknown=table.tool_unknown,
         )
 
     def to_data(self) -> dict[str, Any]:
@@ -215,6 +224,7 @@ class ModelFile(NamedEstimates, Tabular):
             "remainder": dict(self.remainder),
             **({} if self.fitted_on is None else {"fitted_on": list(self.fitted_on)}),
             **({} if self.misfitting is None else {"misfitting": list(self.misfitting)}),
+            **({"tool_unknown": self.tool_unknown} if self.tool_unknown else {}),
             "rig": None if self.rig is None else self.rig.to_data(),
         }
 
@@ -224,12 +234,14 @@ class ModelFile(NamedEstimates, Tabular):
 
 
 class HasFit(Protocol):
-    """A study or a diagnosis: its last fit, and the recordings that this does not fit."""
+    """A study or a diagnosis: its last fit, the recordings that this does not fit, and why the tool is unknown."""
 
     @property
     def fit(self) -> Fit: ...
     @property
     def misfitting(self) -> Iterable[str]: ...
+    @property
+    def tool_unknown(self) -> str: ...
 
 
 Fitted = Fit | StreamedFit | ModelFile | HasFit
@@ -246,7 +258,7 @@ def as_model_file(given: Fitted, where: str) -> ModelFile:
     if not isinstance(fitted, Fit):
         remedy = f"give a fit: tw.{where}(tw.fit(model, recording), ..); or a study, a diagnosis or a loaded model"
         raise InputError(what=f"{kind_of(given)} is no fitted model", where=where, remedy=remedy)
-    return ModelFile.of(fitted, given.misfitting)
+    return ModelFile.of(fitted, given.misfitting, given.tool_unknown)
 
 
 def save(fit: Fitted, path: str | Path) -> Path:
@@ -403,6 +415,7 @@ class _Model(StrictTable):
     remainder: dict[str, Annotated[float, Field(ge=0)]]
     fitted_on: list[str] | None = None
     misfitting: list[str] | None = None
+    tool_unknown: Annotated[str, Field(max_length=1000)] = ""
     rig: dict[str, Any] | None
 
 

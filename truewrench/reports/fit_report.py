@@ -78,7 +78,7 @@ def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:
         "headline": headline,
         "remark": f"{remark[:1].upper()}{remark[1:]}",
         "errors": _error_table(summary),
-        "parameters": ParameterChanges(None, fit),
+        "parameters": ParameterChanges(None, fit, known=not summary.unknown_tool),
         "unknown_tool": summary.unknown_tool,
         "cards": effect_cards(fit),
         "recordings": _sections(summary),

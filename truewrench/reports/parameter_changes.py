@@ -13,6 +13,7 @@ from estimation.fit import Fit
 from estimation.least_squares.estimates import HELD, Estimate, correlation_matrix
 from modeling.number_format import NO_VALUE, format_number, format_unit, format_with_std
 from modeling.table import Column, Table
+from truewrench.text.tool_text import NOT_KNOWN
 
 MOST_CORRELATED = 14
 """Parameters in the matrix of correlations: those most correlated with another one."""
@@ -22,14 +23,18 @@ NOTABLE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ParameterChanges:
-    """Estimates of a fit, with those of an earlier model, None without."""
+    """Estimates of a fit, with those of an earlier model, None without; `known`: whether the readings show the tool."""
 
     before: Fit | None
     after: Fit
+    known: bool = True
 
     @property
     def table(self) -> Table:
-        """Value ± std in each model, 95 % interval, and the parameter that each is most correlated with."""
+        """Value ± std in each model, 95 % interval, and the parameter that each is most correlated with.
+
+        Where the tool is not known, no parameter has a std or an interval.
+        """
         intervals = self.after.intervals()
         ends = dict(zip(self.after.parameters, zip(intervals.low, intervals.high, strict=True), strict=True))
         earlier = {} if self.before is None else self.before.parameters
@@ -38,11 +43,11 @@ class ParameterChanges:
         for name in dict.fromkeys((*self.after.parameters, *earlier)):
             first, last = earlier.get(name), self.after.parameters.get(name)
             unit = format_unit(next(e.unit for e in (last, first) if e is not None))
-            measured = last is not None and name not in self.after.held
-            interval = _interval(*ends[name]) if measured else NO_VALUE
-            cells = [_text(last, self.after), interval, partners.get(name, "")]
+            measured = self.known and last is not None and name not in self.after.held
+            interval = _interval(*ends[name]) if measured else NO_VALUE if self.known else NOT_KNOWN
+            cells = [self._text(last, self.after), interval, partners.get(name, "")]
             if self.before is not None:
-                cells = [_text(first, self.before), cells[0], _change(first, last), *cells[1:]]
+                cells = [self._text(first, self.before), cells[0], _change(first, last), *cells[1:]]
             rows.append((name, unit, *cells))
         shown = ("estimate",) if self.before is None else ("before", "after", "change / std")
         level = f"{intervals.level:.0%} interval".replace("%", " %")
@@ -69,6 +74,11 @@ class ParameterChanges:
         rows = [(names[i], *("1" if i == j else _signed(correlation[i, j]) for j in chosen)) for i in chosen]
         return Table.of(columns, rows)
 
+    def _text(self, estimate: Estimate | None, fit: Fit) -> str:
+        if estimate is None:
+            return NO_VALUE
+        return _text(estimate, fit) if self.known else format_number(estimate.value, 2)
+
     def _correlation(self) -> tuple[list[str], NDArray[np.float64]]:
         """Names and coefficients of the parameters that are estimated; the diagonal is zero."""
         every = correlation_matrix(self.after.covariance, self.after.identifiable)
@@ -79,9 +89,7 @@ class ParameterChanges:
         return names, matrix
 
 
-def _text(estimate: Estimate | None, fit: Fit) -> str:
-    if estimate is None:
-        return NO_VALUE
+def _text(estimate: Estimate, fit: Fit) -> str:
     if estimate.std > 0 and estimate.name in fit.held:
         return f"{format_number(estimate.value, 4)} ({HELD})"
     return format_with_std(estimate.value, estimate.std) + (" (fixed)" if estimate.std == 0 else "")

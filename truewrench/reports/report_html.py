@@ -8,7 +8,6 @@ from typing import Any
 
 from diagnosis.comparison.error_table import error_table
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from modeling.number_format import P_VALUE, SHARE, FormattedQuantity
 from modeling.table import Column, Table
@@ -80,8 +79,10 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "expanded": diagnosis.verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED),
         "changed": changed,
         "base_name": base_name(diagnosis),
-        "parameters": ParameterChanges(diagnosis.steps[0].fit if changed else None, diagnosis.fit),
-        "unknown_tool": unknown_tool_reason(diagnosis.steps[-1].training, diagnosis.fit.model),
+        "parameters": ParameterChanges(
+            diagnosis.steps[0].fit if changed else None, diagnosis.fit, known=not diagnosis.tool_unknown
+        ),
+        "unknown_tool": diagnosis.tool_unknown,
         "zero_shift": _by_channel(diagnosis, diagnosis.zero_shift or {}),
         "unexplained": diagnosis.unexplained,
         "unexplained_sizes": _by_channel(

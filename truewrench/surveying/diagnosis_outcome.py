@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from modeling.number_format import finite
@@ -67,7 +67,8 @@ class DiagnosisOutcome:
 
     verdict     of the record; None where there is an error
     sizes       of the effects added, each with its std
-    parameters  of the tool with these effects, without biases
+    parameters  of the tool with these effects, without biases; without std where it is not known
+    tool_unknown  why the recording does not say what the tool weighs, empty where it does
     misfit      reduced chi-square with the effects added, `misfit_before` with the rigid tool; None where the noise
                 was estimated from the residual
     seconds     duration of the diagnosis
@@ -79,6 +80,7 @@ class DiagnosisOutcome:
     added: tuple[str, ...] = ()
     sizes: tuple[StoredEstimate, ...] = ()
     parameters: tuple[StoredEstimate, ...] = ()
+    tool_unknown: str = ""
     misfit_before: float | None = None
     misfit: float | None = None
     channels: tuple[ChannelError, ...] = ()
@@ -96,7 +98,10 @@ class DiagnosisOutcome:
             verdict=found.verdict.value,
             added=found.added,
             sizes=tuple(size for i in found.added for size in _stored_estimates(i, findings[i].parameters)),
-            parameters=tuple(_stored_estimates("", tool)),
+            parameters=tuple(
+                replace(e, std=None) if found.tool_unknown else e for e in _stored_estimates("", tool)
+            ),
+            tool_unknown=found.tool_unknown,
             misfit_before=finite(first.misfit),
             misfit=finite(last.misfit),
             channels=tuple(_channels(first, last)),

@@ -30,6 +30,7 @@ SCHEMA = pa.schema(
         ("added", pa.list_(pa.string())),
         ("sizes", _SIZES),
         ("parameters", _SIZES),
+        ("tool_unknown", pa.string()),
         ("misfit_before", pa.float64()),
         ("misfit", pa.float64()),
         *((name, pa.map_(pa.string(), pa.float64())) for name in BY_CHANNEL),

@@ -44,6 +44,7 @@ class SurveyRow:
             "recorded_from": None if time is None else time.source.value,
             "verdict": outcome["verdict"],
             **{name: list(outcome[name]) for name in ("added", "sizes", "parameters")},
+            "tool_unknown": outcome["tool_unknown"] or None,
             **{name: outcome[name] for name in ("misfit_before", "misfit")},
             **{name: {c["channel"]: c[name] for c in outcome["channels"]} for name in BY_CHANNEL},
             "seconds": outcome["seconds"],

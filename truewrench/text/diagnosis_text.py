@@ -9,7 +9,6 @@ from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.motion_notes import motion_notes
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual
-from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
@@ -49,7 +48,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
 
 def _tool_lines(diagnosis: Diagnosis) -> list[str]:
     """The tool, and whether it is as large as no tool is; of readings that are not its own, that it is not known."""
-    unknown = unknown_tool_reason(diagnosis.steps[-1].training, diagnosis.fit.model)
+    unknown = diagnosis.tool_unknown
     tool = tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting), unknown=unknown)
     extent = "" if unknown else tool_extent_text(diagnosis.fit)
     return [line for line in (tool, extent) if line]

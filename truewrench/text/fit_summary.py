@@ -30,16 +30,13 @@ from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.data_set import DataSet, frame_sentences, frames_data
 from truewrench.text.tool_extent import tool_extent_text
-from truewrench.text.tool_text import LEGEND, tool_text
+from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_text
 
 ADVICE = (
     "`truewrench diagnose` with the same recordings tests every effect that could explain it; by hand, in Python,"
     " tw.study(...).suspects() does."
 )
 """After where a model fails: what to do about it."""
-
-NOT_KNOWN = "not known"
-"""In place of an interval where the readings do not say what the tool weighs."""
 
 
 @dataclass(frozen=True, eq=False)

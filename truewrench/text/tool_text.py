@@ -21,6 +21,8 @@ LEGEND = {
 BIASED = "the model does not fit, and what it lacks biases these"
 """Of the numbers of a model with something missing."""
 
+NOT_KNOWN = "not known"
+"""In place of an interval where the readings do not say what the tool weighs."""
 FORCES = ("fx", "fy", "fz")
 SIGNIFICANT = 5.0
 """Std of a mass from which there is one."""

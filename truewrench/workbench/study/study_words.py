@@ -12,7 +12,6 @@ from markupsafe import Markup
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
 from diagnosis.comparison.residual_map import ResidualMap
 from diagnosis.screening.suspects import Suspects
-from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.verdict import EffectVerdict
 from estimation.recordings.recording import Recording
 from estimation.recordings.reports.reading_report import StepKind
@@ -111,7 +110,7 @@ def _recording_values(recording: Recording, use: str) -> dict[str, Any]:
 
 def steps_words(study: Study, *, puzzle: bool) -> str:
     """The steps with the error of the worst channel, and what can be dropped."""
-    table, unknown = study.table, unknown_tool_reason(study.steps[-1].training, study.fit.model)
+    table, unknown = study.table, study.tool_unknown
     return part(
         "steps.html",
         headings=[c.heading for c in table.columns],
