@@ -99,7 +99,7 @@ class Location(Tabular):
 
     def remarks(self) -> list[str]:
         """The largest of them in words, and whether there is anything to explain."""
-        looks = f"resembles {self.residual.resembles} ({self.residual.share:.0%} of that channel's power)"
+        looks = f"resembles {self.residual.resembles}"
         known = [] if self.comparison.lack_of_fit >= LEVELS.effect else [f"{self.residual.where}; {looks}"]
         return [*self.comparison.remarks(), *known]
 

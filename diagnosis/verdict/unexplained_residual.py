@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.generic_terms import generic_terms, standardised_columns
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
+from diagnosis.comparison.residual_spectrum import ResidualSpectrum
 from diagnosis.comparison.term_words import term_in_words
 
 Array = NDArray[np.float64]
 
+LITTLE = 0.1
+"""Share of the power below which the terms that explain it best are no likeness."""
 MAX_TERMS = 3
 """Generic terms of the sparse regression."""
 
@@ -36,8 +39,11 @@ class UnexplainedResidual:
 
     @property
     def resembles(self) -> str:
-        """The generic terms in words, one sentence's worth."""
-        return ", ".join(map(term_in_words, self.looks_like))
+        """The generic terms in words and what they explain; that they explain little where they do."""
+        terms, share = ", ".join(map(term_in_words, self.looks_like)), f"{self.share:.0%}".replace("%", " %")
+        if self.share < LITTLE:
+            return f"no generic term of the motion: the best three explain {share} of its power in that channel"
+        return f"{terms}: these explain {share} of its power in that channel"
 
 
 def describe_residual(
@@ -67,11 +73,21 @@ def _sentence(best: ResidualMap) -> str:
 
 
 def worst_channel(comparison: Comparison) -> str | None:
-    """The channel with the largest ratio of systematic error to noise floor; None without repeats."""
-    size = comparison.explainable_rms
+    """The channel with the largest ratio of systematic error to noise floor; of a run, of residual to upper noise.
+
+    None of static poses without repeats.
+    """
+    size, floor = comparison.explainable_rms, comparison.noise_floor
     if size is None:
-        return None
-    return max(size, key=lambda c: size[c] / max(comparison.noise_floor[c], 1e-300))
+        if comparison.recording.at_rest:
+            return None
+        spectrum = ResidualSpectrum.of(comparison.residual, comparison.recording.wrench - comparison.residual)
+        channels = comparison.recording.channels
+        size, floor = (
+            dict(zip(channels, np.sqrt(part).tolist(), strict=True))
+            for part in (spectrum.variance, spectrum.upper_noise)
+        )
+    return max(size, key=lambda c: size[c] / max(floor[c], 1e-300))
 
 
 def sparse_description(comparison: Comparison, channel: int) -> tuple[tuple[str, ...], float]:

@@ -98,9 +98,7 @@ class DiagnosisOutcome:
             verdict=found.verdict.value,
             added=found.added,
             sizes=tuple(size for i in found.added for size in _stored_estimates(i, findings[i].parameters)),
-            parameters=tuple(
-                replace(e, std=None) if found.tool_unknown else e for e in _stored_estimates("", tool)
-            ),
+            parameters=tuple(replace(e, std=None) if found.tool_unknown else e for e in _stored_estimates("", tool)),
             tool_unknown=found.tool_unknown,
             misfit_before=finite(first.misfit),
             misfit=finite(last.misfit),

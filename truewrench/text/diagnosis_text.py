@@ -128,5 +128,4 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
 
 
 def _unexplained_text(residual: UnexplainedResidual) -> str:
-    resembles = f"Resembles {residual.resembles} ({residual.share:.0%} of its power in that channel)."
-    return f"Unexplained residual: {residual.where}.\n{resembles}"
+    return f"Unexplained residual: {residual.where}.\nResembles {residual.resembles}."

@@ -192,7 +192,7 @@ class FitSummary:
 def _failure(comparison: Comparison, tolerance: Mapping[str, float]) -> str:
     """The largest of a recording's residual in words."""
     found = describe_residual(comparison, tolerance)
-    return f"{found.where}; resembles {found.resembles} ({found.share:.0%} of its power in that channel)."
+    return f"{found.where}; resembles {found.resembles}."
 
 
 def repeatability_text(found: RepeatTable, *, runs: bool) -> str:
