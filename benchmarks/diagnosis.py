@@ -120,9 +120,11 @@ def compared(files: Files, before: Path, after: Path, rounds: int) -> tuple[tupl
     return row, new_cpu, old_cpu
 
 
-def workers_gain(files: Files, after: Path, rounds: int) -> float:
+def workers_gain(files: Files, after: Path, rounds: int, options: Sequence[str] = ()) -> float:
     """Wall time of one worker over that of two, the median of the rounds."""
-    walls = [[run_once(after, files, ("--workers", str(count))).wall for count in (1, 2)] for _ in range(rounds)]
+    walls = [
+        [run_once(after, files, ("--workers", str(count), *options)).wall for count in (1, 2)] for _ in range(rounds)
+    ]
     return median(one / two for one, two in walls)
 
 
@@ -147,8 +149,10 @@ def main() -> None:
         print(line(HEADER, widths))
         for files in files_of(group, arguments.data):
             if arguments.workers:
-                gain = workers_gain(files, after, arguments.rounds)
-                print(f"{files.name}: one worker takes {gain:.2f} times as long as two", flush=True)
+                out = ("--out", str(arguments.data / "report"))
+                plain, reported = (workers_gain(files, after, arguments.rounds, options) for options in ((), out))
+                gains = f"{plain:.2f} times as long as two, {reported:.2f} with a report"
+                print(f"{files.name}: one worker takes {gains}", flush=True)
                 continue
             row, new, old = compared(files, arguments.before, after, arguments.rounds)
             total = [total[0] + new, total[1] + old]
