@@ -398,4 +398,5 @@ def _unexplained(step: SelectionStep, tolerance: Mapping[str, float]) -> Unexpla
         return describe_residual(held_out, tolerance, fitted=False)
     slow = next((s for s in slow_residuals(step.training) if s.above_noise), None)
     found = describe_residual(fitted, tolerance)
-    return found if slow is None or fitted.lack_of_fit < LEVELS.effect else replace(found, where=slow.sentence)
+    located = fitted.lack_of_fit < LEVELS.effect and not (slow is not None and slow.wanders)
+    return found if slow is None or located else replace(found, where=slow.sentence)

@@ -88,6 +88,7 @@ def test_wandering_zero_is_a_finding() -> None:
     found = [of(seed, NOISES["white"], slow=2.5, samples=3000) for seed in range(SEEDS)]
     named = [s for s in found if s.above_noise == ("fx",)]
     assert len(named) > 0.8 * SEEDS
+    assert all(s.wanders for s in named)
     assert all("drift of the zero or slow physics" in s.sentence for s in named)
     assert all(s.rms["fx"] == pytest.approx(0.5, rel=0.3) for s in named)
 
@@ -175,6 +176,7 @@ def test_hand_on_the_tool_is_foreign() -> None:
         "run", ResidualSpectrum.of(residual, weight), (weight + residual).var(axis=0), {"fz": "N"}
     )
     assert found.above_noise == ("fz",)
+    assert not found.wanders
     assert "contact, another load, a disturbance" in found.sentence
 
 

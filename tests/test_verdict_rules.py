@@ -110,7 +110,7 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         refitted(**UNTRIED, unconverged="a"),
         EffectVerdict.NOT_SUPPORTED,
         "not tried, because the search does not go on from a, whose refit has not converged: exclude effects of that"
-        " set by --without",
+        " set by --without; beside other sets, of which each has at most 3 refits, others had larger scores",
     ),
     "not refitted, as refits are limited": (
         refitted(ended_adequate=True, passed_over=True),

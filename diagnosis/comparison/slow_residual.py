@@ -189,6 +189,11 @@ class SlowResidual:
         """Of these the channels in which it exceeds the noise floor: a misfit, whatever its cause."""
         return tuple(c for c in self.units if self._is_misfit(c))
 
+    @property
+    def wanders(self) -> bool:
+        """Whether all that exceeds the noise is in the slowest lines: no place of the motion has it."""
+        return all(self.part[c] is Part.SLOWEST for c in self.above_noise)
+
     def _is_misfit(self, channel: str, tests: int = 1) -> bool:
         """Whether a channel's part is significant, one of so many tested, and exceeds the noise floor."""
         return tests * self.p_value[channel] < LEVELS.effect and self.rms[channel] > self.floor[channel]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
-from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, refit_effects
+from diagnosis.selection.subset_search import MAX_REFITS, CandidateModel, SubsetSearch, refit_effects
 
 BASE = "the base model"
 """Name of the set without effects."""
@@ -66,6 +66,13 @@ class EffectRefits:
     def early_end(self) -> str:
         """That the search ended without convergence; empty where it did not."""
         return f"; the search ended at {self.unconverged}, whose refit has not converged" if self.unconverged else ""
+
+    @property
+    def limited(self) -> str:
+        """That the number of refits kept it from being tried beside other sets; empty where it did not."""
+        if not self.passed_over:
+            return ""
+        return f"; beside other sets, of which each has at most {MAX_REFITS} refits, others had larger scores"
 
     @property
     def later(self) -> str:

@@ -41,7 +41,7 @@ PREFERRED_SENTENCE = (
 UNSOLVED_SENTENCE = "rejected, because {e.refits.unsolved} has no solution at the initial values of its exact refit"
 UNCONVERGED_SENTENCE = (
     "not tried, because the search does not go on from {e.refits.unconverged}, whose refit has not converged: exclude"
-    " effects of that set by --without"
+    " effects of that set by --without{e.refits.limited}"
 )
 PASSED_OVER_SENTENCE = (
     f"not tried, because the search refits at most {MAX_REFITS} effects beside each set, and others had larger scores:"
