@@ -301,7 +301,7 @@ def _diagnosed(
             tuple(with_disturbances(h, selection.base.fit, candidates, workers) for h in held_out),
         )
         steps = selection_steps(selection, final, known)
-        power = power[:1]
+        tolerance, power = channel_tolerance(steps[-1].fit)[0], power[:1]
     require_positive_fitted_mass(steps[-1].fit)
     progress("verdict, upper limit and aliases of every effect")
     evidence = gather_evidence(selection, final, candidates, reasons)
