@@ -397,6 +397,7 @@ def _unexplained(step: SelectionStep, tolerance: Mapping[str, float]) -> Unexpla
     if fitted.lack_of_fit >= LEVELS.effect and held_out.lack_of_fit < LEVELS.held_out:
         return describe_residual(held_out, tolerance, fitted=False)
     slow = next((s for s in slow_residuals(step.training) if s.above_noise), None)
-    found = describe_residual(fitted, tolerance)
-    located = fitted.lack_of_fit < LEVELS.effect and not (slow is not None and slow.wanders)
-    return found if slow is None or located else replace(found, where=slow.sentence)
+    if slow is None or (fitted.lack_of_fit < LEVELS.effect and not slow.wanders):
+        return describe_residual(fitted, tolerance)
+    shown = next(c for c in step.training if c.recording.name == slow.recording)
+    return replace(describe_residual(shown, tolerance, channel=slow.loudest), where=slow.sentence)

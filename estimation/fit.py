@@ -387,7 +387,7 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
         ordinary=found,
     )
     parts = zip(fitted.noise, fitted.recordings, estimated.residuals, strict=True)
-    noise = tuple(with_floor_of(own, recording, r, len(fitted.unknowns)) for own, recording, r in parts)
+    noise = tuple(with_floor_of(own, recording, r) for own, recording, r in parts)
     return replace(estimated, noise=noise)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 import truewrench as tw
 from modeling.number_format import estimate_text
@@ -133,6 +134,18 @@ def test_compensated_readings_have_no_tool(recording: tw.Recording) -> None:
     noise = np.random.default_rng(1).normal(size=recording.wrench.shape) * RIG.noise
     found = tw.fit(tw.planar(), replace(recording, wrench=noise))
     assert "Tool: none, m " in str(found.summary())
+
+
+def test_compensated_poses_have_no_tool_however_few() -> None:
+    """Eight orientations at random, of noise alone: the std of the mass leaves room for the forces' own size."""
+    for seed in range(6):
+        rng, turns = np.random.default_rng(seed), Rotation.random(8, random_state=seed).as_quat()
+        readings = rng.normal(size=(8, 6)) * [0.07, 0.08, 0.09, 0.005, 0.005, 0.003]
+        names = ["qx", "qy", "qz", "qw", "fx", "fy", "fz", "tx", "ty", "tz"]
+        frame = pd.DataFrame(np.hstack([turns, readings]), columns=names)
+        rig = tw.Rig.from_data({"sensor": {"convention": "on_tool"}})
+        said = str(tw.fit(tw.spatial(rig), tw.from_dataframe(frame, rig=rig)).summary())
+        assert "Tool: none, m " in said
 
 
 def test_a_tool_that_hardly_turns_is_not_called_weightless(recording: tw.Recording) -> None:

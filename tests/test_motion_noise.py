@@ -172,7 +172,7 @@ def test_reports_and_files_say_that_the_tool_is_unknown(tmp_path: Path, capsys: 
     for to in ("ur", "urdf"):
         assert main(["emit", str(model), "--to", to]) == 0
         emitted = capsys.readouterr()
-        assert "NOT KNOWN, as what the model lacks looks like" in emitted.out
+        assert "NOT KNOWN: the readings do not say what it weighs" in emitted.out
         assert "warning: the tool is not known" in emitted.err
 
 

@@ -23,6 +23,7 @@ from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.codegen.payload.payload_format import FORMATS, payload_format
 from modeling.codegen.payload.tool_inertia import ToolInertia
 from modeling.effects import named
+from modeling.errors import InputError
 from modeling.rig.rig import Convention
 from tests.emitted import module
 from truewrench.command_line import main
@@ -101,6 +102,21 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @cache
+@pytest.mark.parametrize("to", ["ur", "ros2", "franka", "urdf", "sdf", "mjcf"])
+def test_text_of_a_model_file_is_no_code_of_a_robot(to: str, saved: Path, tmp_path: Path) -> None:
+    """Its reason why the tool is unknown is told beside what is emitted, not in it; lines of it are refused."""
+    path, data = tmp_path / "model.json", json.loads(saved.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(data | {"tool_unknown": "popup('hello') --><evil/>"}), encoding="utf-8")
+    emitted = emit(path, to)
+    assert "NOT KNOWN" in emitted
+    assert "NOT KNOWN" not in emit(saved, to)
+    assert "popup" not in emitted
+    assert "evil" not in emitted
+    path.write_text(json.dumps(data | {"tool_unknown": "x\npopup('hello')"}), encoding="utf-8")
+    with pytest.raises(InputError, match="tool_unknown"):
+        emit(path, to)
+
+
 def prediction(seed: int, pose: tuple[float, ...] = ()) -> Array:
     """Our wrench on the tool: of the sensor, or carried to the origin and axes of the frame that has it at `pose`."""
     motion = Motion.random(seed)

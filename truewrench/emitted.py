@@ -97,12 +97,14 @@ def emitted(
     return _code(model, to, rate)
 
 
-def _source(unknown: str = "") -> str:
-    """What made it, and of an unknown tool why its numbers are none."""
+UNKNOWN = "NOT KNOWN: the readings do not say what it weighs, and the standard deviations are those of noise alone"
+
+
+def _source(*, known: bool = True) -> str:
+    """What made it, and of a tool that is not known that it is not: no text of a file, which would be code there."""
     from importlib.metadata import version
 
-    doubt = f" (NOT KNOWN, as {unknown})" if unknown else ""
-    return f"truewrench {version('truewrench')}{doubt}"
+    return f"truewrench {version('truewrench')}" + ("" if known else f" ({UNKNOWN})")
 
 
 def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
@@ -117,7 +119,9 @@ def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | No
     tool = tool if sensor_pose is None else tool.seen_from(sensor_pose)
     left_out = f" {tool.left_out[0].upper()}{tool.left_out[1:]}." if tool.left_out else ""
     said = f"Written in the {tool.frame}. {_convention_sentence(saved)}{left_out}"
-    return Emitted(payload_format(to).text(tool, _source(saved.tool_unknown)), None, said, saved.misfit_warning(BIASED))
+    return Emitted(
+        payload_format(to).text(tool, _source(known=not saved.tool_unknown)), None, said, saved.misfit_warning(BIASED)
+    )
 
 
 def _sensor_link(saved: ModelFile) -> str:

@@ -190,6 +190,11 @@ class SlowResidual:
         return tuple(c for c in self.units if self._is_misfit(c))
 
     @property
+    def loudest(self) -> str:
+        """Of the channels above the noise the one with the largest part over its noise."""
+        return max(self.above_noise, key=lambda c: self.rms[c] / max(self.floor[c], 1e-300))
+
+    @property
     def wanders(self) -> bool:
         """Whether all that exceeds the noise is in the slowest lines: no place of the motion has it."""
         return all(self.part[c] is Part.SLOWEST for c in self.above_noise)
@@ -224,7 +229,7 @@ class SlowResidual:
         channels = tuple(c for c in channels if self.part[c] is worst)
         sizes = [f"{c} {format_number(self.rms[c], 2)} {self.units[c]} rms" for c in channels]
         floors = [f"{format_number(self.floor[c], 2)}" for c in channels]
-        where = f"{self.recording}: {', '.join(sizes)} (noise floor {', '.join(floors)})"
+        where = f"{self.recording}: {', '.join(sizes)} (noise beside it {', '.join(floors)})"
         return f"{worst.noun} remains on {where}: {worst.value}"
 
 

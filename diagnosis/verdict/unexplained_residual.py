@@ -27,12 +27,14 @@ class UnexplainedResidual:
     """Systematic residual of a recording that no effect explains.
 
     where            a sentence: channel, variable of its residual map and location of the largest mean
+    channel          the one that the terms are of
     looks_like       generic terms of its sparse regression
     share            share of its power that these terms explain together
     explainable_rms  systematic error per channel
     """
 
     where: str
+    channel: str
     looks_like: tuple[str, ...]
     share: float
     explainable_rms: Mapping[str, float | None]
@@ -41,28 +43,33 @@ class UnexplainedResidual:
     def resembles(self) -> str:
         """The generic terms in words and what they explain; that they explain little where they do."""
         terms, share = ", ".join(map(term_in_words, self.looks_like)), f"{self.share:.0%}".replace("%", " %")
-        if self.share < LITTLE:
-            return f"no generic term of the motion: the best three explain {share} of its power in that channel"
-        return f"{terms}: these explain {share} of its power in that channel"
+        if not self.is_alike:
+            return f"no generic term of the motion: the best three explain {share} of its power in {self.channel}"
+        return f"{terms}: these explain {share} of its power in {self.channel}"
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether the terms explain more than a little."""
+        return self.share >= LITTLE
 
 
 def describe_residual(
-    comparison: Comparison, tolerance: Mapping[str, float], *, fitted: bool = True
+    comparison: Comparison, tolerance: Mapping[str, float], *, fitted: bool = True, channel: str | None = None
 ) -> UnexplainedResidual:
     """Describe the unexplained residual of a recording: its largest residual map and a sparse regression.
 
-    A held-out recording (not `fitted`) is named.
+    They are of a `channel`, the worst by default. A held-out recording (not `fitted`) is named.
     """
     size = comparison.explainable_rms or {}
     maps = residual_maps(comparison, tolerance)
-    worst = worst_channel(comparison)
+    worst = channel or worst_channel(comparison)
     best = next((m for m in maps if worst is None or m.channel == worst), None)
     channel = best.channel if best is not None else worst or comparison.recording.channels[0]
     where = f"{channel}, with too few samples for a residual map" if best is None else _sentence(best)
     where = where if fitted else f"on {comparison.recording.name}, {where}"
     number = comparison.recording.channels.index(channel)
     terms, share = sparse_description(comparison, number)
-    return UnexplainedResidual(where, terms, share, {c: size.get(c) for c in comparison.recording.channels})
+    return UnexplainedResidual(where, channel, terms, share, {c: size.get(c) for c in comparison.recording.channels})
 
 
 def _sentence(best: ResidualMap) -> str:

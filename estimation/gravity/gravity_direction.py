@@ -54,7 +54,8 @@ def with_fitted_tilt(found: GravityEstimate, model: WrenchModel, estimates: Mapp
     own = {p.name.removeprefix(f"{tilt.id}."): estimates[p.name] for p in parameters}
     turned = tilt.perturb(replace(model, effects=()).chain, own).gravity
     components = [float(part) for part in turned][: model.space.value]
-    return replace(found, direction=in_base_axes(unit_direction(components), found.direction))
+    direction = in_base_axes(unit_direction(components), found.direction)
+    return replace(found, direction=direction, mounted=found.direction)
 
 
 def stated_direction(model: WrenchModel, recordings: Sequence[Recording]) -> Direction | None:

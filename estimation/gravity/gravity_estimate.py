@@ -37,6 +37,7 @@ class GravityEstimate:
     rival       the best of the directions that are unlike it: where that explains as much, none is identifiable
     fit         with gravity along it; `upright` with gravity down
     decided     whether accelerations decide between it and its opposite; poses at rest cannot
+    mounted     the direction before it was turned by the tilt that a fit found beside the tool; None if it was not
     """
 
     direction: Direction
@@ -44,6 +45,7 @@ class GravityEstimate:
     fit: FreeFit
     upright: FreeFit
     decided: bool
+    mounted: Direction | None = None
 
     @property
     def is_upright(self) -> bool:
@@ -72,7 +74,8 @@ class GravityEstimate:
     @property
     def sentence(self) -> str:
         """What was found, as a sentence."""
-        return f"Gravity points {self.place}: {self.evidence} (upright: {self.upright.mass:.3g} kg)."
+        tilted = "" if self.mounted is None else ", with the tilt that was fitted beside the tool"
+        return f"Gravity points {self.place}{tilted}: {self.evidence} (upright: {self.upright.mass:.3g} kg)."
 
     @property
     def stated(self) -> str:
@@ -83,6 +86,7 @@ class GravityEstimate:
         """The finding as data: kg and N, with the direction and with gravity down."""
         return {
             "direction": list(self.direction),
+            "mounted": None if self.mounted is None else list(self.mounted),
             "decided": self.decided,
             "mass": self.fit.mass,
             "rms": self.fit.rms,

@@ -149,11 +149,11 @@ def residual_floor(
     return np.asarray(np.maximum(floor, 1e-12 * max(floor.max(), 1e-300)))
 
 
-def with_floor_of(noise: RecordingNoise, recording: Recording, residual: Array, fitted: int) -> RecordingNoise:
+def with_floor_of(noise: RecordingNoise, recording: Recording, residual: Array) -> RecordingNoise:
     """The noise, where it is taken from a residual, with the std of one sample of this one."""
     if noise.source is not NoiseSource.RESIDUAL:
         return noise
-    return replace(noise, floor=residual_floor(recording, residual, fitted, noise.events))
+    return replace(noise, floor=residual_floor(recording, residual, 0, noise.events))
 
 
 def _white_equivalent_std(in_events: Array, floor: Array) -> Array:

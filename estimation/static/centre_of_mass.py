@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
+from modeling.evaluation.cache import source_digest
 from modeling.evaluation.tape import Tape
 from modeling.evaluation.tape_evaluation import TapeEvaluation
 from modeling.space import Space
@@ -69,7 +72,9 @@ class CentreOfMass(Tabular):
         """Of the model's body, changed by its effects, at the values estimated; without a load that it took up."""
         model = fitted.model
         size = len(model.parameters)  # the model's parameters come first
-        form = model.stored("centre of mass", lambda: _CentreForm.of(model).to_data(), _CentreForm.from_data)
+        form = model.stored(
+            f"centre of mass by {_source()}", lambda: _CentreForm.of(model).to_data(), _CentreForm.from_data
+        )
         value, jacobian = form.at(fitted.theta[:size])
         covariance = np.nan_to_num(fitted.covariance[:size, :size], posinf=0.0)
         known = np.array([fitted.identifiable[list(used)].all() for used in form.used])
@@ -130,6 +135,12 @@ class _CentreForm:
         values = TapeEvaluation(self.tape).values(list(theta[:, None])).ravel()
         count = len(self.axes)
         return values[:count], values[count:].reshape(count, len(theta))
+
+
+@cache
+def _source() -> str:
+    """A hash of the modules that derive it."""
+    return source_digest(Path(__file__).parent)
 
 
 def _unit_vectors() -> dict[str, sp.Matrix]:

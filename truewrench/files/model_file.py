@@ -415,7 +415,7 @@ class _Model(StrictTable):
     remainder: dict[str, Annotated[float, Field(ge=0)]]
     fitted_on: list[str] | None = None
     misfitting: list[str] | None = None
-    tool_unknown: Annotated[str, Field(max_length=1000)] = ""
+    tool_unknown: Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")] = ""
     rig: dict[str, Any] | None
 
 

@@ -57,10 +57,14 @@ def rows_in_time_order(rows: Sequence[SurveyRow]) -> list[SurveyRow]:
 
 
 def quantity_series(rows: Sequence[SurveyRow]) -> list[QuantitySeries]:
-    """Quantities of at least two recordings: effects' parameters first, those of most recordings first."""
+    """Quantities of at least two recordings: effects' parameters first, those of most recordings first.
+
+    Parameters of a tool that is not known are left out.
+    """
     found: dict[tuple[str, str, str], list[tuple[SurveyRow, StoredEstimate]]] = {}
     for row in rows_in_time_order(rows):
-        for size in (*row.outcome.sizes, *row.outcome.parameters):
+        tool = () if row.outcome.tool_unknown else row.outcome.parameters
+        for size in (*row.outcome.sizes, *tool):
             if size.value is not None:
                 found.setdefault((size.effect, size.parameter, size.unit), []).append((row, size))
     several = sorted((pairs for pairs in found.values() if len(pairs) > 1), key=lambda p: (not p[0][1].effect, -len(p)))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from diagnosis.diagnosis import Diagnosis
 
 
-STORE_VERSION = 1
+STORE_VERSION = 2
 """Version of a stored outcome, increased when its fields change."""
 FINGERPRINTED_PACKAGES = ("modeling", "design", "estimation", "diagnosis")
 """Packages whose code determines the outcome."""

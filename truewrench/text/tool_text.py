@@ -24,10 +24,14 @@ BIASED = "the model does not fit, and what it lacks biases these"
 NOT_KNOWN = "not known"
 """In place of an interval where the readings do not say what the tool weighs."""
 FORCES = ("fx", "fy", "fz")
+FAR_ABOVE = 10.0
+"""Times the noise: forces that are more are no noise."""
 SIGNIFICANT = 5.0
 """Std of a mass from which there is one."""
 WEIGHTLESS = "these readings hold no weight; was the tool compensated already?"
-TOO_STILL = "the sensor's zero may hide its weight, which this motion hardly turns; record one that turns the tool."
+TOO_STILL = (
+    "the sensor's zero may hide its weight, which is hardly turned here; record motion or poses that turn the tool."
+)
 
 
 def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
@@ -56,8 +60,13 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
 
 
 def _may_be_heavy(fitted: Fit) -> bool:
-    """Whether the mass may be that of a weight of the size of the forces read, which the sensor's zero would hide."""
+    """Whether forces far above the noise may be those of a weight that the sensor's zero hides.
+
+    The std of the mass leaves room for a weight of their size then. Readings that are nothing but noise hold none.
+    """
     mass, force = fitted.parameters["m"], [c in FORCES for c in fitted.recordings[0].channels]
     read = np.concatenate([recording.wrench[:, force] for recording in fitted.recordings])
+    size = float(np.sqrt((read**2).sum(axis=1).mean()))
+    noise = min(float(np.sqrt((noise.floor[force] ** 2).sum())) for noise in fitted.noise)
     weight = fitted.model.gravity * (abs(mass.value) + SIGNIFICANT * mass.std)
-    return weight > float(np.sqrt((read**2).sum(axis=1).mean()))
+    return weight > size > FAR_ABOVE * noise

@@ -60,12 +60,12 @@ def remarks(tool: ToolInertia, source: str) -> list[str]:
     if tool.inertia is not None:
         moments = [(name, tool.inertia[at], tool.inertia_std[at]) for name, at in MOMENTS.items()]
         found.append(f"inertia about the centre of mass, along the frame's axes (kg m²) {_listed(moments)}")
-    return [
-        *found,
+    found += [
         f"frame: {tool.frame}",
         *([tool.left_out] if tool.left_out else []),
         "the part of the sensor between the flange and its strain gauges is not included: the sensor does not weigh it",
     ]
+    return [" ".join(remark.split()) for remark in found]  # each is one line of a comment, whatever is in it
 
 
 def _listed(found: Iterable[tuple[str, float, float]]) -> str:
