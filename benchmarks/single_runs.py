@@ -8,7 +8,8 @@ nulls     nothing is hidden: verdicts other than nothing_missing, for an unknown
 power     an effect of the catalogue at the simulated rig's default size and at a quarter of it
 rows      one table of recordings that used to ruin a diagnosis, with what it should say
 unlisted  physics outside the catalogue, which may not be called explained
-bias      the rigid tool's parameters with something hidden, against least squares weighted by the true noise
+bias      the tool's parameters with something hidden, as `fit` and `diagnose` tell them, against the rigid tool's by
+          least squares weighted by the true noise
 
 Each record that failed is listed under its table, with the seed that makes it again:
 `SingleRun(noise="1/f", motion="raster", seed=1203).outcome()`. Intervals are of 95 %. Progress goes to stderr.
@@ -39,9 +40,11 @@ from benchmarks.single_run import (
 )
 from benchmarks.single_run_rows import rows
 from benchmarks.unlisted_physics import UNLISTED
+from diagnosis.diagnosis import diagnose
 from diagnosis.verdict.verdict import RecordVerdict
-from estimation.fit import Fit, fit, refit
+from estimation.fit import Fit, fit
 from modeling.chain.model import spatial
+from modeling.errors import InputError
 from modeling.table import Table
 from truewrench.simulated_rig import (
     CableSpring,
@@ -223,37 +226,58 @@ def _hidden_sizes(run: SingleRun) -> Array:
 
 
 def bias(draws: int = 12) -> Part:
-    """So many rigid fits with each effect hidden, over the noises and motions in turn; of `fit` and of `diagnose`."""
+    """So many records with each effect hidden, over the noises and motions in turn; of `fit` and of `diagnose`."""
     hidden_by_name = {"nothing": (), **{name: effects[:1] for name, effects in POWERED.items()}}
     hidden_by_name |= {effect.id: (effect,) for effect in UNLISTED}
     table = [(name, *_bias_of(number, hidden, draws)) for number, (name, hidden) in enumerate(hidden_by_name.items())]
     ways = [f"{what}, {way}" for way in ("fit", "diagnose") for what in ("rms ratio", "worst", "mass", "coverage")]
-    return Table.of(("hidden", *ways, "CPU s"), table), []
+    return Table.of(("hidden", *ways, "no tool told", "CPU s"), table), []
 
 
 def _bias_of(number: int, hidden: tuple[HiddenEffect, ...], draws: int) -> tuple[str, ...]:
-    """Ratios of rms errors and coverage of the body, of `fit` and of the rigid tool in `diagnose`; CPU seconds."""
-    begin, plain = process_time(), []
-    ways: tuple[list[Fit], list[Fit]] = ([], [])
+    """Ratios of rms errors and coverage of the body, of `fit` and of the tool that `diagnose` tells; CPU seconds.
+
+    A diagnosis that tells no tool is counted, and has no error.
+    """
+    begin = process_time()
+    fitted: list[tuple[Fit, Array]] = []
+    told: list[tuple[Fit, Array]] = []
     for i in range(draws):
-        found = fit(spatial(), _run(i, 9000 + 100 * number + i, *hidden).recording())
-        ways[0].append(found)
-        ways[1].append(refit(found.model, found.recordings))
-        plain.append(ordinary_least_squares(found, np.array(RIG.noise)))
+        run = _run(i, 9000 + 100 * number + i, *hidden)
+        found = fit(spatial(), run.recording())
+        plain = ordinary_least_squares(found, np.array(RIG.noise))
+        fitted.append((found, plain))
+        told += [(tool, plain) for tool in _told_tool(run)]
+        print(f"{run.name} {' '.join(e.id for e in hidden)}", file=sys.stderr, flush=True)
     seconds = (process_time() - begin) / draws
-    return (*(text for fits in ways for text in _errors_of(fits, np.array(plain))), f"{seconds:.2f}")
+    texts = (*_errors_of(fitted), *_errors_of(told))
+    return (*texts, share(draws - len(told), draws), f"{seconds:.2f}")
 
 
-def _errors_of(fits: Sequence[Fit], plain: Array) -> tuple[str, ...]:
-    """Geometric mean of the body's rms errors over those of least squares (draws, k), largest, mass; coverage."""
+def _told_tool(run: SingleRun) -> list[Fit]:
+    """The final fit of a diagnosis, unless it says that the tool is not known or refuses."""
+    recording = run.recording()
+    try:
+        found = diagnose(spatial(recording.rig), recording)
+    except InputError:
+        return []
+    return [] if found.tool_unknown else [found.fit]
+
+
+def _errors_of(fits: Sequence[tuple[Fit, Array]]) -> tuple[str, ...]:
+    """Geometric mean of the body's rms errors over those of least squares (k,), largest, mass; coverage."""
+    if not fits:
+        return ("",) * 4
     truth, names = np.array(list(BASE.values())), list(BASE)[BODY]
-    square = [np.mean((estimates - truth) ** 2, axis=0) for estimates in (np.array([f.theta for f in fits]), plain)]
+    tables = [f.params.loc[list(BASE)] for f, _ in fits]
+    own, low, high = (np.array([table[column] for table in tables]) for column in ("value", "low", "high"))
+    plain = np.array([estimates for _, estimates in fits])
+    square = [np.mean((estimates - truth) ** 2, axis=0) for estimates in (own, plain)]
     ratio = np.sqrt(square[0] / square[1])[BODY]
-    limits = [f.intervals() for f in fits]
-    inside = np.array([((limit.low <= truth) & (truth <= limit.high))[BODY] for limit in limits])
-    low, high = share_interval(inside)
+    inside = ((low <= truth) & (truth <= high))[:, BODY]
+    least, most = share_interval(inside)
     mean, worst = np.exp(np.mean(np.log(ratio))), int(np.argmax(ratio))
-    coverage = f"{inside.mean():.2f} ({low:.2f}-{high:.2f})"
+    coverage = f"{inside.mean():.2f} ({least:.2f}-{most:.2f})"
     return f"{mean:.3f}", f"{ratio[worst]:.2f} {names[worst]}", f"{ratio[0]:.2f}", coverage
 
 
