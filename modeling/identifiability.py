@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+import scipy  # loads scipy.linalg with its first use
 from numpy.typing import NDArray
-from scipy.linalg import qr
 
 from modeling.parameter import Parameter
 
@@ -144,7 +144,7 @@ def unidentifiable_directions(
     count = null_space.shape[1]
     if not count:
         return ()
-    order = qr(null_space.T, mode="r", pivoting=True)[1]
+    order = scipy.linalg.qr(null_space.T, mode="r", pivoting=True)[1]
     pivots = np.sort(order[:count])
     echelon = null_space @ np.linalg.inv(null_space[pivots])
     return tuple(_unidentifiable_direction(column, scaled_svd.scale, parameters, motion) for column in echelon.T)

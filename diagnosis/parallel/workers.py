@@ -119,7 +119,8 @@ class Workers:
                 start = perf_counter()
                 found[place] = self._tried(function, items[place])
                 if labels[place] not in self._others:
-                    self._own_times[labels[place]] = perf_counter() - start
+                    taken = perf_counter() - start
+                    self._own_times[labels[place]] = max(taken, self._own_times.get(labels[place], 0.0))
                 sent[place] = batch.packed(found[place])
         gathered = self.links.gather(batch, sent)
         if self.rank == 0:
@@ -137,7 +138,8 @@ class Workers:
         return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared)
 
     def _order(self, labels: Sequence[str]) -> list[int]:
-        """Order in which a process takes items: labels it had before (longest first), new labels, labels of others.
+        """Order in which a process takes items: labels it had before (by the longest time that each took,
+        the longest first), new labels, labels of others.
 
         Of new labels the copies begin with the first and the original with the last, as it may come later to a batch.
         """

@@ -48,6 +48,7 @@ class CandidateModel:
     cache: ScreeningCache = field(default_factory=ScreeningCache)
     given: tuple[Effect, ...] = ()
     _without: dict[str, CandidateModel] = field(default_factory=dict, init=False, repr=False)
+    _screened: dict[tuple[Effect, ...], list[ScoreTest]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def added(self) -> tuple[Effect, ...]:
@@ -91,8 +92,11 @@ class CandidateModel:
         return {e.id: found[e.id] or self._without[e.id] for e in own}
 
     def screened(self, effects: Sequence[Effect], announce: CountCallback | None = None) -> list[ScoreTest]:
-        """Score tests of the effects that it lacks."""
-        return screen(self.fit, effects, cache=self.cache, announce=announce)
+        """Score tests of the effects that it lacks; those of the same effects are made once."""
+        key = tuple(effects)
+        if key not in self._screened:
+            self._screened[key] = screen(self.fit, effects, cache=self.cache, announce=announce)
+        return list(self._screened[key])
 
     @cached_property
     def lack_of_fit(self) -> float:

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+import scipy  # loads scipy.linalg with its first use
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dtrsm
 
 Array = NDArray[np.float64]
 
@@ -33,11 +32,13 @@ class QRFactors:
 
     def coordinates(self, vector: Array) -> Array:
         """Q' v, (k,)."""
-        return np.asarray(solve_triangular(self.inner, self.basis.T @ vector, trans="T", check_finite=False))
+        return np.asarray(
+            scipy.linalg.solve_triangular(self.inner, self.basis.T @ vector, trans="T", check_finite=False)
+        )
 
     def span(self, coordinates: Array) -> Array:
         """Q c, (n,)."""
-        return np.asarray(self.basis @ solve_triangular(self.inner, coordinates, check_finite=False))
+        return np.asarray(self.basis @ scipy.linalg.solve_triangular(self.inner, coordinates, check_finite=False))
 
     def split(self, target: Array) -> tuple[Array, Array]:
         """Coordinates Q' b (k,), and b - Q Q' b (n,); projected twice, so that the residual is orthogonal to Q."""
@@ -74,7 +75,7 @@ def _by_cholesky(columns: Array) -> QRFactors | None:
         first = np.linalg.cholesky(gram / np.outer(scale, scale)).T * scale
         if np.linalg.cond(first / np.linalg.norm(first, axis=0)) ** 2 * EPS < CHOLESKY_ROUNDING:
             return QRFactors(columns, first, first)
-        basis: Array = np.asarray(dtrsm(1.0, first, columns.T, trans_a=1).T)
+        basis: Array = np.asarray(scipy.linalg.blas.dtrsm(1.0, first, columns.T, trans_a=1).T)
         gram = basis.T @ basis
         if not np.linalg.norm(gram - np.eye(len(gram))) < ORTHONORMALITY_TOLERANCE:  # or not finite
             return None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import scipy  # loads scipy.linalg with its first use
 from numpy.typing import NDArray
-from scipy.linalg import helmert
 
 from estimation.autoregression import fit_autoregression
 from modeling.significance import LEVELS
@@ -55,7 +55,7 @@ def is_separated(added: Array, readings: Array, repeats: int) -> bool:
 def _contrasts(series: Array, repeats: int) -> Array:
     """Contrasts (R - 1, p, N) of the repeats of a series (n, p)."""
     runs = series.reshape(repeats, -1, series.shape[1])
-    return np.asarray(np.einsum("cr,rnp->cpn", helmert(repeats), runs))
+    return np.asarray(np.einsum("cr,rnp->cpn", scipy.linalg.helmert(repeats), runs))
 
 
 def _with_past(runs: Array) -> NDArray[np.bool_]:

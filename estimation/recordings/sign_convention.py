@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # loads scipy.linalg with its first use
 from numpy.typing import NDArray
-from scipy.linalg import polar
 
 from estimation.evidence.weight_fit import WeightFit, weight_fit
 from estimation.recordings.recording import Recording
@@ -58,7 +58,7 @@ def decide_convention(recordings: Sequence[Recording], gravity: float) -> SignDe
     if not fits[sign].is_nearer_than(fits[-sign]):
         raise _undecided(_reason(fits[1], fits[-1]), recordings)
     matrix = np.linalg.lstsq(specific_force, force, rcond=None)[0].T
-    rotation, _ = polar(sign * matrix)
+    rotation, _ = scipy.linalg.polar(sign * matrix)
     rotation = rotation if np.linalg.det(rotation) > 0 else sign * fits[sign].mounting
     convention = Convention.ON_TOOL if sign > 0 else Convention.ON_SENSOR
     return SignDecision(convention, float(abs(np.linalg.det(matrix)) ** (1 / 3)), np.asarray(rotation))
