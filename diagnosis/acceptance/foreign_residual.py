@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.comparison.comparison import comparison_of
 from diagnosis.comparison.slow_residual import Part, SlowResidual
 from diagnosis.selection.subset_search import CandidateModel
 from estimation.distributions import chi2_isf
@@ -35,7 +34,7 @@ def effect_of_foreign_residual(candidate: CandidateModel) -> tuple[str, str] | N
 
 
 def _foreign_channels(candidate: CandidateModel, number: int) -> tuple[str, ...]:
-    slow = SlowResidual.of(comparison_of(candidate.fit, number))
+    slow = SlowResidual.of(candidate.comparisons[number])
     return () if slow is None else tuple(c for c in slow.above_noise if slow.part[c] is Part.FOREIGN)
 
 
@@ -46,9 +45,8 @@ def _foreign_excess(candidate: CandidateModel, effect: Effect, foreign: dict[int
     """
     smaller = candidate.without(effect.id)
     in_foreign = elsewhere = 0.0
-    for number in range(len(candidate.fit.recordings)):
-        after = comparison_of(candidate.fit, number)
-        residuals = (comparison_of(smaller.fit, number).residual, after.residual)
+    for number, after in enumerate(candidate.comparisons):
+        residuals = (smaller.fit.residuals[number], after.residual)
         before, remains = (np.maximum(r.var(axis=0), 1e-300) for r in residuals)
         explained = np.log(before / remains) * len(after.residual) / 2
         here = np.isin(list(after.space.channel_units), foreign.get(number, ())) & (before <= 2 * remains)

@@ -101,13 +101,22 @@ class CandidateModel:
     @cached_property
     def lack_of_fit(self) -> float:
         """P-value of lack of fit in any recording, Bonferroni-corrected for their number."""
-        return bonferroni_p_value([comparison_of(self.fit, i).lack_of_fit for i in range(len(self.fit.recordings))])
+        return bonferroni_p_value([c.lack_of_fit for c in self.comparisons])
+
+    @cached_property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Its recordings with the prediction of its fit."""
+        return _comparisons(self.fit)
+
+    @cached_property
+    def reported_fit(self) -> Fit:
+        """Its fit as reported, by ordinary least squares where a run has no other noise."""
+        return with_ordinary_estimate(self.fit)
 
     @cached_property
     def reported(self) -> tuple[Comparison, ...]:
-        """Its recordings with its prediction as reported, by ordinary least squares where a run has no other noise."""
-        fitted = with_ordinary_estimate(self.fit)
-        return tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
+        """Its recordings with the prediction of the reported fit."""
+        return self.comparisons if self.reported_fit is self.fit else _comparisons(self.reported_fit)
 
     @property
     def adequate(self) -> bool:
@@ -226,6 +235,10 @@ def _exchanged(
     """The best set after one exchange pass: each effect in turn is replaced by others significant given the rest."""
     _extended_sets(record.without_each(best), effects, record, progress)
     return min(record.tried.values(), key=lambda c: c.criterion)
+
+
+def _comparisons(fit: Fit) -> tuple[Comparison, ...]:
+    return tuple(comparison_of(fit, number) for number in range(len(fit.recordings)))
 
 
 def _ids(effects: Sequence[Effect]) -> str:

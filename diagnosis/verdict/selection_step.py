@@ -16,7 +16,7 @@ from diagnosis.comparison.generic_terms import cross_validated_gain
 from diagnosis.comparison.removed_share import removed_share
 from diagnosis.comparison.slow_residual import Part, SlowResidual
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
-from estimation.fit import Fit, with_ordinary_estimate
+from estimation.fit import Fit
 from estimation.noise.recording_noise import NoiseSource
 
 Array = NDArray[np.float64]
@@ -63,19 +63,18 @@ def selection_steps(
     selection: SubsetSearch, final: CandidateModel, held_out: Sequence[HeldOut]
 ) -> tuple[SelectionStep, ...]:
     """The models from the base model to the last effect added, each refitted."""
-    steps = [_selection_step(None, selection.base.fit, held_out)]
+    steps = [_selection_step(None, selection.base, held_out)]
     effects = final.added
     for count in range(1, len(effects) + 1):
         partial = final if count == len(effects) else selection.refitted(final, effects[:count])
-        steps.append(_selection_step(effects[count - 1].id, partial.fit, held_out))
+        steps.append(_selection_step(effects[count - 1].id, partial, held_out))
     return tuple(steps)
 
 
-def _selection_step(effect: str | None, fitted: Fit, held_out: Sequence[HeldOut]) -> SelectionStep:
-    reported = with_ordinary_estimate(fitted)
-    training = tuple(comparison_of(reported, i) for i in range(len(reported.recordings)))
+def _selection_step(effect: str | None, candidate: CandidateModel, held_out: Sequence[HeldOut]) -> SelectionStep:
+    reported = candidate.reported_fit
     validation = tuple(comparison_of(o.validation_fit(reported), 0) for o in held_out)
-    return SelectionStep(effect, reported, fitted, training, validation)
+    return SelectionStep(effect, reported, candidate.fit, candidate.reported, validation)
 
 
 def explainable_power_by_step(steps: Sequence[SelectionStep]) -> Array:
