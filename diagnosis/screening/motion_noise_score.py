@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from diagnosis.parallel.workers import Workers
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Fit
@@ -30,12 +31,13 @@ class DrawnMotion:
     cache: ScreeningCache = field(default_factory=ScreeningCache)
 
     @classmethod
-    def of(cls, fit: Fit) -> DrawnMotion | None:
-        """Of a fit; None where no recording's motion is noisy."""
+    def of(cls, fit: Fit, workers: Workers | None = None) -> DrawnMotion | None:
+        """Of a fit; None where no recording's motion is noisy. `workers` share out its score tests."""
         if all(noise.motion is None for noise in fit.noise):
             return None
         rng = np.random.default_rng(0)
-        return cls(tuple(_at_drawn_motion(fit, rng) for _ in range(DRAWS)))
+        fits = tuple(_at_drawn_motion(fit, rng) for _ in range(DRAWS))
+        return cls(fits, ScreeningCache(workers or Workers()))
 
     @cached_property
     def largest_power(self) -> float:

@@ -82,7 +82,8 @@ def screen(
     count = len(effects) if candidates is None else candidates
     cache = ScreeningCache() if cache is None else cache
     searches = run_searches(absent_effects(fit, effects), cache, announce)
-    found = [_score_test(s, count, fit, cache) if isinstance(s, GridSearch) else s for s in searches]
+    motion = _scores_of_motion([s for s in searches if isinstance(s, GridSearch)], fit, cache)
+    found = [_score_test(s, count, motion) if isinstance(s, GridSearch) else s for s in searches]
     return sorted(found, key=lambda s: (s.p_value, -s.statistic))
 
 
@@ -171,7 +172,8 @@ def _not_excited(effect: Effect, reason: str) -> ScoreTest:
     return ScoreTest(effect, 0.0, 1.0, {}, {}, reason=reason)
 
 
-def _score_test(search: GridSearch, candidates: int, fit: Fit, cache: ScreeningCache) -> ScoreTest:
+def _score_test(search: GridSearch, candidates: int, motion: Mapping[str, float]) -> ScoreTest:
+    """`motion` are scores that the noise of the motion gives by itself, by effect; zero where there is none."""
     best, effect = search.best, search.effect
     if best.rank == 0:
         return _not_excited(effect, search.unidentifiable_reason)
@@ -179,7 +181,7 @@ def _score_test(search: GridSearch, candidates: int, fit: Fit, cache: ScreeningC
     return ScoreTest(
         effect=effect,
         statistic=best.score,
-        p_value=_p_value(search, fit, cache),
+        p_value=search.p_value(motion.get(effect.id, 0.0)),
         start=search.start,
         amounts=search.amounts(),
         limits=partial(search.detectable, level),
@@ -188,18 +190,24 @@ def _score_test(search: GridSearch, candidates: int, fit: Fit, cache: ScreeningC
     )
 
 
-def _p_value(search: GridSearch, fit: Fit, cache: ScreeningCache) -> float:
-    """P-value of a search over the grid, of what its score is beyond that which the noise of the motion gives alone.
+def _scores_of_motion(searches: Sequence[GridSearch], fit: Fit, cache: ScreeningCache) -> dict[str, float]:
+    """Score that the noise of the motion alone gives each significant effect, by its id.
 
-    The limit that holds for every effect is tried first, as it costs nothing.
+    The limit that holds for every effect is tried first, as it costs nothing; the others' searches at drawn motions are
+    shared out among the workers.
     """
-    found = search.p_value()
-    motion = cache.drawn_motion(fit, lambda: DrawnMotion.of(fit)) if found < LEVELS.effect else None
+    significant = [s for s in searches if s.best.rank and s.p_value() < LEVELS.effect]
+    motion = cache.drawn_motion(fit, lambda: DrawnMotion.of(fit, cache.workers)) if significant else None
     if motion is None:
-        return found
-    limited = search.p_value(motion.largest_power)
-    if limited < CLEARLY_SIGNIFICANT:
-        return limited
-    again = run_searches([(drawn, search.effect) for drawn in motion.fits], motion.cache)
-    from_motion = max(s.best.score if isinstance(s, GridSearch) else s.statistic for s in again)
-    return search.p_value(from_motion)
+        return {}
+    scores = {s.effect.id: motion.largest_power for s in significant}
+    unclear = [s.effect for s in significant if s.p_value(motion.largest_power) >= CLEARLY_SIGNIFICANT]
+    wanted = [(drawn, effect) for effect in unclear for drawn in motion.fits]
+    again = dict(zip(wanted, run_searches(wanted, motion.cache), strict=True))
+    for effect in unclear:
+        scores[effect.id] = max(_largest_score(again[drawn, effect]) for drawn in motion.fits)
+    return scores
+
+
+def _largest_score(search: GridSearch | ScoreTest) -> float:
+    return search.best.score if isinstance(search, GridSearch) else search.statistic
