@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.robot_motions import raster
+from diagnosis.parallel.workers import Workers
 from diagnosis.screening.grid_search import GridSearch
 from diagnosis.screening.motion_noise_score import DRAWS, DrawnMotion
 from diagnosis.screening.null_model import NullModel
@@ -60,3 +63,23 @@ def test_residual_of_drawn_motions_is_their_noise() -> None:
     counted = np.sqrt(np.mean(found.noise[0].motion.errors ** 2, axis=(0, 1)))  # type: ignore[union-attr]
     assert size == pytest.approx(counted, rel=0.25)
     assert drawn.largest_power < NullModel.of(found, ScreeningCache()).cost
+
+
+class _CountedWorkers(Workers):
+    """One process that notes how many items each batch has."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.batches: list[int] = []
+
+    def map(self, function: Any, items: Sequence[Any], **options: Any) -> list[Any]:
+        self.batches.append(len(items))
+        return super().map(function, items, **options)
+
+
+def test_score_tests_at_drawn_motions_are_one_batch_of_the_workers() -> None:
+    """Those of all effects together, so that no process waits for the others' effects."""
+    workers = _CountedWorkers()
+    effects = [named("sensor_hysteresis"), named("viscous_drag"), named("quadratic_drag")]
+    screen(fitted(0, ViscousDrag(c=0.04)), effects, cache=ScreeningCache(workers))
+    assert workers.batches == [len(effects), len(effects) * DRAWS]
