@@ -80,12 +80,13 @@ class Spiked(simulated.NoiseModel):
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What is recorded: rig, motion and what is hidden, and the model with its truth."""
+    """What is recorded: rig, motion and what is hidden, whether a std is stated, and the model with its truth."""
 
     space: Space = Space.PLANE
     repeats: int = 8
     samples: int = 200
     rest: bool = False
+    stated: bool = False
     hidden: tuple[simulated.HiddenEffect, ...] = ()
     added: tuple[str, ...] = ()
     amounts: tuple[tuple[str, float], ...] = ()
@@ -131,7 +132,8 @@ def silent_recording(setting: Setting) -> Recording:
     left_out = {"temperature"} | ({"repeat"} if setting.repeats == 1 else set())
     columns = {str(name): frame[name].to_numpy(dtype=float) for name in frame if name not in left_out}
     links = rig.link_lengths if isinstance(rig, simulated.PlanarRig) else None
-    return from_columns(columns, rig=Rig(link_lengths=links))
+    noise = dict(zip(rig.channels, rig.noise, strict=True)) if setting.stated else None
+    return from_columns(columns, rig=Rig(link_lengths=links, sensor=SensorDescription(noise=noise)))
 
 
 class Estimator(ABC):

@@ -55,7 +55,7 @@ class WhitenedFit(Protocol):
 class Intervals(Tabular):
     """Two-sided confidence intervals of a fit's parameters, in the order of its `theta`.
 
-    std      (k,) standard deviation; for a single run corrected for the colour that the autoregression left
+    std      (k,) standard deviation; for a single run corrected for the colour that whitening left
     freedom  (k,) effective degrees of freedom of std
     """
 
@@ -124,9 +124,9 @@ def intervals(fit: WhitenedFit, *, level: float = LEVELS.confidence, pull: Array
     Error over std is then Student's t with f degrees of freedom.
 
     A single run is whitened by an autoregression of its own residual, whose low-frequency part depends on few samples
-    and on the orders tried. The spectrum of the whitened residual is therefore estimated again, as a smooth curve, and
-    multiplied in (prewhitening: D. W. K. Andrews and J. C. Monahan, Econometrica 60 (1992) 953-966), together with the
-    variance of that curve.
+    and on the orders tried, or by the std that its rig states, which says nothing of the noise's colour. The spectrum
+    of the whitened residual is therefore estimated again, as a smooth curve, and multiplied in (prewhitening:
+    D. W. K. Andrews and J. C. Monahan, Econometrica 60 (1992) 953-966), together with the variance of that curve.
 
     Examples
     --------
@@ -176,16 +176,20 @@ def _variance_contributions(
     ends = np.cumsum([noise.whitener.rows for noise in fit.noise])[:-1]
     blocks = zip(*(np.split(rows, ends) for rows in (residual, basis, pull)), strict=True)
     for recording, noise, (own_residual, own_basis, own_pull) in zip(fit.recordings, fit.noise, blocks, strict=True):
-        if _may_be_coloured(recording, noise):
-            yield _spectral_contribution(len(recording.channels), own_residual, own_basis, own_pull)
+        if may_be_coloured(recording, noise):
+            stated = noise.source is NoiseSource.RIG
+            yield _spectral_contribution(len(recording.channels), own_residual, own_basis, own_pull, stated)
         else:
             yield _row_contribution(noise, own_pull**2)
 
 
-def _may_be_coloured(recording: Recording, noise: RecordingNoise) -> bool:
-    """Whether rows are innovations of a single run, possibly still coloured, and enough of them for a spectrum."""
+def may_be_coloured(recording: Recording, noise: RecordingNoise) -> bool:
+    """Whether whitened rows are a single run's, possibly still coloured, and enough of them for a spectrum.
+
+    A std that the rig states says nothing of the noise's colour, nor of what the model lacks.
+    """
     lines = noise.whitener.rows // len(recording.channels)
-    return noise.source is NoiseSource.RESIDUAL and not recording.at_rest and lines > 2 * MIN_ORDINATES
+    return noise.source is not NoiseSource.REPEATS and not recording.at_rest and lines > 2 * MIN_ORDINATES
 
 
 def _row_contribution(noise: RecordingNoise, squares: Array) -> VarianceContribution:
@@ -193,10 +197,13 @@ def _row_contribution(noise: RecordingNoise, squares: Array) -> VarianceContribu
     return VarianceContribution(squares.sum(axis=0), lambda total: noise.log_power_variance_of(squares / total))
 
 
-def _spectral_contribution(channels: int, residual: Array, basis: Array, pull: Array) -> VarianceContribution:
+def _spectral_contribution(
+    channels: int, residual: Array, basis: Array, pull: Array, stated: bool
+) -> VarianceContribution:
     """One run in the cosine transform, each channel with the power spectrum of its residual.
 
-    The fit absorbs the share h of a line's power, its leverage: the squares of a basis of the column space.
+    The fit absorbs the share h of a line's power, its leverage: the squares of a basis of the column space. With a
+    `stated` std the mean power is 1 at the least; what is above is of what the model lacks.
     """
     power, leverage, squared = (_cosine_lines(rows, channels) ** 2 for rows in (residual[:, None], basis, pull))
     share = 1 - leverage.sum(axis=2)
@@ -204,8 +211,11 @@ def _spectral_contribution(channels: int, residual: Array, basis: Array, pull: A
     # The mean is a line of its own, half a line below the first: its power is extrapolated from the spectrum.
     frequency = np.maximum(np.arange(len(power)), 0.5) / (2 * len(power))
     spectra = smooth_power_spectra(frequency[1:], ordinates[1:], shape=0.5, start=float(frequency[0]))
+    mean = power[:, :, 0].sum(axis=0) / np.maximum(share.sum(axis=0), 1.0)
+    scale = 1 / np.clip(mean, 1e-300, 1.0) if stated else np.ones(channels)
     squares = [
-        squared[:, c] * _line_power(spectrum, frequency, ordinates[:, c])[:, None] for c, spectrum in enumerate(spectra)
+        squared[:, c] * scale[c] * _line_power(spectrum, frequency, ordinates[:, c])[:, None]
+        for c, spectrum in enumerate(spectra)
     ]
 
     def log_variance(total: Array) -> Array:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -25,13 +26,14 @@ from estimation.confidence_intervals import (
 from estimation.fit import fit
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
-from tests.test_robust import stated_run
+from truewrench.simulated_rig import ViscousDrag
 
 Array = NDArray[np.float64]
 
 SMALL = {
     "3 repeats": (Setting(repeats=3, samples=60), "white"),
     "single run": (Setting(repeats=1, samples=200), "AR 0.95"),
+    "single run, std stated": (Setting(repeats=1, samples=200, stated=True), "AR 0.95"),
     "8 poses": (Setting(repeats=1, samples=8, rest=True), "white"),
 }
 DRAWS = 40
@@ -97,11 +99,39 @@ def test_freedom_ends() -> None:
     assert t.ppf(0.975, MAX_DEGREES_OF_FREEDOM) == pytest.approx(norm.ppf(0.975), abs=3e-4)
 
 
-def test_stated_noise_takes_the_normal_quantile() -> None:
-    found = intervals(fit(planar(), stated_run()))
-    np.testing.assert_allclose(found.std, np.sqrt(np.diag(found.fit.covariance)), rtol=1e-8)  # condition 1e4
-    np.testing.assert_allclose(found.freedom, MAX_DEGREES_OF_FREEDOM)
-    np.testing.assert_allclose((found.high - found.low) / 2 / found.std, 1.96, atol=1e-3)
+def test_poses_of_a_stated_std_take_the_normal_quantile() -> None:
+    setting = Setting(repeats=1, samples=24, rest=True, stated=True)
+    found = intervals(fit(planar(), setting.drawn(NOISES["white"], 1)))
+    seen = found.fit.identifiable
+    np.testing.assert_allclose(found.std[seen], np.sqrt(np.diag(found.fit.covariance))[seen], rtol=1e-8)
+    np.testing.assert_allclose(found.freedom[seen], MAX_DEGREES_OF_FREEDOM)
+    np.testing.assert_allclose(((found.high - found.low) / 2 / found.std)[seen], 1.96, atol=1e-3)
+
+
+def test_a_stated_std_leaves_the_colour_to_the_readings() -> None:
+    """As wide as where nothing is stated: a std says nothing of colour, which white weights alone would leave out.
+
+    Wider where this record is quieter than was stated, by chance a third of the std at most.
+    """
+    std = {}
+    for stated, noise in product((True, False), ("white", "AR 0.95")):
+        setting = Setting(repeats=1, samples=600, stated=stated)
+        std[stated, noise] = fit(planar(), setting.drawn(NOISES[noise], 1)).intervals().std
+    np.testing.assert_allclose(std[True, "white"], std[False, "white"], rtol=0.15)
+    ratio = std[True, "AR 0.95"] / std[False, "AR 0.95"]
+    assert ratio.min() > 0.95
+    assert ratio.max() < 1.5
+    assert (std[True, "AR 0.95"][:3] > 3 * std[True, "white"][:3]).all()  # of a mean, sqrt((1 + rho) / (1 - rho)) = 6
+
+
+def test_a_stated_std_holds_for_what_is_missing() -> None:
+    """A drag that the model lacks is in the residual, and so in the intervals: above the size of the noise by far."""
+    setting = Setting(repeats=1, samples=600, stated=True, hidden=(ViscousDrag(),))
+    found = fit(planar(), setting.drawn(NOISES["white"], 1))
+    plain = fit(planar(), replace(setting, hidden=()).drawn(NOISES["white"], 1))
+    assert found.reduced_chi_square is not None
+    assert found.reduced_chi_square > 2
+    assert (found.intervals().std > 1.2 * plain.intervals().std).all()
 
 
 def test_repeats_keep_the_fits_own_std() -> None:
@@ -147,7 +177,7 @@ def test_parameters_that_miss_together_count_once() -> None:
 
 
 def test_intervals_print_every_unknown() -> None:
-    found = intervals(fit(planar(), stated_run()))
+    found = intervals(fit(planar(), SMALL["single run"][0].drawn(NOISES["white"], 1)))
     lines = str(found).splitlines()
     assert [line.split()[0] for line in lines[1:]] == [p.name for p in planar().parameters]
     assert "95 % from" in lines[0]
