@@ -133,7 +133,8 @@ def test_the_weakest_direction_is_one_standard_deviation() -> None:
         if parameter.name in named:
             assert abs(named[parameter.name]) == pytest.approx(abs(amount))
     # No direction of unit columns is less certain.
-    covariance = found.covariance * np.outer(scaled_svd.scale, scaled_svd.scale)
+    assert found.ordinary is not None  # the std that is told is that in the colour of the residual
+    covariance = found.ordinary.covariance * np.outer(scaled_svd.scale, scaled_svd.scale)
     assert np.linalg.eigvalsh(covariance)[-1] == pytest.approx(1 / scaled_svd.singular[-1] ** 2, rel=1e-6)
 
 

@@ -53,14 +53,19 @@ def motion_evidence(recording: Recording) -> FrameEvidence | None:
 
 
 def thinned(recording: Recording) -> Recording:
-    """The first run of a recording, with no more rows than the tool's weight needs."""
+    """The first run of a recording, with no more rows than the tool's weight needs; its joints as in all repeats."""
     stride = 1 if recording.dt is None else max(int(STEP / recording.dt), 1)
     rows = slice(0, min(recording.samples_per_repeat, LONGEST), stride)
     if recording.samples_per_repeat // stride < FEWEST:
         rows = slice(0, recording.samples_per_repeat)
     columns = {name: column[rows] for name, column in recording.columns.items()}
     time = None if recording.time is None else recording.time[rows]
-    return replace(recording, wrench=recording.wrench[rows], columns=columns, time=time, repeats=1, continuous=True)
+    run = replace(recording, wrench=recording.wrench[rows], columns=columns, time=time, repeats=1, continuous=True)
+    if recording.form is MotionForm.JOINTS and recording.repeats > 1 and recording.continuous:
+        # The Fourier series of the period is at hand, and quicker than a smoothing spline of its own.
+        _ = recording.signals
+        run.derivatives.update((key, known.rows(rows)) for key, known in recording.derivatives.items())
+    return run
 
 
 def impossible_speed(angles: Mapping[str, Array], dt: float) -> tuple[str, float] | None:

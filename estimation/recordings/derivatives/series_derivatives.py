@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,11 @@ class Derivatives:
     second: Array
     score: Array
     spline: SmoothingSpline | None = None
+
+    def rows(self, chosen: slice) -> Derivatives:
+        """Some rows of the series, without its spline."""
+        value, first, second = (part[chosen] for part in (self.value, self.first, self.second))
+        return replace(self, value=value, first=first, second=second, spline=None)
 
     def one_after_another(self, count: int) -> Derivatives:
         """Of `count` series side by side, each (N, k): as series (count N, k), without their splines."""
