@@ -230,7 +230,8 @@ def bias(draws: int = 12) -> Part:
     hidden_by_name = {"nothing": (), **{name: effects[:1] for name, effects in POWERED.items()}}
     hidden_by_name |= {effect.id: (effect,) for effect in UNLISTED}
     table = [(name, *_bias_of(number, hidden, draws)) for number, (name, hidden) in enumerate(hidden_by_name.items())]
-    ways = [f"{what}, {way}" for way in ("fit", "diagnose") for what in ("rms ratio", "worst", "mass", "coverage")]
+    told = ("rms ratio", "worst", "mass", "coverage")
+    ways = [f"{what}, {way}" for way in ("fit", "fit with std stated", "diagnose") for what in told]
     return Table.of(("hidden", *ways, "no tool told", "CPU s"), table), []
 
 
@@ -240,18 +241,24 @@ def _bias_of(number: int, hidden: tuple[HiddenEffect, ...], draws: int) -> tuple
     A diagnosis that tells no tool is counted, and has no error.
     """
     begin = process_time()
-    fitted: list[tuple[Fit, Array]] = []
+    fitted: dict[bool, list[tuple[Fit, Array]]] = {False: [], True: []}
     told: list[tuple[Fit, Array]] = []
     for i in range(draws):
         run = _run(i, 9000 + 100 * number + i, *hidden)
-        found = fit(spatial(), run.recording())
-        plain = ordinary_least_squares(found, np.array(RIG.noise))
-        fitted.append((found, plain))
+        found = {stated: _fitted(replace(run, stated=stated)) for stated in fitted}
+        plain = ordinary_least_squares(found[False], np.array(RIG.noise))
+        for stated, own in found.items():
+            fitted[stated].append((own, plain))
         told += [(tool, plain) for tool in _told_tool(run)]
         print(f"{run.name} {' '.join(e.id for e in hidden)}", file=sys.stderr, flush=True)
     seconds = (process_time() - begin) / draws
-    texts = (*_errors_of(fitted), *_errors_of(told))
+    texts = [text for fits in (*fitted.values(), told) for text in _errors_of(fits)]
     return (*texts, share(draws - len(told), draws), f"{seconds:.2f}")
+
+
+def _fitted(run: SingleRun) -> Fit:
+    recording = run.recording()
+    return fit(spatial(recording.rig), recording)
 
 
 def _told_tool(run: SingleRun) -> list[Fit]:
