@@ -21,6 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from estimation.least_squares.column_space import orthonormal_basis
 from estimation.least_squares.levenberg_marquardt import levenberg_marquardt
 from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.square_root_information import EPS, SquareRootInformation, qr_factors
@@ -365,3 +366,14 @@ def test_a_minimum_costs_what_it_says(start: float) -> None:
 
 if __name__ == "__main__":
     print(reached_table())
+
+
+@given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 12), columns=st.integers(1, 9), rank=st.integers(1, 9))
+def test_basis_has_the_rows_of_its_columns_however_few(seed: int, rows: int, columns: int, rank: int) -> None:
+    """Fewer rows than columns, too: of a log of a fifth of a second its motion has more terms than samples."""
+    rng = np.random.default_rng(seed)
+    derivative = rng.standard_normal((rows, rank)) @ rng.standard_normal((rank, columns))
+    basis = orthonormal_basis(derivative)
+    assert basis.shape == (rows, min(rows, columns, rank))
+    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
+    np.testing.assert_allclose(basis @ (basis.T @ derivative), derivative, atol=1e-7 * np.abs(derivative).max())

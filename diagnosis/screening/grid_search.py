@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,7 +209,7 @@ class GridSearch:
         for p, amount, std in zip(self.point.amplitudes, self.best.amounts, self.best.std, strict=True):
             unit = self.point.unit_of(p)
             if isfinite(p.nominal):
-                found[p.name] = (float(amount * unit), float(std * abs(unit)))
+                found[p.name] = (float(amount * unit), float(std * abs(unit)) if isfinite(std) else inf)
             else:
                 found[p.name] = (unit, float(abs(unit) * std))
         return found

@@ -40,7 +40,7 @@ class ColumnSpace:
             columns = np.pad(columns, ((0, columns.shape[1] - len(columns)), (0, 0)))
         factors = qr_factors(columns)
         scaled_svd = ScaledSVD.of(factors.root)
-        return cls(kept, factors.span(scaled_svd.left[:, scaled_svd.regular]), scaled_svd)
+        return cls(kept, factors.span(scaled_svd.left[:, scaled_svd.regular])[: len(derivative)], scaled_svd)
 
     def amounts(self, columns: Array) -> Array:
         """Least-squares coefficients (k, a) of the derivative's columns for other columns (rows, a)."""
