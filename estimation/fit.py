@@ -336,7 +336,8 @@ def fit(
     Whitened nonlinear least squares by Levenberg-Marquardt. Where the noise comes from the residual, fit and noise
     re-estimation are iterated; the parameters of a single run are then those of ordinary least squares, each channel
     weighted by its noise floor, with the std that the residual's spectrum gives: what the model lacks is in that
-    spectrum, too, and would bias an estimate that is whitened by it.
+    spectrum, too, and would bias an estimate that is whitened by it. Where the rig states the noise of a single run,
+    it weighs the channels, and the std come from the same spectrum, of at least the stated power.
 
     Examples
     --------
@@ -369,7 +370,8 @@ def fit(
 def with_ordinary_estimate(fitted: Fit) -> Fit:
     """The fit with parameters by ordinary least squares where its noise comes from the residual of a run.
 
-    Their std are those in the noise's own spectrum. The noise stays as it was, for tests, but for the std of one
+    Their std are those in the noise's own spectrum, also where a rig states the std of a run's noise, but not its
+    colour. The noise stays as it was, for tests, but for the std of one
     sample, which is that of the new residual: an estimate in near-integrated noise leaves a larger one.
     """
     from estimation.noise.noise_estimation import with_floor_of  # spectra: slow to import
