@@ -158,10 +158,10 @@ def _reading(
 
 def _turns(recording: Recording) -> Array:
     """Rotations (n, k, k) from axes of the sensor's body to the world's."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
     signals = recording.signals
     if recording.dimension == 3:
+        from scipy.spatial.transform import Rotation  # slow to import
+
         return Rotation.from_quat(np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1)).as_matrix()
     cosine, sine = np.cos(signals["phi"]), np.sin(signals["phi"])
     return np.stack([np.stack([cosine, sine], axis=1), np.stack([-sine, cosine], axis=1)], axis=1)
