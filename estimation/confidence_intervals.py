@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -28,6 +28,8 @@ MAX_DEGREES_OF_FREEDOM = 1e4
 """Upper limit of the degrees of freedom: from here on the t quantile is the normal one to four digits."""
 MIN_DEGREES_OF_FREEDOM = 2.0
 """Lower limit: that of the power at a record's lowest line, whose scatter the extrapolated spectrum omits."""
+LEAST_POWER = 1e-12
+"""Of a line of the residual, relative to a stated noise."""
 MIN_RESIDUAL_SHARE = 0.5
 """Share of a line's power that must remain in the residual for the line to enter the noise spectrum."""
 
@@ -106,7 +108,7 @@ def intervals(fit: WhitenedFit, *, level: float = LEVELS.confidence, pull: Array
         Two-sided confidence level, by default 0.95.
     pull : array (rows, k), optional
         Influence of the noise of each whitened row on every parameter, in the parameters' units; by default that of
-        least squares, D C.
+        least squares, D C. One that is given holds the size of the noise that a rig states, which is taken for white.
 
     Returns
     -------
@@ -139,8 +141,9 @@ def intervals(fit: WhitenedFit, *, level: float = LEVELS.confidence, pull: Array
     0.8997 to 0.9005 kg
     """
     residual, derivative = WhitenedProblem(fit.layout, fit.recordings, fit.noise).evaluate(fit.theta)
+    sources = {NoiseSource.RESIDUAL, NoiseSource.RIG} if pull is None else {NoiseSource.RESIDUAL}
     pull = derivative @ fit.covariance if pull is None else pull
-    parts = list(_variance_contributions(fit, residual, derivative, pull))
+    parts = list(_variance_contributions(fit, residual, derivative, pull, sources))
     variance = np.sum([part.variance for part in parts], axis=0)
     safe = np.maximum(variance, 1e-300)
     log_variance = np.sum([part.log_variance(safe) for part in parts], axis=0)
@@ -170,13 +173,14 @@ class VarianceContribution:
 
 
 def _variance_contributions(
-    fit: WhitenedFit, residual: Array, derivative: Array, pull: Array
+    fit: WhitenedFit, residual: Array, derivative: Array, pull: Array, coloured: Collection[NoiseSource]
 ) -> Iterator[VarianceContribution]:
+    """Of each recording; the spectrum is estimated of runs whose noise is of a `coloured` source."""
     basis = orthonormal_basis(derivative)
     ends = np.cumsum([noise.whitener.rows for noise in fit.noise])[:-1]
     blocks = zip(*(np.split(rows, ends) for rows in (residual, basis, pull)), strict=True)
     for recording, noise, (own_residual, own_basis, own_pull) in zip(fit.recordings, fit.noise, blocks, strict=True):
-        if may_be_coloured(recording, noise):
+        if noise.source in coloured and may_be_coloured(recording, noise):
             stated = noise.source is NoiseSource.RIG
             yield _spectral_contribution(len(recording.channels), own_residual, own_basis, own_pull, stated)
         else:
@@ -203,18 +207,18 @@ def _spectral_contribution(
     """One run in the cosine transform, each channel with the power spectrum of its residual.
 
     The fit absorbs the share h of a line's power, its leverage: the squares of a basis of the column space. With a
-    `stated` std the mean power is 1 at the least; what is above is of what the model lacks.
+    `stated` std no line has less than white noise of that std; what is above is colour, or what the model lacks.
     """
     power, leverage, squared = (_cosine_lines(rows, channels) ** 2 for rows in (residual[:, None], basis, pull))
     share = 1 - leverage.sum(axis=2)
     ordinates = np.where(share > MIN_RESIDUAL_SHARE, power[:, :, 0] / np.maximum(share, MIN_RESIDUAL_SHARE), 0.0)
+    ordinates = np.maximum(ordinates, LEAST_POWER) if stated else ordinates  # of a channel that never changes
     # The mean is a line of its own, half a line below the first: its power is extrapolated from the spectrum.
     frequency = np.maximum(np.arange(len(power)), 0.5) / (2 * len(power))
     spectra = smooth_power_spectra(frequency[1:], ordinates[1:], shape=0.5, start=float(frequency[0]))
-    mean = power[:, :, 0].sum(axis=0) / np.maximum(share.sum(axis=0), 1.0)
-    scale = 1 / np.clip(mean, 1e-300, 1.0) if stated else np.ones(channels)
+    least = 1.0 if stated else 0.0
     squares = [
-        squared[:, c] * scale[c] * _line_power(spectrum, frequency, ordinates[:, c])[:, None]
+        squared[:, c] * np.maximum(_line_power(spectrum, frequency, ordinates[:, c]), least)[:, None]
         for c, spectrum in enumerate(spectra)
     ]
 

@@ -72,7 +72,8 @@ class Fit(Estimates):
     converged   whether the last refit converged
     identifiable  (k,) whether a parameter is identifiable
     noise       per recording
-    ordinary    the ordinary least squares that theta comes from, where the weights are not those of the noise
+    ordinary    the least squares that theta comes from, with their own covariance, where the std is told in a colour
+                of the noise that the weights do not have
     """
 
     model: WrenchModel
@@ -335,9 +336,10 @@ def fit(
     -----
     Whitened nonlinear least squares by Levenberg-Marquardt. Where the noise comes from the residual, fit and noise
     re-estimation are iterated; the parameters of a single run are then those of ordinary least squares, each channel
-    weighted by its noise floor, with the std that the residual's spectrum gives: what the model lacks is in that
-    spectrum, too, and would bias an estimate that is whitened by it. Where the rig states the noise of a single run,
-    it weighs the channels, and the std come from the same spectrum, of at least the stated power.
+    weighted by the noise of its upper frequencies, with the std that the residual's spectrum gives: what the model
+    lacks is in that spectrum, too, and would bias an estimate that is whitened by it. Where the rig states the noise of
+    a single run, that and the noise of the motion weigh the readings, and the std come from the same spectrum, in which
+    no line has less power than was stated.
 
     Examples
     --------
@@ -361,8 +363,8 @@ def fit(
     decided, several = with_decided_convention(case.model, case.recordings), case.recordings
     require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
     estimated = refit(decided, several, noise=noise, start=start, constraints=stated)
-    if noise is None and constraints is None:
-        estimated = with_ordinary_estimate(estimated)
+    given = noise is not None or constraints is not None
+    estimated = with_coloured_std(estimated) if given else with_ordinary_estimate(estimated)
     require_positive_fitted_mass(estimated)
     return estimated
 
@@ -370,16 +372,16 @@ def fit(
 def with_ordinary_estimate(fitted: Fit) -> Fit:
     """The fit with parameters by ordinary least squares where its noise comes from the residual of a run.
 
-    Their std are those in the noise's own spectrum, also where a rig states the std of a run's noise, but not its
-    colour. The noise stays as it was, for tests, but for the std of one
-    sample, which is that of the new residual: an estimate in near-integrated noise leaves a larger one.
+    Their std are those in the noise's own spectrum (`with_coloured_std` where a rig states the noise). The noise stays
+    as it was, for tests, but for the std of one sample, which is that of the new residual: an estimate in
+    near-integrated noise leaves a larger one.
     """
     from estimation.noise.noise_estimation import with_floor_of  # spectra: slow to import
     from estimation.ordinary_estimate import OrdinaryEstimate
 
     found = OrdinaryEstimate.of(fitted.problem, fitted.theta, fitted.residuals)
     if found is None:
-        return fitted
+        return with_coloured_std(fitted)
     estimated = replace(
         fitted,
         theta=found.theta,
@@ -391,6 +393,26 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
     parts = zip(fitted.noise, fitted.recordings, estimated.residuals, strict=True)
     noise = tuple(with_floor_of(own, recording, r) for own, recording, r in parts)
     return replace(estimated, noise=noise)
+
+
+def with_coloured_std(fitted: Fit) -> Fit:
+    """The fit with the std in the spectrum of its residual, where a rig states the std of a run, but not its colour."""
+    from estimation.confidence_intervals import may_be_coloured  # loads scipy.special
+    from estimation.ordinary_estimate import OrdinaryEstimate
+
+    parts = zip(fitted.recordings, fitted.noise, strict=True)
+    if not any(noise.source is NoiseSource.RIG and may_be_coloured(recording, noise) for recording, noise in parts):
+        return fitted
+    found = OrdinaryEstimate(
+        layout=fitted.layout,
+        recordings=fitted.recordings,
+        noise=fitted.noise,
+        theta=fitted.theta,
+        covariance=fitted.covariance,
+        identifiable=fitted.identifiable,
+        converged=fitted.converged,
+    )
+    return replace(fitted, covariance=found.covariance_in_noise, ordinary=found)
 
 
 def _whole_recordings(parts: Iterable[RecordingOrChunk], executor: Executor | None) -> tuple[Recording, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from estimation.confidence_intervals import intervals, may_be_coloured
+from estimation.confidence_intervals import intervals
 from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
@@ -50,13 +50,12 @@ class OrdinaryEstimate:
 
     @classmethod
     def of(cls, problem: WhitenedProblem, theta: Array, residuals: Sequence[Array]) -> OrdinaryEstimate | None:
-        """From a whitened problem, its solution and the residuals (n, p) there; None without noise of unknown colour.
+        """From a whitened problem, its solution and the residuals (n, p) there; None without noise from a residual.
 
-        Each channel is weighted by the std that the rig states, else by the noise of its upper frequencies alone.
+        Each channel is weighted by the noise of its upper frequencies alone.
         """
         noise = tuple(_by_channel(n, residual) for n, residual in zip(problem.noise, residuals, strict=True))
-        coloured = any(may_be_coloured(*own) for own in zip(problem.recordings, problem.noise, strict=True))
-        if not coloured and all(new is old for new, old in zip(noise, problem.noise, strict=True)):
+        if all(new is old for new, old in zip(noise, problem.noise, strict=True)):
             return None
         found = replace(problem, noise=noise).minimise(theta)
         return cls(

@@ -110,7 +110,7 @@ class CandidateModel:
 
     @cached_property
     def reported_fit(self) -> Fit:
-        """Its fit as reported, by ordinary least squares where a run has no other noise."""
+        """Its fit as `fit` reports it: `with_ordinary_estimate`."""
         return with_ordinary_estimate(self.fit)
 
     @cached_property

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 class SelectionStep(ComparedFit):
     """The model after one more effect, compared with the training and the held-out recordings.
 
-    fit     as `fit` estimates it: by ordinary least squares where a run's noise comes from its residual
+    fit     as `fit` reports it: `with_ordinary_estimate`
     tested  the same model whitened by its noise, whose score tests and lack of fit the search has judged
     """
 

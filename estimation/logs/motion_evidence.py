@@ -28,6 +28,7 @@ from estimation.logs.frame_evidence import (
 )
 from estimation.logs.log_table import Array
 from estimation.recordings.recording import MotionForm, Recording
+from estimation.recordings.repeat_motion import largest_deviation
 from modeling.kinematics.base_mounting import Direction
 from modeling.rig.rig import Convention, Rig
 
@@ -61,11 +62,19 @@ def thinned(recording: Recording) -> Recording:
     columns = {name: column[rows] for name, column in recording.columns.items()}
     time = None if recording.time is None else recording.time[rows]
     run = replace(recording, wrench=recording.wrench[rows], columns=columns, time=time, repeats=1, continuous=True)
-    if recording.form is MotionForm.JOINTS and recording.repeats > 1 and recording.continuous:
+    if recording.form is MotionForm.JOINTS and recording.continuous and _repeats_alike(recording):
         # The Fourier series of the period is at hand, and quicker than a smoothing spline of its own.
         _ = recording.signals
         run.derivatives.update((key, known.rows(rows)) for key, known in recording.derivatives.items())
     return run
+
+
+def _repeats_alike(recording: Recording) -> bool:
+    """Whether there are repeats, of one motion."""
+    if recording.repeats == 1 or recording.dt is None:
+        return False
+    found = largest_deviation(recording.columns, recording.repeats)
+    return found is None or not found.gross
 
 
 def impossible_speed(angles: Mapping[str, Array], dt: float) -> tuple[str, float] | None:
