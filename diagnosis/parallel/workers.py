@@ -138,10 +138,10 @@ class Workers:
         return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared)
 
     def _order(self, labels: Sequence[str]) -> list[int]:
-        """Order in which a process takes items: labels it had before (by the longest time that each took,
-        the longest first), new labels, labels of others.
+        """Order in which a process takes items: labels it had before (longest first), new labels, labels of others.
 
-        Of new labels the copies begin with the first and the original with the last, as it may come later to a batch.
+        A label's time is the longest that it took. Of new labels the copies begin with the first and the original with
+        the last, as it may come later to a batch.
         """
         begin = (self.rank - 1) % self.count * len(labels) // self.count
         rotated = [*range(begin, len(labels)), *range(begin)]

@@ -32,8 +32,9 @@ class DrawnMotion:
 
     @classmethod
     def of(cls, fit: Fit, workers: Workers | None = None) -> DrawnMotion | None:
-        """Of a fit; None where no recording's motion is noisy. `workers` share out its score tests:
-        each of them must make the same of the same fit.
+        """Of a fit; None where no recording's motion is noisy.
+
+        `workers` share out its score tests: each of them must screen the same fits in the same order.
         """
         if all(noise.motion is None for noise in fit.noise):
             return None
