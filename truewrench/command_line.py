@@ -36,6 +36,7 @@ from truewrench.commands import (
     survey,
     workbench,
 )
+from truewrench.postponed_imports import postpone_imports
 
 COMMANDS = (
     demo, import_recording, diagnose, calibrate, fit, compare, survey, design, compensate, emit, effects, workbench,
@@ -144,7 +145,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _prepare(*, as_program: bool) -> None:
-    """Escape characters that the terminal cannot encode; as a program: no library warnings, one BLAS thread."""
+    """Escape characters that the terminal cannot encode; as a program: no library warnings, one BLAS thread,
+    nothing imported that is not used."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -153,6 +155,7 @@ def _prepare(*, as_program: bool) -> None:
     if as_program:
         for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
             os.environ.setdefault(variable, "1")  # matrices are tall and thin: threads only wait for one another
+        postpone_imports()
         gc.set_threshold(*GC_THRESHOLDS)
         atexit.register(gc.freeze)  # no collection when the process ends
 

@@ -95,15 +95,18 @@ def sampled_rows(columns: Mapping[str, Array]) -> slice:
     return slice(0, min(len(columns["fx"]), LONGEST), _stride(columns))
 
 
-def frame_evidence(columns: Mapping[str, Array], direction: Direction | None = None) -> FrameEvidence | None:
+def frame_evidence(
+    columns: Mapping[str, Array], direction: Direction | None = None, acceleration: Array | None = None
+) -> FrameEvidence | None:
     """The evidence in a recording's columns (n,); None of a sensor that never turns.
 
     `direction` is that of gravity in base axes where the rig states it; else it is down, or another is estimated.
+    `acceleration` (n, 3), m/s², of the sensor origin in base axes is derived from the position unless it is given.
     """
     every = sampled_rows(columns)
     force = np.stack([columns[name][every] for name in ("fx", "fy", "fz")], axis=1)
     quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
-    a = _acceleration(columns, every)
+    a = _acceleration(columns, every) if acceleration is None else acceleration[every]
     up = -np.array(upright_direction(3) if direction is None else direction)
     as_read, *others = _readings(force, quaternion, a / GRAVITY, up)
     if direction is None:

@@ -33,6 +33,7 @@ from modeling.kinematics.base_mounting import Direction
 from modeling.rig.rig import Convention, Rig
 
 DEGREE = pi / 180
+POSITION = ("px", "py", "pz")
 FASTEST = 15.0
 """rad/s, which no joint of an arm reaches: the fastest industrial ones turn at 10 rad/s."""
 SPEED_TIME = 0.05
@@ -46,7 +47,8 @@ def motion_evidence(recording: Recording) -> FrameEvidence | None:
         channels = dict(zip(thin.channels, thin.wrench.T, strict=True))
         time = {} if thin.time is None else {"time": thin.time}
         direction = None if thin.rig is None else thin.rig.gravity_direction
-        return frame_evidence({**thin.columns, **channels, **time}, direction)
+        known = thin.derivatives.get(POSITION)
+        return frame_evidence({**thin.columns, **channels, **time}, direction, None if known is None else known.second)
     if thin.form is MotionForm.JOINTS and thin.arm is None:
         return None
     as_read, *others = _readings(thin)
@@ -54,7 +56,7 @@ def motion_evidence(recording: Recording) -> FrameEvidence | None:
 
 
 def thinned(recording: Recording) -> Recording:
-    """The first run of a recording, with no more rows than the tool's weight needs; its joints as in all repeats."""
+    """The first run of a recording, with no more rows than the tool's weight needs; its motion as in all repeats."""
     stride = 1 if recording.dt is None else max(int(STEP / recording.dt), 1)
     rows = slice(0, min(recording.samples_per_repeat, LONGEST), stride)
     if recording.samples_per_repeat // stride < FEWEST:
@@ -62,7 +64,7 @@ def thinned(recording: Recording) -> Recording:
     columns = {name: column[rows] for name, column in recording.columns.items()}
     time = None if recording.time is None else recording.time[rows]
     run = replace(recording, wrench=recording.wrench[rows], columns=columns, time=time, repeats=1, continuous=True)
-    if recording.form is MotionForm.JOINTS and recording.continuous and _repeats_alike(recording):
+    if recording.form is not MotionForm.PLANAR_POSE and recording.continuous and _repeats_alike(recording):
         # The Fourier series of the period is at hand, and quicker than a smoothing spline of its own.
         _ = recording.signals
         run.derivatives.update((key, known.rows(rows)) for key, known in recording.derivatives.items())
