@@ -20,9 +20,11 @@ from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.comparison.unrecorded_acceleration import lacks_acceleration
 from diagnosis.comparison.validation import zero_shift
 from diagnosis.parallel.progress import Progress, silent
-from diagnosis.parallel.workers import Workers, WorkItem, run_spmd
+from diagnosis.parallel.workers import WorkItem, run_spmd
 from diagnosis.screening.initial_values import model_initial_values
+from diagnosis.screening.noise_draws import NoiseDraws
 from diagnosis.screening.score_test import screen
+from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.selection.noise_reestimation import noise_without_transients
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, search_subsets
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
@@ -258,9 +260,13 @@ def diagnose(
     training, others = recordings_of(recordings, "diagnose"), recordings_of(validate, "validate")
     require_different_readings((*training, *others), "diagnose")
     candidates = None if effects is None else effects_of(effects)
+    draws = NoiseDraws.shared_for(training)
     with threadpool_limits(1):  # tall, thin matrices: multithreaded linear algebra only slows down
         return run_spmd(
-            workers, lambda team: _diagnosed(model, training, others, candidates, effect_rules, progress, team)
+            workers,
+            lambda team: _diagnosed(
+                model, training, others, candidates, effect_rules, progress, ScreeningCache(team, draws)
+            ),
         )
 
 
@@ -271,10 +277,10 @@ def _diagnosed(
     effects: tuple[Effect, ...] | None,
     effect_rules: Sequence[EffectRule],
     progress: Progress,
-    workers: Workers,
+    cache: ScreeningCache,
 ) -> Diagnosis:
-    """`diagnose` as run by each process."""
-    progress = progress if workers.rank == 0 else silent
+    """`diagnose` as run by each process; the `cache` is that of the first score tests."""
+    progress = progress if cache.workers.rank == 0 else silent
     check_channels(model, training)
     case = with_gravity_direction(model, (*training, *others))
     training, others = case.recordings[: len(training)], case.recordings[len(training) :]
@@ -282,9 +288,9 @@ def _diagnosed(
     given = {effect.id for effect in model.effects}
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
-    base, noise = _initial_fit(model, training, others, workers)
+    base, noise = _initial_fit(model, training, others, cache)
     held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
-    selection = _selected(base, candidates, progress, workers)
+    selection = _selected(base, candidates, progress, cache)
     progress("check the selected effects on held-out data")
     chosen = _without_negligible(selection.chosen, *channel_tolerance(base))
     acceptance = accept(chosen, selection.base, held_out, candidates)
@@ -298,7 +304,7 @@ def _diagnosed(
         reasons |= dict.fromkeys(sorted(final.ids), reason)
         final, known = (
             selection.base,
-            tuple(with_disturbances(h, selection.base.fit, candidates, workers) for h in held_out),
+            tuple(with_disturbances(h, selection.base.fit, candidates, cache) for h in held_out),
         )
         steps = selection_steps(selection, final, known)
         tolerance, power = channel_tolerance(steps[-1].fit)[0], power[:1]
@@ -313,6 +319,7 @@ def _diagnosed(
     shift = zero_shift(final.fit, known[0].validation_fit(final.fit)) if known else None
     disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
     final.cache.forget()
+    cache.noise_draws.forget()
     return Diagnosis(
         final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
         gravity=None if case.found is None else with_fitted_tilt(case.found, final.fit.model, steps[-1].fit.values),
@@ -321,31 +328,34 @@ def _diagnosed(
 
 
 def _initial_fit(
-    model: WrenchModel, training: tuple[Recording, ...], others: tuple[Recording, ...], workers: Workers
+    model: WrenchModel, training: tuple[Recording, ...], others: tuple[Recording, ...], cache: ScreeningCache
 ) -> tuple[Fit, tuple[RecordingNoise, ...]]:
-    """The model fitted to the training recordings, and the initial noise of the held-out ones."""
+    """The model fitted to the training recordings, and the initial noise of the held-out ones.
+
+    The noise draws of the `cache` are made beside.
+    """
     start = model_initial_values(model, training) if model.effects else {}
-    if not others:
-        return refit(model, training, start=start), ()
     shared = [model, training, others, *(part for r in (*training, *others) for part in (r, r.rig)), model.arm]
     tasks = [
         WorkItem("fit", lambda: refit(model, training, start=start)),
         WorkItem("noise", lambda: initial_noise(model, others)),
+        WorkItem("noise draws", cache.noise_draws.draw),
     ]
-    base, noise = workers.run(tasks, shared=shared)
+    base, noise, drawn = cache.workers.run(tasks, shared=shared)
+    cache.noise_draws.mark_drawn(drawn)
     return base, noise
 
 
-def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, workers: Workers) -> SubsetSearch:
+def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, cache: ScreeningCache) -> SubsetSearch:
     """The subset search; repeated in the re-estimated noise where transient effects had been attributed to noise."""
-    selection = search_subsets(base, candidates, progress, workers)
+    selection = search_subsets(base, candidates, progress, cache)
     noise = noise_without_transients(selection.chosen.fit)
     if noise is None:
         return selection
-    selection.base.cache.forget()
+    cache.forget()
     progress("re-estimate the noise, and repeat the search")
     again = refit(base.model, base.recordings, noise=noise, start=base.values)
-    return search_subsets(again, candidates, progress, workers)
+    return search_subsets(again, candidates, progress, cache.in_other_noise())
 
 
 def _without_negligible(candidate: CandidateModel, tolerance: Mapping[str, float], stated: bool) -> CandidateModel:

@@ -35,7 +35,7 @@ def accept(
     while True:
         known: tuple[HeldOut, ...] = ()
         try:
-            known = tuple(with_disturbances(h, candidate.fit, effects, candidate.cache.workers) for h in held_out)
+            known = tuple(with_disturbances(h, candidate.fit, effects, candidate.cache) for h in held_out)
             evidence = AcceptanceEvidence(candidate, base, known)
             rejected, reason = judge(ACCEPTANCE_RULES, evidence)
             effect_id = rejected(evidence)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.acceptance.held_out import HeldOut
-from diagnosis.parallel.workers import Workers
 from diagnosis.screening.score_test import ScoreTest, refit_initial_values, screen, significant_effects
 from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.selection.offset_test import effect_with_offsets
@@ -53,25 +52,26 @@ class RecordingDisturbance:
 
 
 def with_disturbances(
-    held_out: HeldOut, fit: Fit, candidates: Sequence[Effect] = (), workers: Workers | None = None
+    held_out: HeldOut, fit: Fit, candidates: Sequence[Effect] = (), cache: ScreeningCache | None = None
 ) -> HeldOut:
     """The recording with its significant disturbances given a validation fit (score test, Holm, 1 %).
 
     Tested are the recording-specific effects of the catalogue and of the candidates, on the non-excited lines only, so
     that they cannot absorb systematic error of the fit. Without repeats there are no such lines: disturbances are then
-    tested only where the noise has a detected event. After each one found the noise is re-estimated.
+    tested only where the noise has a detected event. After each one found the noise is re-estimated. Workers and noise
+    draws are those of the `cache`.
     """
     space = fit.model.space
     listed = [e for e in {e.id: e for e in (*catalogue(space), *candidates)}.values() if e.per_recording]
     found = replace(held_out, disturbances=(), start={})
-    workers = workers or Workers()
+    cache = ScreeningCache() if cache is None else cache
     while found.disturbances_identifiable and (
-        extended := _with_best_effect(found, fit, _others(listed, found.disturbances), workers)
+        extended := _with_best_effect(found, fit, _others(listed, found.disturbances), cache)
     ):
-        found = _relocated(extended, fit, workers)
+        found = _relocated(extended, fit, cache)
     for effect in found.disturbances[:-1]:
         without = replace(found, disturbances=_others(found.disturbances, [effect]))
-        if not _significant(without.non_excited_fit(fit), [effect], ScreeningCache(workers)):
+        if not _significant(without.non_excited_fit(fit), [effect], cache.in_other_noise()):
             found = without.reestimated(fit)
     return found
 
@@ -81,22 +81,24 @@ def _others(effects: Sequence[Effect], known: Sequence[Effect]) -> tuple[Effect,
     return tuple(e for e in effects if e.id not in {k.id for k in known})
 
 
-def _with_best_effect(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], workers: Workers) -> HeldOut | None:
+def _with_best_effect(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], cache: ScreeningCache) -> HeldOut | None:
     """The recording with the significant effect that lowers the criterion most; None without a significant one."""
-    extended = _with_each_significant(held_out, fit, effects, workers)
+    extended = _with_each_significant(held_out, fit, effects, cache)
     return _best(extended, fit, len(effects)).reestimated(fit) if extended else None
 
 
-def _relocated(held_out: HeldOut, fit: Fit, workers: Workers) -> HeldOut:
+def _relocated(held_out: HeldOut, fit: Fit, cache: ScreeningCache) -> HeldOut:
     """The recording with its last effect searched again in the re-estimated noise, of which it is no longer a part."""
     before = replace(held_out, disturbances=held_out.disturbances[:-1])
-    again = _with_each_significant(before, fit, held_out.disturbances[-1:], workers)
+    again = _with_each_significant(before, fit, held_out.disturbances[-1:], cache)
     return _best([held_out, *again], fit, 1).reestimated(fit)
 
 
-def _with_each_significant(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], workers: Workers) -> list[HeldOut]:
+def _with_each_significant(
+    held_out: HeldOut, fit: Fit, effects: Sequence[Effect], cache: ScreeningCache
+) -> list[HeldOut]:
     """The recording with each of the significant effects in turn, from its score test's initial values."""
-    non_excited, cache = held_out.non_excited_fit(fit), ScreeningCache(workers)
+    non_excited, cache = held_out.non_excited_fit(fit), cache.in_other_noise()
     found = []
     for screening in _significant(non_excited, effects, cache):
         start = {**held_out.start, **refit_initial_values(non_excited, screening, cache)}

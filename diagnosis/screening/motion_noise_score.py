@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 
-from diagnosis.parallel.workers import Workers
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Fit
@@ -31,16 +30,16 @@ class DrawnMotion:
     cache: ScreeningCache = field(default_factory=ScreeningCache)
 
     @classmethod
-    def of(cls, fit: Fit, workers: Workers | None = None) -> DrawnMotion | None:
+    def of(cls, fit: Fit, cache: ScreeningCache | None = None) -> DrawnMotion | None:
         """Of a fit; None where no recording's motion is noisy.
 
-        `workers` share out its score tests: each of them must screen the same fits in the same order.
+        Workers of the `cache` of the fit's score tests must screen the same fits in the same order.
         """
         if all(noise.motion is None for noise in fit.noise):
             return None
         rng = np.random.default_rng(0)
         fits = tuple(_at_drawn_motion(fit, rng) for _ in range(DRAWS))
-        return cls(fits, ScreeningCache(workers or Workers()))
+        return cls(fits, ScreeningCache() if cache is None else cache.in_other_noise())
 
     @cached_property
     def largest_power(self) -> float:

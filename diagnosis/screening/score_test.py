@@ -197,7 +197,7 @@ def _scores_of_motion(searches: Sequence[GridSearch], fit: Fit, cache: Screening
     shared out among the workers.
     """
     significant = [s for s in searches if s.best.rank and s.p_value() < LEVELS.effect]
-    motion = cache.drawn_motion(fit, lambda: DrawnMotion.of(fit, cache.workers)) if significant else None
+    motion = cache.drawn_motion(fit, lambda: DrawnMotion.of(fit, cache)) if significant else None
     if motion is None:
         return {}
     scores = {s.effect.id: motion.largest_power for s in significant}

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from diagnosis.parallel.progress import CountCallback
 from diagnosis.parallel.workers import Workers
+from diagnosis.screening.noise_draws import NoiseDraws
 from estimation.fit_column_space import fit_column_space
 from estimation.noise.recording_noise import RecordingNoise
 
@@ -29,9 +30,6 @@ class SizedColumns(Protocol):
 
 Columns = TypeVar("Columns", bound=SizedColumns)
 
-NOISE_DRAWS = 100
-NOISE_SEED = 0
-"""Noise draws (and their seed) that give a search its effective number of tests."""
 MAX_BYTES = 120e6
 """Memory (bytes) for cached whitened sensitivities."""
 MAX_FITS = 4
@@ -46,17 +44,21 @@ class ScreeningCache:
     """
 
     workers: Workers = field(default_factory=Workers)
-    _draws: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    noise_draws: NoiseDraws = field(default_factory=NoiseDraws)
     _sensitivities: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
     _null_models: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
     _found: dict[Hashable, object] = field(default_factory=dict)
     _drawn_motions: dict[Hashable, Any] = field(default_factory=dict)
 
     def forget(self) -> None:
-        """Empty the cache: null models and their cache refer to each other, and are large."""
-        for cache in (self._draws, self._sensitivities, self._null_models, self._found, self._drawn_motions):
+        """Empty the cache but for the noise draws: null models and their cache refer to each other, and are large."""
+        for cache in (self._sensitivities, self._null_models, self._found, self._drawn_motions):
             cache.clear()
         fit_column_space.cache_clear()
+
+    def in_other_noise(self) -> ScreeningCache:
+        """An empty cache for score tests in another noise, with the same workers and noise draws."""
+        return ScreeningCache(self.workers, self.noise_draws)
 
     def contains(self, key: Hashable) -> bool:
         """Whether the result of a key is cached."""
@@ -81,12 +83,8 @@ class ScreeningCache:
         return found
 
     def draws(self, noise: Sequence[RecordingNoise]) -> Array:
-        """White noise (rows, NOISE_DRAWS) over all rows; seeded, so that p-values are reproducible."""
-        key = tuple(n.whitener.rows for n in noise)
-        if key not in self._draws:
-            self._draws.clear()
-            self._draws[key] = np.random.default_rng(NOISE_SEED).standard_normal((sum(key), NOISE_DRAWS))
-        return self._draws[key]
+        """White noise (rows, NOISE_DRAWS) over all rows."""
+        return self.noise_draws.first(sum(n.whitener.rows for n in noise))
 
     def whitened(self, key: Hashable | None, make: Callable[[], Columns]) -> Columns:
         """Whitened sensitivities by key; the least recently used are dropped beyond MAX_BYTES. None is not cached."""

@@ -8,7 +8,6 @@ from functools import cached_property
 
 from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
 from diagnosis.parallel.progress import CountCallback, Progress, count_progress, silent
-from diagnosis.parallel.workers import Workers
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.score_test import (
     ScoreTest,
@@ -185,15 +184,17 @@ class SubsetSearch:
 
 
 def search_subsets(
-    base: Fit, effects: Sequence[Effect], progress: Progress = silent, workers: Workers | None = None
+    base: Fit, effects: Sequence[Effect], progress: Progress = silent, cache: ScreeningCache | None = None
 ) -> SubsetSearch:
     """Beam search over sets of effects, beside those of the base model, until no further effect is significant.
 
     Each set is extended by the effects that are significant given those in it (score test, Holm, 1 %) and refitted
     exactly; a set whose refit has not converged is not extended. The best set by the criterion goes through backward
-    elimination and is replaced by a smaller one that is as good.
+    elimination and is replaced by a smaller one that is as good. The `cache` is that of score tests in the base
+    model's noise.
     """
-    start = CandidateModel(base, len(effects), ScreeningCache(workers or Workers()), base.model.effects)
+    cache = ScreeningCache() if cache is None else cache
+    start = CandidateModel(base, len(effects), cache, base.model.effects)
     level, tried = [start], {start.ids: start}
     record = SearchRecord(tried)
     for _ in range(MAX_EFFECTS):
