@@ -21,7 +21,7 @@ from estimation.gravity.gravity_estimate import (
 from estimation.gravity.rotation_terms import rotation_terms, without_terms
 from estimation.gravity.weight_moments import WeightMoments
 from estimation.recordings.recording import Recording
-from estimation.recordings.sensor_frame import in_sensor_frame
+from estimation.recordings.sensor_frame import to_sensor_frame
 from modeling.kinematics.base_mounting import Direction
 from modeling.kinematics.quaternion import COMPONENTS
 from modeling.rig.rig import Convention
@@ -116,7 +116,7 @@ class SensorSamples:
         """From the recording's signals, in base axes."""
         every, signals = _every(recording), recording.signals
         return cls(
-            _to_sensor(np.stack([signals[name][every] for name in COMPONENTS])),
+            to_sensor_frame(np.stack([signals[name][every] for name in COMPONENTS], axis=1)),
             np.stack([signals[name][every] for name in ("apx", "apy", "apz")], axis=1),
             recording.wrench[every, :3],
             None if recording.at_rest else rotation_terms(recording, every),
@@ -147,17 +147,12 @@ class SensorSamples:
         return rows[:, : len(direction)], rows[:, len(direction) :]
 
 
-def _to_sensor(quaternion: Array) -> Array:
-    signals = dict(zip(COMPONENTS, quaternion, strict=True))
-    return np.stack([in_sensor_frame(signals, axis) for axis in np.eye(3).tolist()], axis=2)
-
-
 def _w_first(samples: SensorSamples) -> SensorSamples:
     """The quaternion, as it was read, w first."""
     from scipy.spatial.transform import Rotation  # slow to import
 
     quaternion = Rotation.from_matrix(np.swapaxes(samples.to_sensor, 1, 2)).as_quat()
-    return replace(samples, to_sensor=_to_sensor(np.roll(quaternion, -1, axis=1).T))
+    return replace(samples, to_sensor=to_sensor_frame(np.roll(quaternion, -1, axis=1)))
 
 
 def _inverse(samples: SensorSamples) -> SensorSamples:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Self
 
 import numpy as np
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 
 GRID = 240
 """Directions from which the best is refined, 13 degrees apart on the sphere."""
+FIRST_STEP, LAST_STEP, MAX_STEPS = 0.1, 1e-4, 100
+"""Of the refinement, rad; a step that takes the rounding of the residual for its slope errs by a thousandth of it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,22 +100,22 @@ class WeightMoments:
 
     @cached_property
     def best_direction(self) -> Array:
-        """Unit vector (d,) of the smallest residual: the best of a grid, refined in its tangent plane."""
-        from scipy.optimize import minimize  # slow to import
+        """Unit vector (d,) of the smallest residual: the best of a grid, refined in its tangent plane.
 
+        Newton's method with differences over a stencil, which shrinks once it holds the minimum; `scipy.optimize` has
+        such methods too, but its import takes longer than reading a recording.
+        """
         directions = _grid(self.axes)
-        start = directions[int(np.argmin(self._squares(directions)))]
-        tangent = np.linalg.svd(start[None])[2][1:]
-
-        def at(coordinates: Array) -> Array:
-            moved = start + coordinates @ tangent
-            return np.asarray(moved / np.linalg.norm(moved))
-
-        def share(coordinates: Array) -> float:
-            return (self.fit(at(coordinates)).rms / max(self.force, 1e-300)) ** 2
-
-        found = minimize(share, np.zeros(self.axes - 1))
-        return at(found.x)
+        best = directions[int(np.argmin(self._squares(directions)))]
+        stencil, step = np.array(list(product((-1.0, 0.0, 1.0), repeat=self.axes - 1))), FIRST_STEP
+        for _ in range(MAX_STEPS):
+            across = step * np.linalg.svd(best[None])[2][1:]
+            lowest = _lowest_point(stencil, self._squares(_unit(best + stencil @ across)))
+            best = _unit(best + lowest @ across)
+            step = step if np.abs(lowest).max() == 1 else step / 4
+            if step < LAST_STEP:
+                break
+        return np.asarray(best)
 
     def rival(self, direction: Array, angle: float) -> Array:
         """The best direction (d,) of those further than `angle` (rad) from this one and its opposite."""
@@ -128,6 +131,27 @@ class WeightMoments:
         mixed = turned @ self.gram[: -self.axes, -self.axes :]
         solutions = np.linalg.pinv(turned @ inputs @ regressors, rcond=1e-10, hermitian=True) @ mixed
         return np.asarray(-(solutions * mixed).sum(axis=(1, 2)))
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _lowest_point(stencil: Array, values: Array) -> Array:
+    """Where the parabola through `values` (m,) at `stencil` points (m, k) is lowest, at most 1 away in any direction.
+
+    Of a parabola without a minimum it is the lowest of the points.
+    """
+    first, second = np.triu_indices(stencil.shape[1])
+    terms = np.column_stack([np.ones(len(stencil)), stencil, stencil[:, first] * stencil[:, second]])
+    _, *coefficients = np.linalg.lstsq(terms, values - values.min(), rcond=None)[0]
+    slope, curvature = np.array(coefficients[: stencil.shape[1]]), np.zeros((stencil.shape[1],) * 2)
+    curvature[first, second] = coefficients[stencil.shape[1] :]
+    curvature += curvature.T
+    if np.linalg.eigvalsh(curvature)[0] <= 0:
+        return np.asarray(stencil[int(np.argmin(values))])
+    vertex = -np.linalg.solve(curvature, slope)
+    return np.asarray(vertex / max(np.abs(vertex).max(), 1.0))
 
 
 def _grid(axes: int) -> Array:

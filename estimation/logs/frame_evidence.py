@@ -24,6 +24,7 @@ from estimation.gravity.gravity_estimate import (
 )
 from estimation.gravity.weight_moments import WeightMoments
 from estimation.logs.log_table import Array
+from estimation.recordings.sensor_frame import to_sensor_frame
 from modeling.kinematics.base_mounting import Direction
 
 GRAVITY = 9.806
@@ -121,14 +122,12 @@ def quaternion_orders(
     columns: Mapping[str, Array], direction: Direction | None = None
 ) -> tuple[FrameReading, FrameReading]:
     """The orientation as read, and as a quaternion w first, however few directions gravity takes."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
     every = sampled_rows(columns)
     force = np.stack([columns[name][every] for name in ("fx", "fy", "fz")], axis=1)
     quaternion = np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1)
     up = _acceleration(columns, every) / GRAVITY - np.array(upright_direction(3) if direction is None else direction)
-    turns = (Rotation.from_quat(quaternion), Rotation.from_quat(np.roll(quaternion, -1, axis=1)))
-    first, second = (_fitted("", "", turn.apply(up, inverse=True), force) for turn in turns)
+    turns = (to_sensor_frame(quaternion), to_sensor_frame(np.roll(quaternion, -1, axis=1)))
+    first, second = (_fitted("", "", _turned(turn, up), force) for turn in turns)
     return first, second
 
 
@@ -154,38 +153,37 @@ def _acceleration(columns: Mapping[str, Array], every: slice) -> Array:
 def _readings(force: Array, quaternion: Array, a: Array, up: Array) -> Iterator[FrameReading]:
     """The orientation as read, then the other readings of it; `a` is the acceleration (n, 3) in g, `up` (3,) that of
     a rest."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
-    turn, w_first = Rotation.from_quat(quaternion), Rotation.from_quat(np.roll(quaternion, -1, axis=1))
-    down = turn.apply(a + up, inverse=True)
+    turn, w_first = to_sensor_frame(quaternion), to_sensor_frame(np.roll(quaternion, -1, axis=1))
+    from_sensor, down = turn.swapaxes(1, 2), _turned(turn, a + up)
     yield _fitted("as read", "", down, force)
-    yield _fitted(W_FIRST, 'state orientation = "wxyz" in a map', w_first.apply(a + up, inverse=True), force)
+    yield _fitted(W_FIRST, 'state orientation = "wxyz" in a map', _turned(w_first, a + up), force)
     inverse = "the orientation is the base's in the sensor"
-    yield _fitted(inverse, 'state orientation_of = "base" in a map', turn.apply(a + up), force)
-    yield _fitted(
-        "the wrench is along base axes", 'state wrench_axes = "base" in a map', down, turn.apply(force, inverse=True)
-    )
+    yield _fitted(inverse, 'state orientation_of = "base" in a map', _turned(from_sensor, a + up), force)
+    yield _fitted("the wrench is along base axes", 'state wrench_axes = "base" in a map', down, _turned(turn, force))
     if np.sqrt(np.mean(a**2)) > LARGEST_ACCELERATION:
         unit = 'state units = { position = "mm" } in a map'
-        yield _fitted("the positions are in millimetres", unit, turn.apply(1e-3 * a + up, inverse=True), force)
+        yield _fitted("the positions are in millimetres", unit, _turned(turn, 1e-3 * a + up), force)
 
 
 def _free_direction(force: Array, quaternion: Array, a: Array, *, at_rest: bool) -> Iterator[FrameReading]:
     """The reading with gravity's direction free, where it is identified and another; `a` in m/s²."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
     if len(force) < FEWEST_POSES:
         return
-    turn = Rotation.from_quat(quaternion)
-    moments = WeightMoments.of(turn.inv().as_matrix(), a, force, GRAVITY)
+    turn = to_sensor_frame(quaternion)
+    moments = WeightMoments.of(turn, a, force, GRAVITY)
     found = estimated_gravity(moments, independent_samples(len(force), at_rest=at_rest), near_axis=TILT)
     if found.is_upright:
         return
     meaning, advice = f"gravity points {found.place}", f"state {found.stated} under [robot] in the rig"
-    specific = (turn.apply(a / GRAVITY - np.array(d), inverse=True) for d in (found.direction, found.rival))
+    specific = (_turned(turn, a / GRAVITY - np.array(d)) for d in (found.direction, found.rival))
     free, rival = (_fitted(meaning, advice, along, force) for along in specific)
     if free.fit.is_nearer_than(rival.fit):
         yield free
+
+
+def _turned(turns: Array, vectors: Array) -> Array:
+    """Vectors (n, 3) times rotation matrices (n, 3, 3)."""
+    return np.asarray(np.einsum("nij,nj->ni", turns, vectors))
 
 
 def _fitted(meaning: str, advice: str, direction: Array, force: Array) -> FrameReading:

@@ -29,6 +29,7 @@ from estimation.logs.frame_evidence import (
 from estimation.logs.log_table import Array
 from estimation.recordings.recording import MotionForm, Recording
 from estimation.recordings.repeat_motion import largest_deviation
+from estimation.recordings.sensor_frame import to_sensor_frame
 from modeling.kinematics.base_mounting import Direction
 from modeling.rig.rig import Convention, Rig
 
@@ -171,9 +172,8 @@ def _turns(recording: Recording) -> Array:
     """Rotations (n, k, k) from axes of the sensor's body to the world's."""
     signals = recording.signals
     if recording.dimension == 3:
-        from scipy.spatial.transform import Rotation  # slow to import
-
-        return Rotation.from_quat(np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1)).as_matrix()
+        quaternions = np.stack([signals[n] for n in ("qx", "qy", "qz", "qw")], axis=1)
+        return to_sensor_frame(quaternions).swapaxes(1, 2)
     cosine, sine = np.cos(signals["phi"]), np.sin(signals["phi"])
     return np.stack([np.stack([cosine, sine], axis=1), np.stack([-sine, cosine], axis=1)], axis=1)
 

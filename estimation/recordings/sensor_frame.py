@@ -21,3 +21,9 @@ def in_sensor_frame(signals: Mapping[str, Array], vector: Sequence[Any]) -> Arra
     quaternions = np.stack([signals[name] for name in COMPONENTS])
     unit = quaternions / np.linalg.norm(quaternions, axis=0)
     return np.stack(rotated_vector(quaternion_conjugate(unit), vector), axis=1)
+
+
+def to_sensor_frame(quaternions: Array) -> Array:
+    """Rotation matrices R(q / |q|)' (n, 3, 3) to the sensor frame from quaternions (n, 4), x y z w."""
+    signals = dict(zip(COMPONENTS, quaternions.T, strict=True))
+    return np.stack([in_sensor_frame(signals, axis) for axis in np.eye(3).tolist()], axis=2)

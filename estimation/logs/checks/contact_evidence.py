@@ -21,6 +21,7 @@ from estimation.logs.frame_evidence import GRAVITY, sampled_rows
 from estimation.logs.log_table import Array
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
+from estimation.recordings.sensor_frame import in_sensor_frame
 from modeling.rig.rig import SPATIAL_CHANNELS
 
 OUTLYING = 6
@@ -106,21 +107,19 @@ def _motion(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     """In the sensor's axes: specific force in g (m, 3); angular acceleration and velocity, products of the latter, and
     velocity (m, k).
     """
-    from scipy.spatial.transform import Rotation  # slow to import
-
     names = [name for name in columns if name in ("qx", "qy", "qz", "qw", "px", "py", "pz", *SPATIAL_CHANNELS)]
     step = float(columns["time"][1] - columns["time"][0])
     time: Array = np.asarray(step * np.arange(len(columns["time"])), dtype=np.float64)
     uniform = {"time": time, **{name: columns[name].copy() for name in names}}
     table = ColumnTable(columns=uniform, where="samples", first_row=1)
     signals = recording_from_table(table, name="samples", rig=None).signals
-    turn = Rotation.from_quat(np.stack([signals[name] for name in ("qx", "qy", "qz", "qw")], axis=1))
-    a, omega, alpha = (np.stack([signals[part + axis] for axis in "xyz"], axis=1) for part in ("ap", "w", "al"))
+    omega, alpha = (np.stack([signals[part + axis] for axis in "xyz"], axis=1) for part in ("w", "al"))
     first, second = np.triu_indices(3)
     parts = [alpha, omega, omega[:, first] * omega[:, second]]
     if "vpx" in signals:
-        parts.append(turn.apply(np.stack([signals["vp" + axis] for axis in "xyz"], axis=1), inverse=True))
-    return turn.apply(a / GRAVITY + np.array([0.0, 0.0, 1.0]), inverse=True), np.hstack(parts)
+        parts.append(in_sensor_frame(signals, [signals["vp" + axis] for axis in "xyz"]))
+    x, y, z = (signals["ap" + axis] / GRAVITY for axis in "xyz")
+    return in_sensor_frame(signals, (x, y, z + 1.0)), np.hstack(parts)
 
 
 def _mass(direction: Array, force: Array) -> float | None:

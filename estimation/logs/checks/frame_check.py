@@ -16,7 +16,9 @@ from estimation.logs.frame_evidence import W_FIRST, FrameEvidence, frame_evidenc
 from estimation.logs.log_table import Array
 from estimation.logs.step_log import StepLog
 from estimation.recordings.reports.reading_curves import spans
+from estimation.recordings.sensor_frame import in_sensor_frame
 from modeling.kinematics.base_mounting import Direction, motion_in_world
+from modeling.kinematics.quaternion import COMPONENTS
 
 FORCES = ("fx", "fy", "fz")
 XYZW = OrientationForm("xyzw")
@@ -108,9 +110,6 @@ class FrameCheck:
 
 def _spread_of_gravity(columns: Mapping[str, Array]) -> float:
     """The largest std of the directions of gravity in the sensor."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
     every = sampled_rows(columns)
-    turn = Rotation.from_quat(np.stack([columns[name][every] for name in ("qx", "qy", "qz", "qw")], axis=1))
-    down = turn.apply([0.0, 0.0, 1.0], inverse=True)
+    down = in_sensor_frame({name: columns[name][every] for name in COMPONENTS}, (0.0, 0.0, 1.0))
     return float(np.linalg.svd(down - down.mean(axis=0), compute_uv=False)[0] / np.sqrt(len(down)))
