@@ -490,19 +490,24 @@ def require_positive_fitted_mass(fitted: Fit) -> None:
 def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[RecordingNoise, ...]:
     """Noise before any fit: from the repeats, the rig, or the residual of an ordinary least-squares fit of the base.
 
-    Transient events detected in a single run are excluded from that fit, and have a noise of their own.
+    Transient events detected in a single run are excluded from that fit, and have a noise of their own. Repeats of one
+    motion need no fit, as what a model predicts of them is their mean.
     """
     from estimation.noise.disturbances.events_in_single_runs import find_events_in_single_runs
+
+    events = find_events_in_single_runs(model, recordings)
+    return tuple(_initial_noise(model.base, r, own) for r, own in zip(recordings, events, strict=True))
+
+
+def _initial_noise(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> RecordingNoise:
     from estimation.noise.motion_noise import MotionNoise
     from estimation.noise.noise_estimation import estimate_noise  # spectra, splines and tests: slow to import
 
-    events = find_events_in_single_runs(model, recordings)
-    found = []
-    for recording, own in zip(recordings, events, strict=True):
-        predicted = partial(predicted_readings, model.base, theta=_base_model_fit(model.base, recording, own))
-        motion = MotionNoise.of(recording, predicted)
-        found.append(estimate_noise(recording, recording.wrench - predicted(recording), events=own, motion=motion))
-    return tuple(found)
+    if recording.repeats > 1 and recording.own_motion is None:
+        return estimate_noise(recording, recording.wrench - recording.averaged(recording.wrench))
+    predicted = partial(predicted_readings, base, theta=_base_model_fit(base, recording, events))
+    motion = MotionNoise.of(recording, predicted)
+    return estimate_noise(recording, recording.wrench - predicted(recording), events=events, motion=motion)
 
 
 def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:
