@@ -97,7 +97,15 @@ def _neighbouring_power(ordinates: Array) -> Array:
     shifts = [s for s in range(-last, last + 1) if abs(s) >= first]
     padded = np.pad(ordinates, ((last, last), (0, 0)), constant_values=np.nan)
     near = np.stack([padded[last + s : last + s + len(ordinates)] for s in shifts])
-    return np.asarray(np.nanmedian(near, axis=0) / MEDIAN_OF_EXPONENTIAL)
+    return _median_of_known(near) / MEDIAN_OF_EXPONENTIAL
+
+
+def _median_of_known(values: Array) -> Array:
+    """Median over the first axis of what is not NaN; `numpy.nanmedian` takes ten times as long for few values."""
+    ordered = np.sort(values, axis=0)  # NaN last
+    known = np.isfinite(values).sum(axis=0, keepdims=True)
+    middle = [np.take_along_axis(ordered, place, axis=0)[0] for place in ((known - 1) // 2, known // 2)]
+    return np.asarray(sum(middle) / 2)
 
 
 def find_tones(recording: Recording, residual: Array) -> tuple[float, ...]:
