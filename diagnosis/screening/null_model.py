@@ -10,14 +10,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.screening.row_selection import RowChoice, row_index
+from diagnosis.screening.row_selection import RowChoice, row_index, row_ranges
 from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Fit
 from estimation.fit_column_space import FitColumnSpace, RowIndex, fit_column_space
 from estimation.least_squares.column_space import ColumnSpace
-from estimation.noise.noise_level import NoiseLevel
-from estimation.noise.recording_noise import NoiseSource
-from estimation.noise.whitened_spectrum import WhitenedSpectrum, lines
+from estimation.noise.whitened_spectrum import lines
 from estimation.run_spectrum import has_run_spectrum
 from modeling.chain.effect import SearchDomain
 
@@ -88,7 +86,7 @@ class NullModel:
 
     def index(self, choice: RowChoice) -> RowIndex:
         """Indices of the chosen rows among all."""
-        return row_index(choice, self.fit.noise)
+        return row_index(row_ranges(choice, self.fit.noise), self.fit.noise)
 
     def rows_of(self, choice: RowChoice) -> NullRows:
         """Projected residual and basis in chosen rows of each recording."""
@@ -144,7 +142,7 @@ class NullModel:
         return free
 
     @cached_property
-    def _line_leverage(self) -> list[Array | None]:
+    def line_leverage(self) -> list[Array | None]:
         """Share (n, p) of each recording's lines that the column space takes; None where the spectrum is measured.
 
         That is with repeats, for static poses, and for a run too short to have one.
@@ -157,33 +155,15 @@ class NullModel:
             found.append((lines(basis[part], p) ** 2).sum(axis=2) if known else None)
         return found
 
+    @cached_property
+    def reached_ends(self) -> list[int]:
+        """How many rows of each recording are reached: its first ones."""
+        mask = np.zeros(len(self.residual), dtype=bool)
+        mask[self.reached] = True
+        return [int(mask[part].sum()) for part in self._parts]
+
     @property
     def _parts(self) -> list[slice]:
         """The rows of each recording."""
         ends = np.cumsum([0, *(n.whitener.rows for n in self.fit.noise)])
         return [slice(int(first), int(last)) for first, last in pairwise(ends)]
-
-    def noise_levels(self, fitted: Array, tested: Array) -> list[NoiseLevel]:
-        """Level of the noise's spectrum over that which whitens, where each column (rows, g) has its power.
-
-        The columns are projected. Of a single run the spectrum is that of the residual without the `tested` columns
-        (rows, a), which are no part of the noise if they are real.
-        """
-        length = np.linalg.norm(fitted, axis=0)
-        unit = fitted / np.where(length > 0, length, 1.0)
-        found = [NoiseLevel(known=float(size == 0)) for size in length]
-        directions = ColumnSpace.of(tested).basis if any(x is not None for x in self._line_leverage) else tested[:, :0]
-        residual = self.residual - directions @ (directions.T @ self.residual)
-        for noise, part, leverage in zip(self.fit.noise, self._parts, self._line_leverage, strict=True):
-            variance, own = noise.log_power_variance_of(unit[part] ** 2), (unit[part] ** 2).sum(axis=0)
-            if leverage is None:
-                found = [x.and_known(*more) for x, *more in zip(found, own, variance, strict=True)]
-                continue
-            taken = leverage + (lines(directions[part], leverage.shape[1]) ** 2).sum(axis=2)
-            spectrum = WhitenedSpectrum.of(residual[part], taken, stated=noise.source is NoiseSource.RIG)
-            parts = spectrum.power_along(unit[part]).transpose(2, 1, 0)
-            found = [
-                x.and_parts(power, spectrum.probability.T, v)
-                for x, power, v in zip(found, parts, variance + 2 * own**2 / spectrum.rows, strict=True)
-            ]
-        return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.point_test import AmplitudeTest, PointScore, PointTest
 from diagnosis.screening.row_selection import RowChoice
+from diagnosis.screening.scored_columns import ScoredColumns
 from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGTH
+from estimation.noise.noise_level import NoiseLevel
 from modeling.chain.effect import GridSuperposition
 
 Array = NDArray[np.float64]
@@ -181,20 +184,23 @@ class ProjectedColumns:
     def test(self, place: int) -> PointTest:
         """The score tests at one of the points, in the noise where their scores come from."""
         score, known = self.trial(place), np.isfinite(self.scale[place])
-        columns = self.columns(place)
-        columns = np.column_stack([columns[:, known] @ score.amounts[known], columns])
-        free = self.null_model.project_out(self.null_model.spread(columns, self.whitened.choice))
-        noise, *each = self.null_model.noise_levels(free, free[:, 1:][:, known])
+        tested = ScoredColumns.of(self.null_model, self.columns(place), self.whitened.choice)
+        free = tested.columns
+        fitted = np.empty((len(free), 1 + free.shape[1]), order="F")
+        fitted[:, 0], fitted[:, 1:] = free[:, known] @ score.amounts[known], free
+        noise, *each = tested.noise_levels(fitted, free[:, known])
         power, variance = np.array([x.mean for x in each]), np.array([x.variance_of_log for x in each])
-        alone = self._strongest_alone(place, free[:, 1:], power) if score.rank > 1 else None
+        alone = self._strongest_alone(place, tested, each) if score.rank > 1 else None
         return PointTest(score, noise, alone, power, variance)
 
-    def _strongest_alone(self, place: int, free: Array, power: Array) -> AmplitudeTest:
-        """Of a point's projected columns (rows, a) the one of the largest score relative to the noise."""
-        length = np.linalg.norm(free, axis=0)
+    def _strongest_alone(self, place: int, tested: ScoredColumns, levels: Sequence[NoiseLevel]) -> AmplitudeTest:
+        """Of a point's projected columns the one of the largest score relative to the noise, of these levels."""
+        free = tested.columns
+        length = np.sqrt(np.einsum("ra,ra->a", free, free))
         identifiable = length > RANK_TOLERANCE * self.scale[place]
-        scores = (free.T @ self.null_model.residual / np.where(identifiable, length, np.inf)) ** 2
-        strongest = int(np.argmax(scores / power))
-        column = free[:, [strongest]]
-        (noise,) = self.null_model.noise_levels(column, column)
+        scores = (free.T @ tested.residual / np.where(identifiable, length, np.inf)) ** 2
+        strongest = int(np.argmax(scores / np.array([level.mean for level in levels])))
+        noise, column = levels[strongest], free[:, [strongest]]
+        if not tested.spectrum_is_known:  # without this column alone
+            (noise,) = tested.noise_levels(column, column)
         return AmplitudeTest(float(scores[strongest]), noise, int(identifiable.sum()))

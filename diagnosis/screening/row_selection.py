@@ -54,13 +54,19 @@ class RowSet(Enum):
 
 RowChoice = tuple[RowSet, ...]
 """Row set of each recording of a fit."""
+RowRanges = tuple[tuple[int, int], ...]
+"""First row and the one after the last of each recording of a fit, counted within it."""
 
 
-def row_index(choice: RowChoice, noise: Sequence[RecordingNoise]) -> RowIndex:
-    """Indices of the chosen rows among the concatenated rows of all recordings."""
+def row_ranges(choice: RowChoice, noise: Sequence[RecordingNoise]) -> RowRanges:
+    """The chosen rows of each recording."""
+    return tuple(rows.within(own.whitener) for rows, own in zip(choice, noise, strict=True))
+
+
+def row_index(within: RowRanges, noise: Sequence[RecordingNoise]) -> RowIndex:
+    """Indices of these rows of each recording among the concatenated rows of all."""
     ranges, start = [], 0
-    for rows, own in zip(choice, noise, strict=True):
-        first, last = rows.within(own.whitener)
+    for (first, last), own in zip(within, noise, strict=True):
         if last > first:
             ranges.append((start + first, start + last))
         start += own.whitener.rows

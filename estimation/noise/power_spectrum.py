@@ -79,21 +79,21 @@ class PowerSpectrum:
 
 def power_levels(spectra: Sequence[PowerSpectrum], frequency: Array) -> Array:
     """S (m, p) of several spectra at positive frequencies (m,)."""
-    bases = _bases(spectra, frequency)
-    return np.stack([s.level(frequency, basis) for s, basis in zip(spectra, bases, strict=True)], axis=1)
+    of_each = zip(spectra, bases(spectra, frequency), strict=True)
+    return np.stack([s.level(frequency, basis) for s, basis in of_each], axis=1)
 
 
 def log_power_variances(spectra: Sequence[PowerSpectrum], frequency: Array) -> Array:
     """Posterior variance (m, p) of log S of several spectra at positive frequencies (m,)."""
-    bases = zip(spectra, _bases(spectra, frequency), strict=True)
-    return np.stack([np.einsum("ij,ij->i", basis @ s.covariance, basis) for s, basis in bases], axis=1)
+    of_each = zip(spectra, bases(spectra, frequency), strict=True)
+    return np.stack([np.einsum("ij,ij->i", basis @ s.covariance, basis) for s, basis in of_each], axis=1)
 
 
-def _bases(spectra: Sequence[PowerSpectrum], frequency: Array) -> list[Array]:
-    """Values of each spectrum's basis functions; those of one record mostly have the same knots."""
+def bases(spectra: Sequence[PowerSpectrum], frequency: Array) -> list[Array]:
+    """Values (m, j) of each spectrum's basis functions; those of one record mostly have the same knots."""
     different = {s.knots.tobytes(): s for s in spectra}
-    bases = {knots: s.basis(frequency) for knots, s in different.items()}
-    return [bases[s.knots.tobytes()] for s in spectra]
+    values = {knots: s.basis(frequency) for knots, s in different.items()}
+    return [values[s.knots.tobytes()] for s in spectra]
 
 
 def smooth_power_spectrum(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.noise.motion_noise import MotionNoise
-from estimation.noise.power_spectrum import PowerSpectrum
+from estimation.noise.power_spectrum import PowerSpectrum, bases
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.recording import Recording
 from modeling.noise.autoregressive_noise import NoiseModel
@@ -75,22 +75,26 @@ class RecordingNoise:
     def _readings(self) -> WeakKeyDictionary[Recording, Array]:
         return WeakKeyDictionary()
 
-    def log_power_variance_of(self, shares: Array) -> Array:
-        """Variance (g,) of the logarithm of sums of squared rows, to which each row contributes by `shares` (rows, g).
+    def log_power_variance_of(self, shares: Array, first: int = 0) -> Array:
+        """Variance (g,) of the logarithm of sums of squared rows, to which each row contributes by `shares` (r, g).
 
-        To first order the logarithm of such a sum changes by the shares times the logarithms of the noise power. Those
-        are correlated along a channel's spectrum and independent between channels.
+        The rows are those from `first` on, a Fourier line's first; others do not contribute. To first order the
+        logarithm of such a sum changes by the shares times the logarithms of the noise power. Those are correlated
+        along a channel's spectrum and independent between channels.
         """
-        if len(self.log_power_variance) != 2 * len(self.frequency) * len(self.spectra) or not self.spectra:
-            return np.asarray(self.log_power_variance @ shares)
-        lines = shares.reshape(len(self.frequency), 2, len(self.spectra), -1).sum(axis=1)
-        curves = zip(self.spectra, self._bases, strict=True)
-        return np.asarray(sum(s.mean_log_variance(basis, lines[:, c]) for c, (s, basis) in enumerate(curves)))
+        p, rows = len(self.spectra), slice(first, first + len(shares))
+        if len(self.log_power_variance) != 2 * len(self.frequency) * p or not p:
+            return np.asarray(self.log_power_variance[rows] @ shares)
+        real, imaginary = np.moveaxis(shares.T.reshape(shares.shape[1], -1, 2, p), 2, 0)
+        lines = (real + imaginary).transpose(2, 0, 1)
+        within = slice(rows.start // (2 * p), rows.stop // (2 * p))
+        curves = zip(self.spectra, self._bases, lines, strict=True)
+        return np.asarray(sum(s.mean_log_variance(basis[within], own.T) for s, basis, own in curves))
 
     @cached_property
     def _bases(self) -> tuple[Array, ...]:
         """Each spectrum's basis functions at the lines."""
-        return tuple(s.basis(self.frequency) for s in self.spectra)
+        return tuple(bases(self.spectra, self.frequency))
 
 
 def sample_step(recording: Recording) -> float:
