@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, NoReturn, overload
@@ -26,7 +25,6 @@ from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunk_information import RecordingOrChunk, require_channels
-from estimation.streaming.streamed_fit import StreamedFit, fit_streamed
 from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of
 from modeling.noise.autoregressive_noise import NoiseModel
@@ -35,12 +33,15 @@ from modeling.significance import LEVELS
 from modeling.table import Table
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     import pandas as pd
 
     from estimation.confidence_intervals import Intervals
     from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
     from estimation.least_squares.constraints.constraints import StatedConstraints
     from estimation.ordinary_estimate import OrdinaryEstimate
+    from estimation.streaming.streamed_fit import StreamedFit
 
 __all__ = [
     "Estimate",
@@ -356,6 +357,8 @@ def fit(
     require_model(model, "fit")
     stated = None if constraints is None else _constraints(constraints)
     if isinstance(noise, NoiseModel):
+        from estimation.streaming.streamed_fit import fit_streamed  # for long logs alone
+
         return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=stated)
     several = _whole_recordings(_each(recordings, "fit"), executor)
     check_channels(model, several)

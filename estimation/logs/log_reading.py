@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from estimation.logs.checks.recording_check import checked
 from estimation.logs.clocks.repeat_cutting import cut_into_repeats
 from estimation.logs.clocks.repeat_length import differ_slightly, repeat_lengths
-from estimation.logs.columns.column_map import ColumnMap
-from estimation.logs.log_import import ImportedRecording, ReadingOptions, import_recording
 from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable, header_names, table_from_file
 from estimation.recordings.reading import read as read_recording
@@ -18,6 +17,10 @@ from estimation.recordings.recording import QUATERNION, Recording
 from estimation.recordings.reports.reading_report import ReadingReport
 from modeling.errors import InputError, kind_of
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
+
+if TYPE_CHECKING:
+    from estimation.logs.columns.column_map import ColumnMap
+    from estimation.logs.log_import import ImportedRecording
 
 HEADER_BYTES = 1 << 16
 
@@ -106,6 +109,9 @@ def imported(
 
     With `one_run`, no period is looked for, and a column that counts repeats is left out.
     """
+    from estimation.logs.columns.column_map import ColumnMap
+    from estimation.logs.log_import import ReadingOptions, import_recording  # slow to import: for logs alone
+
     if not sources:
         raise InputError(what="no sources were given", where="read", remedy="give the paths of recordings or logs")
     stated = ColumnMap.read(map) if isinstance(map, str | Path) else map
