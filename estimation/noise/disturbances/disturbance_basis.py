@@ -28,8 +28,7 @@ def disturbance_basis(
     n = recording.samples
     columns = list(np.polynomial.legendre.legvander(np.linspace(-1, 1, n), DRIFT_DEGREE)[:, 1:].T)
     columns += [recording.signals[name] for name in recording.auxiliary]
-    time = np.arange(n) * sample_step(recording)
-    columns += [((time >= start) & (time < end)).astype(float) for start, end in events]
+    columns += list(pulses(recording, events).T)
     columns += list(sinusoids(recording, tones).T)
     series = np.stack(columns, axis=1)
     nonperiodic = series - recording.averaged(series)
@@ -37,3 +36,10 @@ def disturbance_basis(
     nonperiodic = nonperiodic[:, scale > 1e-12 * max(scale.max(), 1e-300)]
     left, singular, _ = np.linalg.svd(nonperiodic / np.linalg.norm(nonperiodic, axis=0), full_matrices=False)
     return np.asarray(left[:, singular > 1e-9 * singular[0]])
+
+
+def pulses(recording: Recording, events: Sequence[tuple[float, float]]) -> Array:
+    """Series (n, k) that are 1 during each of the events (s), else 0."""
+    time = np.arange(recording.samples) * sample_step(recording)
+    within = [(time >= start) & (time < end) for start, end in events]
+    return np.stack(within, axis=1).astype(np.float64) if within else np.zeros((len(time), 0))

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.distributions import chi2_isf
-from estimation.noise.disturbances.disturbance_basis import disturbance_basis
+from estimation.noise.disturbances.disturbance_basis import disturbance_basis, pulses
 from estimation.noise.disturbances.transient_windows import Window, Windows, cumulative_sums, variances_of_sums
 from estimation.noise.leakage import LEAKAGE_SAMPLES, impulse_responses
 from estimation.noise.power_spectrum import PowerSpectrum, power_levels, smooth_power_spectra
@@ -37,8 +37,9 @@ def find_events_in_repeats(recording: Recording, residual: Array) -> tuple[tuple
     if recording.repeats < 3:
         return ()
     found: list[tuple[float, float]] = []
+    weighted = _WeightedResidual(recording, residual)
     for _ in range(MAX_EVENTS):
-        window = _most_significant_window(recording, residual, found)
+        window = _most_significant_window(weighted, found)
         if window is None:
             break
         found.append(window)
@@ -77,31 +78,72 @@ class _WindowScores:
         return float((signed.sum() - signed.max()) / signed.sum())
 
 
-def _window_scores(recording: Recording, residual: Array, found: Sequence[tuple[float, float]]) -> _WindowScores:
-    n, repeats, dt = recording.samples, recording.repeats, sample_step(recording)
-    disturbances = disturbance_basis(recording, found)
-    index = np.arange(n // 2 + 1)
-    spectra = _event_free_spectra(recording, residual)
-    frequency = np.maximum(index, 1) / (n * dt)
-    weight = (index % repeats != 0)[:, None] / power_levels(spectra, frequency)
-    leakage = impulse_responses(spectra, n, dt)
-    product, nuisance, information = [], [], []
-    for c in range(len(spectra)):
-        columns = np.column_stack([disturbances, leakage[:, c, c * LEAKAGE_SAMPLES : (c + 1) * LEAKAGE_SAMPLES]])
-        columns = columns / np.linalg.norm(columns, axis=0)
-        weighted = np.fft.irfft(np.fft.rfft(columns, axis=0) * weight[:, c, None], n=n, axis=0)
-        values, vectors = np.linalg.eigh(columns.T @ weighted)
-        independent = values > 1e-9 * values.max()
-        orthonormal = weighted @ (vectors[:, independent] / np.sqrt(values[independent]))
-        plain = np.fft.irfft(np.fft.rfft(residual[:, c]) * weight[:, c], n=n)
-        product.append(plain - orthonormal @ (orthonormal.T @ residual[:, c]))
-        nuisance.append(cumulative_sums(orthonormal))
-        information.append(np.concatenate([[0.0], variances_of_sums(np.fft.irfft(weight[:, c], n=n))]))
-    size = max(d.shape[1] for d in nuisance)
-    nuisance = [np.pad(d, ((0, 0), (0, size - d.shape[1]))) for d in nuisance]
-    return _WindowScores(
-        cumulative_sums(np.stack(product, axis=1)), np.stack(nuisance, axis=1), np.stack(information, axis=1)
-    )
+@dataclass(frozen=True, eq=False)
+class _WeightedResidual:
+    """A residual (n, p) of repeats, and what its windows are scored by, whatever events are found in it."""
+
+    recording: Recording
+    residual: Array
+
+    @cached_property
+    def spectra(self) -> tuple[PowerSpectrum, ...]:
+        """The channels' power spectra without events."""
+        return _event_free_spectra(self.recording, self.residual)
+
+    @cached_property
+    def weight(self) -> Array:
+        """1 / S (lines, p) at the non-excited lines, else 0."""
+        n, index = self.recording.samples, np.arange(self.recording.samples // 2 + 1)
+        frequency = np.maximum(index, 1) / (n * sample_step(self.recording))
+        return np.asarray((index % self.recording.repeats != 0)[:, None] / power_levels(self.spectra, frequency))
+
+    def weighted(self, columns: Array, channel: int) -> Array:
+        """Columns (n, k) with each line times a channel's weight."""
+        lines = np.fft.rfft(columns, axis=0) * self.weight[:, channel, None]
+        return np.asarray(np.fft.irfft(lines, n=len(columns), axis=0))
+
+    @cached_property
+    def nuisances(self) -> list[tuple[Array, Array]]:
+        """Columns (n, k) of drift and leakage for each channel, and weighted."""
+        n, dt = self.recording.samples, sample_step(self.recording)
+        drift, leakage = disturbance_basis(self.recording, ()), impulse_responses(self.spectra, n, dt)
+        found = []
+        for c in range(len(self.spectra)):
+            columns = np.column_stack([drift, leakage[:, c, c * LEAKAGE_SAMPLES : (c + 1) * LEAKAGE_SAMPLES]])
+            columns = columns / np.linalg.norm(columns, axis=0)
+            found.append((columns, self.weighted(columns, c)))
+        return found
+
+    @cached_property
+    def products(self) -> Array:
+        """The residual weighted, (n, p)."""
+        lines = np.fft.rfft(self.residual, axis=0) * self.weight
+        return np.asarray(np.fft.irfft(lines, n=len(self.residual), axis=0))
+
+    @cached_property
+    def information(self) -> Array:
+        """b' W b (n + 1, p) of a pulse b by its length."""
+        variances = variances_of_sums(np.fft.irfft(self.weight, n=len(self.residual), axis=0))
+        return np.concatenate([np.zeros((1, variances.shape[1])), variances])
+
+    def window_scores(self, found: Sequence[tuple[float, float]]) -> _WindowScores:
+        """The scores of windows beside drift, leakage and the events (s) found before."""
+        known = pulses(self.recording, found)
+        known = known - self.recording.averaged(known)
+        known = known / np.linalg.norm(known, axis=0)
+        product, nuisance = [], []
+        for c, (columns, weighted) in enumerate(self.nuisances):
+            columns = np.hstack([columns, known])
+            weighted = np.hstack([weighted, self.weighted(known, c)])
+            values, vectors = np.linalg.eigh(columns.T @ weighted)
+            independent = values > 1e-9 * values.max()
+            orthonormal = weighted @ (vectors[:, independent] / np.sqrt(values[independent]))
+            product.append(self.products[:, c] - orthonormal @ (orthonormal.T @ self.residual[:, c]))
+            nuisance.append(cumulative_sums(orthonormal))
+        size = max(d.shape[1] for d in nuisance)
+        nuisance = [np.pad(d, ((0, 0), (0, size - d.shape[1]))) for d in nuisance]
+        sums = cumulative_sums(np.stack(product, axis=1))
+        return _WindowScores(sums, np.stack(nuisance, axis=1), self.information)
 
 
 def _event_free_spectra(recording: Recording, residual: Array) -> tuple[PowerSpectrum, ...]:
@@ -135,10 +177,10 @@ def _lower_quartile_of_pairs(lines: NDArray[np.complex128]) -> Array:
 
 
 def _most_significant_window(
-    recording: Recording, residual: Array, found: Sequence[tuple[float, float]]
+    weighted: _WeightedResidual, found: Sequence[tuple[float, float]]
 ) -> tuple[float, float] | None:
-    n, p = residual.shape
-    tests = _window_scores(recording, residual, found)
+    n, p = weighted.residual.shape
+    tests = weighted.window_scores(found)
     lengths = np.unique(np.geomspace(max(8, n // 400), n // 2, 24).astype(int))
     windows = Windows.of_lengths(lengths, n - 1, np.maximum(1, lengths // 8))
     score = tests.scores(windows)
@@ -146,7 +188,8 @@ def _most_significant_window(
     limit = chi2_isf(LEVELS.transient_in_repeats / len(windows), p)
     if score.max() * tests.share_without_largest_sample(first, last) ** 2 < limit:
         return None
-    return first * sample_step(recording), last * sample_step(recording)
+    step = sample_step(weighted.recording)
+    return first * step, last * step
 
 
 def _refined_window(tests: _WindowScores, window: Window, n: int) -> Window:
