@@ -14,7 +14,7 @@ from scipy.stats import binom, chi2
 
 from estimation.fit import fit
 from estimation.multiplicity import effective_number_of_frequencies
-from estimation.noise.disturbances.tones import find_tones, sinusoids, without_sinusoids
+from estimation.noise.disturbances.tones import NonperiodicResidual, find_tones, sinusoids, without_sinusoids
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
@@ -54,6 +54,28 @@ def test_tone_is_found_to_a_part_of_the_spacing_of_lines(frequency: float, ampli
     std = np.sqrt(6 / SAMPLES) / (np.pi * amplitude * duration)
     assert found[0] == pytest.approx(frequency, abs=8 * std)
     assert len(found) == 1
+
+
+@pytest.mark.parametrize("line", [1.0, 9.3, 123.45, SAMPLES / 2 - 0.7])
+def test_power_explained_by_a_sinusoid_is_that_of_least_squares(line: float) -> None:
+    """On sampled waves less their mean over the repeats, which shares nothing with the sums in closed form."""
+    recording = recorded()
+    frequencies = (line + np.array([0.0, 0.21, 0.5])) / (SAMPLES * (recording.dt or 1.0))
+    between = NonperiodicResidual(recording, noise(5))
+    found = between.explained_power(frequencies)
+    for frequency, power in zip(frequencies, found, strict=True):
+        waves = sinusoids(recording, [frequency])
+        waves = waves - recording.averaged(waves)
+        residual = between.nonperiodic - waves @ np.linalg.lstsq(waves, between.nonperiodic)[0]
+        drop = (between.nonperiodic**2).sum(axis=0) - (residual**2).sum(axis=0)
+        np.testing.assert_allclose(power, drop, rtol=1e-8, atol=1e-9)
+
+
+def test_a_sinusoid_at_an_excited_line_explains_nothing_between_the_lines() -> None:
+    """All of it is periodic; what rounding leaves must not be taken for a direction."""
+    recording = recorded()
+    excited = 4 * np.arange(1, 120) / (SAMPLES * (recording.dt or 1.0))
+    assert not NonperiodicResidual(recording, noise(5)).explained_power(excited).any()
 
 
 def test_noise_push_and_drift_are_no_tones() -> None:

@@ -25,6 +25,8 @@ MAIN_LOBE_LINES = 2.0
 """Lines about a known tone that its residual may still raise."""
 CHEBYSHEV_DEGREE = 6
 """Degree that approximates the power over a quarter of a line; its maximum is right to a hundred-thousandth."""
+PERIODIC_ROUNDING = 1e-9
+"""Mean square of a sinusoid less its periodic part that counts as rounding: within a 20 000th of an excited line."""
 MEDIAN_OF_EXPONENTIAL = float(np.log(2))
 """Median of a periodogram's ordinate over its mean."""
 
@@ -36,11 +38,6 @@ class NonperiodicResidual:
     recording: Recording
     residual: Array
     known: tuple[float, ...] = ()
-
-    @cached_property
-    def time(self) -> Array:
-        """Time since the first sample, s."""
-        return np.asarray(np.arange(len(self.residual)) * sample_step(self.recording), dtype=np.float64)
 
     @cached_property
     def nonperiodic(self) -> Array:
@@ -66,6 +63,23 @@ class NonperiodicResidual:
         level = power_levels(smooth_power_spectra(frequency, ordinates), frequency)
         return np.asarray(ordinates / np.maximum(level, _neighbouring_power(ordinates)))
 
+    def explained_power(self, frequencies: Array) -> Array:
+        """Sum of squares (f, p) that a sinusoid of each frequency (Hz) explains, less its own periodic part.
+
+        Zero at an excited line, where nothing else of it is left.
+        """
+        angles = 2 * np.pi * sample_step(self.recording) * frequencies
+        products = _fourier_sums(self.nonperiodic, angles)  # the sinusoid's periodic part is orthogonal to it
+        n, repeats, period = len(self.residual), self.recording.repeats, self.recording.samples_per_repeat
+        mean = _phase_sums(period * angles, repeats) / repeats
+        of_all = _wave_gram(n, _phase_sums(2 * angles, n))
+        of_mean = repeats * _wave_gram(period * np.abs(mean) ** 2, mean**2 * _phase_sums(2 * angles, period))
+        waves = np.stack([products.real, products.imag], axis=1)  # (f, 2, p)
+        squares, directions = np.linalg.eigh(of_all - of_mean)
+        along = directions.swapaxes(1, 2) @ waves
+        left = squares > PERIODIC_ROUNDING * n
+        return np.asarray((along**2 * (left / np.where(left, squares, 1.0))[:, :, None]).sum(axis=1))
+
     def sharpened(self, line: float, weight: Array) -> float:
         """Frequency (Hz) within a line of `line` at which a sinusoid explains most of the residual's power.
 
@@ -74,21 +88,45 @@ class NonperiodicResidual:
         """
         duration = len(self.residual) * sample_step(self.recording)
 
-        def negative_explained_power(frequency: float) -> float:
-            angle = 2 * np.pi * frequency * self.time[:, None]
-            waves = np.hstack([np.sin(angle), np.cos(angle)])
-            waves -= self.recording.averaged(waves)
-            products = waves.T @ self.nonperiodic
-            amplitudes = np.linalg.lstsq(waves.T @ waves, products, rcond=None)[0]
-            return -float((products * amplitudes).sum(axis=0) @ weight)
+        def negative_explained_power(frequencies: Array) -> Array:
+            return np.asarray(-self.explained_power(frequencies) @ weight)
 
         near = (line + np.linspace(-1.0, 1.0, 17)) / duration
-        best = int(np.argmin([negative_explained_power(f) for f in near]))
+        best = int(np.argmin(negative_explained_power(near)))
         ends = near[max(best - 1, 0)], near[min(best + 1, len(near) - 1)]
-        smooth = Chebyshev.interpolate(np.vectorize(negative_explained_power), CHEBYSHEV_DEGREE, domain=ends)
+        smooth = Chebyshev.interpolate(negative_explained_power, CHEBYSHEV_DEGREE, domain=ends)
         roots = smooth.deriv().roots()
         inside = roots.real[(np.abs(roots.imag) < 1e-9 / duration) & (ends[0] < roots.real) & (roots.real < ends[1])]
         return float(min((*ends, *inside), key=smooth))
+
+
+def _fourier_sums(series: Array, angles: Array) -> NDArray[np.complex128]:
+    """Sums (f, p) of x_t exp(i w t) over a series (n, p) at any angles w per sample (f,).
+
+    In blocks: exp(i w (b B + s)) = exp(i w b B) exp(i w s), so that few of the exponentials are computed.
+    """
+    n, p = series.shape
+    size = max(int(np.sqrt(n)), 1)
+    blocks = np.zeros((-(-n // size) * size, p))
+    blocks[:n] = series
+    blocks = blocks.reshape(-1, size, p)
+    steps, starts = np.arange(size), size * np.arange(len(blocks))
+    within, before = (np.exp(1j * np.multiply.outer(angles, t)) for t in (steps, starts))
+    real, imaginary = np.split(np.vstack([within.real, within.imag]) @ blocks, 2, axis=1)  # (b, f, p) each
+    return np.asarray(np.einsum("fb,bfp->fp", before, real + 1j * imaginary))
+
+
+def _phase_sums(angles: Array, count: int) -> NDArray[np.complex128]:
+    """Sums (f,) of exp(i w t) over t = 0 .. count - 1."""
+    sine = np.sin(angles / 2)
+    ratio = np.where(sine == 0, count, np.sin(count * angles / 2) / np.where(sine == 0, 1.0, sine))
+    return np.asarray(ratio * np.exp(1j * (count - 1) * angles / 2))
+
+
+def _wave_gram(squares: Array | float, double: NDArray[np.complex128]) -> Array:
+    """Inner products (f, 2, 2) of the real and imaginary parts of a series z, from sums of |z|² and of z²."""
+    real, both, imaginary = (squares + double.real) / 2, double.imag / 2, (squares - double.real) / 2
+    return np.moveaxis(np.array([[real, both], [both, imaginary]]), 2, 0)
 
 
 def _neighbouring_power(ordinates: Array) -> Array:
