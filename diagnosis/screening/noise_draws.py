@@ -11,21 +11,24 @@ from numpy.typing import NDArray
 
 from estimation.recordings.recording import Recording
 
-Array = NDArray[np.float64]
+Array = NDArray[np.float32]
 
 NOISE_DRAWS = 100
 NOISE_SEED = 0
 """Draws (and their seed) that give a search its effective number of tests."""
+ROWS_AT_ONCE = 1000
+"""Rows drawn together, few enough to be rounded while they are in the cache."""
 
 
 @dataclass(eq=False)
 class NoiseDraws:
     """Draws (rows, NOISE_DRAWS) of white noise of unit variance; the first rows are the same however many are drawn.
 
+    In single precision: their quantiles are known to a part in ten, and their inner products take half the time.
     Those `shared_for` recordings are in memory that processes forked afterwards share: one of them draws for all.
     """
 
-    _values: Array = field(default_factory=lambda: np.zeros((0, NOISE_DRAWS)))
+    _values: Array = field(default_factory=lambda: np.zeros((0, NOISE_DRAWS), np.float32))
     _drawn: int = 0
 
     @classmethod
@@ -37,12 +40,16 @@ class NoiseDraws:
         several = tuple(recordings)
         if any(r.repeats == 1 or not r.continuous for r in several):
             return cls()
-        room = sum((r.samples + 2) * len(r.channels) for r in several) * NOISE_DRAWS
-        return cls(np.frombuffer(mmap(-1, room * np.dtype(np.float64).itemsize), count=room).reshape(-1, NOISE_DRAWS))
+        rows = sum((r.samples + 2) * len(r.channels) for r in several)
+        memory = mmap(-1, rows * NOISE_DRAWS * np.dtype(np.float32).itemsize)
+        return cls(np.frombuffer(memory, np.float32).reshape(-1, NOISE_DRAWS)[:rows])
 
     def draw(self) -> int:
         """Draw all rows there is room for; return how many, for `mark_drawn` of other processes."""
-        np.random.default_rng(NOISE_SEED).standard_normal(out=self._values)
+        rng = np.random.default_rng(NOISE_SEED)
+        for first in range(0, len(self._values), ROWS_AT_ONCE):
+            part = self._values[first : first + ROWS_AT_ONCE]
+            part[:] = rng.standard_normal(part.shape)
         self.mark_drawn(len(self._values))
         return len(self._values)
 
@@ -54,10 +61,10 @@ class NoiseDraws:
         """The first rows, drawn where they are not yet; not to be written to."""
         if rows > self._drawn:
             if rows > len(self._values):
-                self._values = np.empty((rows, NOISE_DRAWS))
+                self._values = np.empty((rows, NOISE_DRAWS), np.float32)
             self.draw()
         return self._values[:rows]
 
     def forget(self) -> None:
         """Release the memory."""
-        self._values, self._drawn = np.zeros((0, NOISE_DRAWS)), 0
+        self._values, self._drawn = np.zeros((0, NOISE_DRAWS), np.float32), 0

@@ -98,7 +98,8 @@ class NullModel:
     @cached_property
     def draws_in_basis(self) -> Array:
         """Components of the noise draws along the basis, (k, NOISE_DRAWS)."""
-        return np.asarray(self.directions.basis.T @ self.cache.draws(self.fit.noise)[self.reached])
+        draws = self.cache.draws(self.fit.noise)[self.reached]
+        return (self.directions.basis.astype(draws.dtype).T @ draws).astype(np.float64)
 
     def search_domain(self, number: int, make: Callable[[], SearchDomain]) -> SearchDomain:
         """Search domain of a recording for new effects, computed once."""

@@ -18,6 +18,7 @@ from estimation.noise.noise_level import NoiseLevel
 from modeling.chain.effect import GridSuperposition
 
 Array = NDArray[np.float64]
+Draws = NDArray[np.float32]
 
 RANK_TOLERANCE = 1e-4
 """Relative length of a projected direction below which it counts as rounding error of the derivative."""
@@ -62,10 +63,12 @@ class WhitenedColumns:
         _, b, a = self.columns.shape
         return np.asarray(self.flat.T @ rows).reshape(b, a, rows.shape[1])
 
-    def noise_inner_products(self, draws: Array) -> Array:
+    def noise_inner_products(self, draws: Draws) -> Array:
         """Inner products (b, a, NOISE_DRAWS) with noise draws (r, NOISE_DRAWS) in these rows, computed once."""
         if "products" not in self._noise_inner_products:
-            self._noise_inner_products["products"] = self.inner_products(draws)
+            _, b, a = self.columns.shape
+            products = self.flat.astype(draws.dtype).T @ draws
+            self._noise_inner_products["products"] = products.astype(np.float64).reshape(b, a, -1)
         return self._noise_inner_products["products"]
 
     @cached_property

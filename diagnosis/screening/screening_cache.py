@@ -16,7 +16,6 @@ from diagnosis.screening.noise_draws import NoiseDraws
 from estimation.fit_column_space import fit_column_space
 from estimation.noise.recording_noise import RecordingNoise
 
-Array = NDArray[np.float64]
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
 
@@ -82,7 +81,7 @@ class ScreeningCache:
         found: Result = self._drawn_motions[fit]
         return found
 
-    def draws(self, noise: Sequence[RecordingNoise]) -> Array:
+    def draws(self, noise: Sequence[RecordingNoise]) -> NDArray[np.float32]:
         """White noise (rows, NOISE_DRAWS) over all rows."""
         return self.noise_draws.first(sum(n.whitener.rows for n in noise))
 
