@@ -105,9 +105,9 @@ def residual_maps(comparison: Comparison, tolerance: Mapping[str, float]) -> lis
         cells = _cells(series)
         for number, (channel, channel_unit) in enumerate(zip(recording.channels, comparison.space.units, strict=True)):
             names = (channel, channel_unit, variable, unit)
-            rows = _cell_rows(residual[:, number], series, cells, repeat_of)
-            if rows:
-                maps.append(_residual_map(rows, names, tolerance[channel], float((residual[:, number] ** 2).sum())))
+            found = CellStatistics.of(residual[:, number], series, cells, repeat_of)
+            if len(found.mean):
+                maps.append(_residual_map(found, names, tolerance[channel], float((residual[:, number] ** 2).sum())))
     return sorted(maps, key=lambda m: -m.explained)
 
 
@@ -141,41 +141,55 @@ def _cells(series: Array) -> NDArray[np.intp]:
     return np.asarray(np.clip((series - low) / max(high - low, 1e-300) * count, 0, count - 1), dtype=np.intp)
 
 
-CellStatistics = tuple[float, float, float, int, int]
-"""Centre, mean, standard error, number of repeats, number of samples."""
+@dataclass(frozen=True, eq=False)
+class CellStatistics:
+    """Statistics (c,) of a residual in the cells that are visited in at least two repeats.
 
+    centre   mean of the variable in the cell
+    mean     of the means over the repeats, with its standard `error`
+    repeats  that visit the cell, and all their `samples`
+    """
 
-def _cell_rows(
-    residual: Array, series: Array, cells: NDArray[np.intp], repeat_of: NDArray[np.intp]
-) -> list[CellStatistics]:
-    """Statistics of each cell that is visited in at least two repeats."""
-    rows = []
-    for cell in np.unique(cells):
-        inside = cells == cell
-        means = np.array([residual[inside & (repeat_of == g)].mean() for g in np.unique(repeat_of[inside])])
-        if len(means) >= 2:
-            error = float(means.std(ddof=1) / np.sqrt(len(means)))
-            rows.append((float(series[inside].mean()), float(means.mean()), error, len(means), int(inside.sum())))
-    return rows
+    centre: Array
+    mean: Array
+    error: Array
+    repeats: Array
+    samples: Array
+
+    @classmethod
+    def of(cls, residual: Array, series: Array, cells: NDArray[np.intp], repeat_of: NDArray[np.intp]) -> CellStatistics:
+        """Of a residual and a variable (n,), whose samples are in these cells and repeats (n,)."""
+        shape = (int(cells.max()) + 1, int(repeat_of.max()) + 1)
+        place, size = cells * shape[1] + repeat_of, shape[0] * shape[1]
+        samples = np.bincount(place, minlength=size).reshape(shape)
+        visited = samples > 0
+        repeats = visited.sum(axis=1)
+        means = np.bincount(place, residual, size).reshape(shape) / np.maximum(samples, 1)
+        mean = means.sum(axis=1) / np.maximum(repeats, 1)
+        squares = (np.where(visited, means - mean[:, None], 0.0) ** 2).sum(axis=1)
+        error = np.sqrt(squares / np.maximum((repeats - 1) * repeats, 1))
+        total = samples.sum(axis=1)
+        centre = np.bincount(cells, series) / np.maximum(total, 1)
+        kept = repeats >= 2
+        return cls(centre[kept], mean[kept], error[kept], repeats[kept], total[kept])
 
 
 def _residual_map(
-    rows: list[CellStatistics], names: tuple[str, str, str, str], tolerance: float, power: float
+    cells: CellStatistics, names: tuple[str, str, str, str], tolerance: float, power: float
 ) -> ResidualMap:
-    centre, mean, error, count, weight = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
-    degrees_of_freedom = count - 1
+    mean, error, degrees_of_freedom = cells.mean, cells.error, cells.repeats - 1
     half_width = student_isf(0.5 - LEVELS.confidence / 2, degrees_of_freedom) * error
     statistic = np.abs(mean) / np.maximum(error, 1e-300)
     rates = false_discovery_rates(np.clip(2 * student_sf(statistic, degrees_of_freedom), 0, 1))
     noise = np.minimum(error**2, mean**2)
-    explained = float((weight * (mean**2 - noise)).sum() / max(power, 1e-300))
+    explained = float((cells.samples * (mean**2 - noise)).sum() / max(power, 1e-300))
     channel, channel_unit, variable, unit = names
     return ResidualMap(
         channel=channel,
         channel_unit=channel_unit,
         variable=variable,
         variable_unit=unit,
-        centre=centre,
+        centre=cells.centre,
         mean=mean,
         low=mean - half_width,
         high=mean + half_width,
