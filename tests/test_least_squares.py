@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from estimation.least_squares.column_space import orthonormal_basis
-from estimation.least_squares.levenberg_marquardt import levenberg_marquardt
+from estimation.least_squares.levenberg_marquardt import levenberg_marquardt, levenberg_marquardt_step
 from estimation.least_squares.linear_least_squares import least_squares_solution
 from estimation.least_squares.square_root_information import EPS, SquareRootInformation, qr_factors
 from modeling.identifiability import ScaledSVD
@@ -377,3 +377,30 @@ def test_basis_has_the_rows_of_its_columns_however_few(seed: int, rows: int, col
     assert basis.shape == (rows, min(rows, columns, rank))
     np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
     np.testing.assert_allclose(basis @ (basis.T @ derivative), derivative, atol=1e-7 * np.abs(derivative).max())
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.floats(-3.0, 0.0))
+def test_a_step_within_bounds_is_the_minimum_there(seed: int, count: int, weakest: float) -> None:
+    """The conditions of optimality: no slope at parameters between their bounds, none that points inside at the others.
+
+    Columns are correlated, their lengths differ by up to a thousand, and starts may lie at a bound.
+    """
+    rng = np.random.default_rng(seed)
+    rows = rng.standard_normal((3 * count + 2, count)) @ rng.standard_normal((count, count))
+    rows = rows / np.linalg.norm(rows, axis=0) * 10.0 ** rng.uniform(weakest, 0.0, count)
+    here = SquareRootInformation.of(rows, 10.0 * rng.standard_normal(len(rows)))
+    low, high = -rng.exponential(size=count), rng.exponential(size=count)
+    low[rng.random(count) < 0.3], high[rng.random(count) < 0.3] = -np.inf, np.inf
+    start = np.clip(np.zeros(count), low, high)
+    at_bound = (rng.random(count) < 0.2) & np.isfinite(low)
+    start[at_bound] = low[at_bound]
+    step = levenberg_marquardt_step(here, start, (low, high), 0.0)
+    slope = here.root.T @ (here.root @ step - here.target) / np.linalg.norm(here.root, axis=0)
+    reached = start + step
+    rounding = 1e-8 * np.linalg.norm(here.target)
+    assert np.all(reached >= low - 1e-9)
+    assert np.all(reached <= high + 1e-9)
+    at_low, at_high = reached <= low + 1e-9, reached >= high - 1e-9
+    assert np.all(np.abs(slope[~at_low & ~at_high]) < rounding)
+    assert np.all(slope[at_low & ~at_high] > -rounding)
+    assert np.all(slope[at_high & ~at_low] < rounding)

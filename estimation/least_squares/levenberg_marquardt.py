@@ -32,6 +32,8 @@ two samples), no undamped step ends at a minimum."""
 KINK_PROBE = 1e-3
 """That part: a smooth model gains twice this share of what an undamped step is predicted to gain, less than half of it
 is taken for nothing."""
+MAX_ACTIVE_SETS = 20
+"""Sets of parameters at their bounds that are tried: a minimum takes two or three."""
 NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
@@ -189,16 +191,39 @@ def levenberg_marquardt_step(
 
 
 def _bounded_minimum(rows: Array, target: Array, low: Array, high: Array) -> Array:
-    """The minimiser (k,) of |R x - z| within low <= x <= high, by bounded-variable least squares; columns of unit norm.
+    """The minimiser (k,) of |R x - z| within low <= x <= high; columns of unit norm.
 
     A step to the minimum without bounds that is then clipped to them may go uphill where parameters are correlated.
     Along directions without information it is zero as far as the bounds allow.
     """
     if not len(low):
         return low
-    from scipy.optimize import lsq_linear  # slow to import and rarely needed
-
     left, sizes, right = np.linalg.svd(rows, full_matrices=False)
     seen = sizes > SINGULAR_VALUE_TOLERANCE * sizes[0]
     scaled, target = np.where(seen, sizes, 1.0)[:, None] * right, np.where(seen, left.T @ target, 0.0)
+    found = _by_active_set(scaled, target, low, high)
+    if found is not None:
+        return found
+    from scipy.optimize import lsq_linear  # slow to import and rarely needed
+
     return np.asarray(lsq_linear(scaled, target, (low, high), method="bvls").x)
+
+
+def _by_active_set(rows: Array, target: Array, low: Array, high: Array) -> Array | None:
+    """The minimiser (k,) of |A x - b| within bounds by the primal-dual active set method; None where that cycles.
+
+    All parameters beyond a bound are fixed there at once, all whose gradient points inside are freed at once, until
+    none changes: that is the minimum (Hintermüller, Ito, Kunisch, SIAM Journal on Optimization 13, 2002).
+    """
+    at_low, at_high = np.zeros(len(low), dtype=bool), np.zeros(len(low), dtype=bool)
+    for _ in range(MAX_ACTIVE_SETS):
+        free = ~(at_low | at_high)
+        found = np.where(at_low, low, np.where(at_high, high, 0.0))
+        found[free] = np.linalg.lstsq(rows[:, free], target - rows[:, ~free] @ found[~free])[0]
+        gradient = rows.T @ (rows @ found - target)
+        below = np.where(free, found < low, at_low & (gradient > 0))
+        above = np.where(free, found > high, at_high & (gradient < 0))
+        if np.array_equal(below, at_low) and np.array_equal(above, at_high):
+            return np.asarray(found)
+        at_low, at_high = below, above
+    return None
