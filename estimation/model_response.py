@@ -182,9 +182,14 @@ def _sum(parts: Sequence[ResponsePart], columns: tuple[int, ...]) -> tuple[Array
     """Value of the sum and its derivative in the parameters `columns`: views of one array, value first."""
     if not parts:
         return None
-    joined = np.zeros((*parts[0].value.shape, 1 + len(columns)), order="F")
+    joined = np.empty((*parts[0].value.shape, 1 + len(columns)), order="F")
     value, derivative = joined[:, :, 0], joined[:, :, 1:]
-    for part in parts:
+    first, others = parts[0], parts[1:]
+    if first.columns is None or first.columns == columns:
+        value[:], derivative[:] = first.value, first.derivative
+    else:
+        joined[:], others = 0.0, parts
+    for part in others:
         value += part.value
         if part.columns is None or part.columns == columns:
             derivative += part.derivative

@@ -102,8 +102,10 @@ class PlayedRecord:
         if not derivative.shape[2]:
             return derivative
         found = self.through(derivative)
-        by_width = np.concatenate([run.by_width for run in self.runs])
-        return np.asarray(found + by_width[:, :, None] * self.record.constant("play")[1])
+        by_width, widths = np.concatenate([run.by_width for run in self.runs]), self.record.constant("play")[1]
+        own = np.flatnonzero(widths.any(axis=0))  # the few parameters that the widths depend on
+        found[:, :, own] += by_width[:, :, None] * widths[:, own]
+        return found
 
 
 @lru_cache(maxsize=1)
