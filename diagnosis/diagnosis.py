@@ -332,9 +332,11 @@ def _initial_fit(
 ) -> tuple[Fit, tuple[RecordingNoise, ...]]:
     """The model fitted to the training recordings, and the initial noise of the held-out ones.
 
-    The noise draws of the `cache` are made beside.
+    With held-out recordings the noise draws of the `cache` are made beside; else when they are needed.
     """
     start = model_initial_values(model, training) if model.effects else {}
+    if not others:
+        return refit(model, training, start=start), ()
     shared = [model, training, others, *(part for r in (*training, *others) for part in (r, r.rig)), model.arm]
     tasks = [
         WorkItem("fit", lambda: refit(model, training, start=start)),

@@ -21,8 +21,9 @@ from diagnosis.comparison.data_split import non_excited_noise
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.fit import Fit, WhitenedProblem, fit, initial_noise
+from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording
+from estimation.recordings.recording import Recording, with_readings
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
@@ -255,3 +256,21 @@ def test_effects_of_ones_own_are_sought_there_too() -> None:
     assert own.effect.id == "bump"
     assert abs(own.parameters["height"].value - 1.0) < 4 * own.parameters["height"].std
     assert str(own).startswith("other.csv has a recording-specific effect (a bump): fx by")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_initial_noise_of_repeats_is_that_beside_any_periodic_readings(seed: int) -> None:
+    """What a model predicts of them is periodic: a prediction, right or wrong, leaves their noise as it is."""
+    recording = recorded("train.csv", 1)
+    time = np.arange(recording.samples_per_repeat) / recording.samples_per_repeat
+    rng = np.random.default_rng(seed)
+    waves = np.stack([np.sin(2 * np.pi * (k * time + rng.random())) for k in range(1, 30)], axis=1)
+    periodic = np.tile(waves @ rng.normal(scale=5.0, size=(29, 3)), (recording.repeats, 1))
+    moved = with_readings(recording, recording.wrench + periodic)
+    (before,), (after,) = (initial_noise(planar(RIG), (r,)) for r in (recording, moved))
+    assert (after.events, after.tones) == (before.events, before.tones)
+    np.testing.assert_allclose(after.floor, before.floor, rtol=1e-9)
+    assert isinstance(before.whitener, FourierLineWhitener)
+    assert isinstance(after.whitener, FourierLineWhitener)
+    size = np.abs(before.whitener.root).max()
+    np.testing.assert_allclose(after.whitener.root, before.whitener.root, atol=1e-8 * size)

@@ -8,22 +8,24 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.util import LazyLoader
 from types import ModuleType
 
 POSTPONED = frozenset({"numpy.f2py", "numpy.testing"})
 """Modules that no command needs, and that are imported nevertheless."""
 
 
-class PostponedFinder(MetaPathFinder):
+class PostponedFinder:
     """Finds the modules of POSTPONED where Python does, and lets them be executed when an attribute is asked for."""
 
-    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None, /
+    ) -> ModuleSpec | None:
         """The module's spec, with a lazy loader; None for all other modules."""
         if name not in POSTPONED:
             return None
+        from importlib.util import LazyLoader  # slow to import: commands that need no SciPy do without
+
         spec = PathFinder.find_spec(name, path, target)
         if spec is not None and spec.loader is not None:
             spec.loader = LazyLoader(spec.loader)

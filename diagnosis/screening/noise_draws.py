@@ -38,11 +38,11 @@ class NoiseDraws:
         Those are two for each channel and Fourier line of a recording whose repeats follow one another.
         """
         several = tuple(recordings)
-        if any(r.repeats == 1 or not r.continuous for r in several):
+        if not several or any(r.repeats == 1 or not r.continuous for r in several):
             return cls()
         rows = sum((r.samples + 2) * len(r.channels) for r in several)
         memory = mmap(-1, rows * NOISE_DRAWS * np.dtype(np.float32).itemsize)
-        return cls(np.frombuffer(memory, np.float32).reshape(-1, NOISE_DRAWS)[:rows])
+        return cls(np.frombuffer(memory, np.float32, rows * NOISE_DRAWS).reshape(rows, NOISE_DRAWS))
 
     def draw(self) -> int:
         """Draw all rows there is room for; return how many, for `mark_drawn` of other processes."""
