@@ -46,3 +46,16 @@ def test_recordings_add() -> None:
     level = NoiseLevel(0.0).and_known(0.25, 0.01).and_parts(np.array([[0.5, 1.0]]), np.array([[0.5, 0.5]]), 0.02)
     assert level.mean == pytest.approx(1.0)
     assert level.variance_of_log == pytest.approx(0.03 + 0.0625)
+
+
+@pytest.mark.parametrize("known", [0.0, 1.0])
+def test_parts_without_power_change_nothing(known: float) -> None:
+    """A direction in one recording has none in the channels of another: six parts of a hundred zeros each."""
+    chance = np.full(100, 0.01)
+    plain = NoiseLevel(known).and_parts(np.array([np.linspace(0.5, 2.0, 100)]), chance[None], 0.02)
+    nothing = NoiseLevel(known).and_parts(np.zeros((6, 100)), np.tile(chance, (6, 1)), 0.0)
+    both = nothing.and_parts(np.array([np.linspace(0.5, 2.0, 100)]), chance[None], 0.02)
+    assert both.mean == pytest.approx(plain.mean)
+    for score in (1.0, 5.0, 20.0):
+        assert both.p_value(score, 2) == pytest.approx(plain.p_value(score, 2), rel=0.02)
+    assert nothing.p_value(5.0, 2) == pytest.approx(NoiseLevel(known).p_value(5.0, 2), rel=1e-9)

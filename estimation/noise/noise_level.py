@@ -71,9 +71,13 @@ class NoiseLevel:
 def _binned(values: Array, probability: Array) -> tuple[Array, Array]:
     """A distribution of many values by that of the means over bins of equal ratio."""
     low, high = float(values.min()), float(values.max())
-    if len(values) <= BINS or low <= 0 or high <= low:
+    if len(values) <= BINS:
         return values, probability
-    bins = np.minimum((np.log(values / low) * (BINS / np.log(high / low))).astype(np.intp), BINS - 1)
+    if high <= low:  # of parts without power
+        return values[:1], probability.sum(keepdims=True)
+    low = max(low, NEGLIGIBLE * high)
+    ratio = np.log(np.maximum(values, low) / low) / np.log(high / low)
+    bins = np.minimum((BINS * ratio).astype(np.intp), BINS - 1)
     total, mean = (np.bincount(bins, weights, BINS) for weights in (probability, probability * values))
     kept = total > 0
     return np.asarray(mean[kept] / total[kept]), np.asarray(total[kept])
