@@ -47,6 +47,7 @@ from estimation.fit import Fit, check_channels, initial_noise, recordings_of, re
 from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
+from estimation.model_response import model_response
 from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.readings_digest import require_different_readings
@@ -332,7 +333,8 @@ def _initial_fit(
 ) -> tuple[Fit, tuple[RecordingNoise, ...]]:
     """The model fitted to the training recordings, and the initial noise of the held-out ones.
 
-    With held-out recordings the noise draws of the `cache` are made beside; else when they are needed.
+    With held-out recordings the noise draws of the `cache` are made beside; else when they are needed. A process that
+    is free before the fit is done loads the model, which its score tests will need.
     """
     start = model_initial_values(model, training) if model.effects else {}
     if not others:
@@ -342,10 +344,18 @@ def _initial_fit(
         WorkItem("fit", lambda: refit(model, training, start=start)),
         WorkItem("noise", lambda: initial_noise(model, others)),
         WorkItem("noise draws", cache.noise_draws.draw),
+        *(WorkItem("prediction", lambda: _predict(model, training)) for _ in range(1, cache.workers.count)),
     ]
-    base, noise, drawn = cache.workers.run(tasks, shared=shared)
+    base, noise, drawn, *_ = cache.workers.run(tasks, shared=shared)
     cache.noise_draws.mark_drawn(drawn)
     return base, noise
+
+
+def _predict(model: WrenchModel, recordings: Sequence[Recording]) -> None:
+    """Predict recordings at nominal parameters: this process has the model's equations and their signals then."""
+    nominal = np.array([p.nominal for p in model.parameters])
+    for recording in recordings:
+        model_response(model, recording, nominal)
 
 
 def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, cache: ScreeningCache) -> SubsetSearch:

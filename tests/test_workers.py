@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from diagnosis.parallel.workers import MAX_BATCH, Workers, WorkItem, run_spmd
 
@@ -61,6 +62,22 @@ def test_large_results_hold_nobody_up() -> None:
         return bytes(10**6 + item)
 
     assert [len(found) for found in mapped(2, work, [0, 1, 2])] == [10**6, 10**6 + 1, 10**6 + 2]
+
+
+def test_large_arrays_arrive_as_they_were_made() -> None:
+    """Row by row, column by column, strided, empty, complex, boolean; three processes, so that some are passed on."""
+    whole = np.random.default_rng(3).normal(size=(300, 200))
+    made = [whole, whole.T, whole[::2, ::3], whole[:0], whole + 1j, whole > 0, whole.astype(np.float32)]
+
+    def program(team: Workers) -> list[tuple[NDArray[Any], ...]]:
+        first = team.map(lambda number: (made[number], made[number - 1]), list(range(len(made))))
+        return team.map(lambda number: first[number], list(range(len(made))))
+
+    for number, found in enumerate(run_spmd(3, program)):
+        for array, expected in zip(found, (made[number], made[number - 1]), strict=True):
+            np.testing.assert_array_equal(array, expected)
+            assert array.dtype == expected.dtype
+            array += expected  # it may be written to
 
 
 def test_a_process_has_the_items_of_a_label_again() -> None:

@@ -77,12 +77,14 @@ def validation_fit(
     theta = initial_values(unknowns, {**values, **(start or {})})
     biases = _mask_of(unknowns, model.biases)
     added = _mask_of(unknowns, [p for e in own for p in e.qualified(model.space)])
-    disturbed = PartiallyFixedProblem(
-        unknowns, (recording,), (non_excited_noise(known) or known,), biases | added
-    ).minimise(theta)
-    biased = PartiallyFixedProblem(unknowns, (recording,), (known,), biases).minimise(disturbed.theta)
-    covariance = biased.covariance + disturbed.covariance * np.outer(added, added)
-    estimable = biased.identifiable | (disturbed.identifiable & added)
+    covariance, estimable = np.zeros((len(theta), len(theta))), np.zeros(len(theta), dtype=bool)
+    if own:
+        rest = (non_excited_noise(known) or known,)
+        disturbed = PartiallyFixedProblem(unknowns, (recording,), rest, biases | added).minimise(theta)
+        theta, estimable = disturbed.theta, disturbed.identifiable & added
+        covariance = disturbed.covariance * np.outer(added, added)
+    biased = PartiallyFixedProblem(unknowns, (recording,), (known,), biases).minimise(theta)
+    covariance, estimable = covariance + biased.covariance, estimable | biased.identifiable
     return Fit(model, (recording,), (known,), unknowns, biased.theta, covariance, estimable)
 
 

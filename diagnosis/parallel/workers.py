@@ -17,6 +17,8 @@ from multiprocessing.context import ForkProcess
 from time import perf_counter
 from typing import Any, Protocol, TypeVar
 
+import numpy as np
+
 from diagnosis.parallel.progress import CountCallback
 
 Item = TypeVar("Item")
@@ -24,6 +26,8 @@ Result = TypeVar("Result")
 
 MAX_BATCH = 4096
 """Items of a shared batch; longer batches are computed by every process in full."""
+LARGE_ARRAY = 2**16
+"""Bytes of an array that is sent by itself, without the copies that a pickle makes of it."""
 
 
 def available_cores() -> int:
@@ -112,7 +116,7 @@ class Workers:
         labels = [str(place) if label is None else label(item) for place, item in enumerate(items)]
         batch = _Batch((self._batch, getattr(function, "__qualname__", ""), *labels), list(shared))
         found: dict[int, Any] = {}
-        sent: dict[int, bytes | None] = {}
+        sent: dict[int, _Packed | None] = {}
         for place in self._order(labels):
             if self.claims.take(place, self._batch):
                 begun(self.claims.taken(len(items), self._batch) - 1, len(items))
@@ -164,10 +168,10 @@ class _Links(Protocol):
     Results are by index; None stands for one that cannot be pickled.
     """
 
-    def gather(self, batch: _Batch, sent: dict[int, bytes | None]) -> dict[int, bytes | None]:
+    def gather(self, batch: _Batch, sent: dict[int, _Packed | None]) -> dict[int, _Packed | None]:
         """At the original the results of all processes; elsewhere those that were sent."""
 
-    def broadcast(self, gathered: dict[int, bytes | None]) -> dict[int, bytes | None]:
+    def broadcast(self, gathered: dict[int, _Packed | None]) -> dict[int, _Packed | None]:
         """All results, from the original to every process."""
 
 
@@ -178,11 +182,11 @@ class _LinksToCopies:
     links: list[Connection]
     _had: dict[Connection, set[int]] = field(default_factory=dict)
 
-    def gather(self, batch: _Batch, sent: dict[int, bytes | None]) -> dict[int, bytes | None]:
+    def gather(self, batch: _Batch, sent: dict[int, _Packed | None]) -> dict[int, _Packed | None]:
         gathered = dict(sent)
         for link in list(self.links):
             try:
-                name, made = link.recv()
+                name, made = _receive(link)
             except (EOFError, OSError):
                 name, made = None, {}
             if name == batch.name:
@@ -192,10 +196,10 @@ class _LinksToCopies:
                 self.links.remove(link)
         return gathered
 
-    def broadcast(self, gathered: dict[int, bytes | None]) -> dict[int, bytes | None]:
+    def broadcast(self, gathered: dict[int, _Packed | None]) -> dict[int, _Packed | None]:
         for link in list(self.links):
             try:
-                link.send({p: made for p, made in gathered.items() if p not in self._had[link]})
+                _send(link, {p: made for p, made in gathered.items() if p not in self._had[link]})
             except OSError:
                 self.links.remove(link)
         return gathered
@@ -207,16 +211,16 @@ class _LinkToOriginal:
 
     link: Connection
 
-    def gather(self, batch: _Batch, sent: dict[int, bytes | None]) -> dict[int, bytes | None]:
+    def gather(self, batch: _Batch, sent: dict[int, _Packed | None]) -> dict[int, _Packed | None]:
         try:
-            self.link.send((batch.name, sent))
+            _send(self.link, (batch.name, sent))
         except OSError:
             os._exit(0)
         return sent
 
-    def broadcast(self, gathered: dict[int, bytes | None]) -> dict[int, bytes | None]:
+    def broadcast(self, gathered: dict[int, _Packed | None]) -> dict[int, _Packed | None]:
         try:
-            others: dict[int, bytes | None] = self.link.recv()
+            others: dict[int, _Packed | None] = _receive(self.link)
         except (EOFError, OSError):
             os._exit(0)
         return gathered | others
@@ -260,25 +264,69 @@ class _Batch:
     name: tuple[int | str, ...]
     shared: list[object]
 
-    def packed(self, result: object) -> bytes | None:
+    def packed(self, result: object) -> _Packed | None:
         """A result pickled; None for one that cannot be, or an exception that would not unpickle."""
-        buffer = io.BytesIO()
+        file, buffers = io.BytesIO(), _Buffers()
         try:
-            _Pickler(buffer, {id(thing): place for place, thing in enumerate(self.shared)}).dump(result)
+            _Pickler(file, buffers, {id(thing): place for place, thing in enumerate(self.shared)}).dump(result)
+            packed = _Packed(file.getvalue(), buffers.large)
             if isinstance(result, _Raised):
-                self.unpacked(buffer.getvalue())
+                self.unpacked(packed)
         except Exception:
             return None
-        return buffer.getvalue()
+        return packed
 
-    def unpacked(self, packed: bytes) -> Any:
+    def unpacked(self, packed: _Packed) -> Any:
         """A result unpickled."""
-        return _Unpickler(io.BytesIO(packed), self.shared).load()
+        return _Unpickler(packed, self.shared).load()
+
+
+@dataclass(frozen=True)
+class _Packed:
+    """A pickled result; its large arrays are not copied into the pickle, but follow it as they are."""
+
+    pickled: bytes
+    arrays: Sequence[memoryview]
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _Packed, (self.pickled, [pickle.PickleBuffer(array) for array in self.arrays])
+
+
+@dataclass(frozen=True)
+class _Buffers:
+    """The large buffers of a pickle, which the pickler leaves out of it where this returns False (PEP 574)."""
+
+    large: list[memoryview] = field(default_factory=list)
+
+    def __call__(self, buffer: pickle.PickleBuffer) -> bool:
+        view = buffer.raw()
+        if view.nbytes < LARGE_ARRAY:
+            return True
+        self.large.append(view)
+        return False
+
+
+def _send(link: Connection, message: object) -> None:
+    """Send a message: its pickle with the sizes of its large buffers, then each of them."""
+    buffers = _Buffers()
+    pickled = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL, buffer_callback=buffers)
+    link.send((pickled, [view.nbytes for view in buffers.large]))
+    for view in buffers.large:
+        link.send_bytes(view)
+
+
+def _receive(link: Connection) -> Any:
+    """The next message; EOFError or OSError where the other end was closed."""
+    pickled, sizes = link.recv()
+    buffers = [np.empty(size, dtype=np.uint8).data for size in sizes]
+    for buffer in buffers:
+        link.recv_bytes_into(buffer)
+    return _Unpickler(_Packed(pickled, buffers), ()).load()
 
 
 class _Pickler(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, places: Mapping[int, int]) -> None:
-        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
+    def __init__(self, file: io.BytesIO, buffers: _Buffers, places: Mapping[int, int]) -> None:
+        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL, buffer_callback=buffers)
         self._places = places
 
     def persistent_id(self, thing: object) -> int | None:
@@ -288,8 +336,8 @@ class _Pickler(pickle.Pickler):
 class _Unpickler(pickle.Unpickler):
     """Reads only what a copy of this process wrote into a private pipe, never a file."""
 
-    def __init__(self, file: io.BytesIO, shared: Sequence[object]) -> None:
-        super().__init__(file)
+    def __init__(self, packed: _Packed, shared: Sequence[object]) -> None:
+        super().__init__(io.BytesIO(packed.pickled), buffers=packed.arrays)
         self._shared = shared
 
     def persistent_load(self, place: int) -> object:

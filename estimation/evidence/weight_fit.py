@@ -73,7 +73,7 @@ class WeightFit:
     def is_nearer_than(self, other: WeightFit, alternatives: int = 1) -> bool:
         """Whether this fit is nearer to the truth than another, significantly, of so many that were compared."""
         ratios = self.block_ratios(other)
-        if len(ratios) < FEWEST_BLOCKS:
+        if len(ratios) < FEWEST_BLOCKS or ratios.mean() <= 0:
             return False
         deviation = max(float(ratios.std(ddof=1)), 1e-9) / np.sqrt(len(ratios))
         level = LEVELS.misread / alternatives

@@ -72,8 +72,11 @@ def missing_samples(stamps: NDArray[np.float64], window: int = JITTER_WINDOW) ->
     # A driver that hands over bursts makes a long step before each of them; only longer ones are gaps.
     bursts = float(np.median(steps)) < 0.75
     usual = float(np.quantile(steps, 0.98)) + 0.4 if bursts else 1.5
+    suspected = np.flatnonzero(steps > usual) + 1
+    if not suspected.size:
+        return
     jitter = float(np.median(np.abs(steps - np.median(steps)))) / normal_isf(0.25) / np.sqrt(2)
-    for i in np.flatnonzero(steps > usual) + 1:
+    for i in suspected:
         before, after = delay[max(i - window, 0) : i], delay[i : i + window]
         lost = float(np.median(after) - np.median(before))
         # The median of m stamps errs by 1.25 / sqrt(m) of their jitter; four times that is not by chance.
