@@ -333,22 +333,25 @@ def _initial_fit(
 ) -> tuple[Fit, tuple[RecordingNoise, ...]]:
     """The model fitted to the training recordings, and the initial noise of the held-out ones.
 
-    With held-out recordings the noise draws of the `cache` are made beside; else when they are needed. A process that
-    is free before the fit is done loads the model, which its score tests will need.
+    With held-out recordings the workers share the noise of both and the draws of the `cache`. While one of them makes
+    the fit, which takes hardly longer than to load the model's equations, the others load these for their score tests.
     """
     start = model_initial_values(model, training) if model.effects else {}
     if not others:
         return refit(model, training, start=start), ()
     shared = [model, training, others, *(part for r in (*training, *others) for part in (r, r.rig)), model.arm]
     tasks = [
-        WorkItem("fit", lambda: refit(model, training, start=start)),
-        WorkItem("noise", lambda: initial_noise(model, others)),
+        WorkItem("noise", lambda: initial_noise(model, training)),
+        WorkItem("noise of others", lambda: initial_noise(model, others)),
         WorkItem("noise draws", cache.noise_draws.draw),
+    ]
+    known, noise, drawn = cache.workers.run(tasks, shared=shared)
+    cache.noise_draws.mark_drawn(drawn)
+    fits = [
+        WorkItem("fit", lambda: refit(model, training, first_noise=known, start=start)),
         *(WorkItem("prediction", lambda: _predict(model, training)) for _ in range(1, cache.workers.count)),
     ]
-    base, noise, drawn, *_ = cache.workers.run(tasks, shared=shared)
-    cache.noise_draws.mark_drawn(drawn)
-    return base, noise
+    return cache.workers.run(fits, shared=shared)[0], noise
 
 
 def _predict(model: WrenchModel, recordings: Sequence[Recording]) -> None:

@@ -445,15 +445,20 @@ def refit(
     several: tuple[Recording, ...],
     *,
     noise: Sequence[RecordingNoise] | None = None,
+    first_noise: Sequence[RecordingNoise] | None = None,
     start: Mapping[str, float] | None = None,
     constraints: Constraints | None = None,
 ) -> Fit:
-    """`fit` with the sign convention decided, without the check of the mass; used by the model selection."""
+    """`fit` with the sign convention decided, without the check of the mass; used by the model selection.
+
+    `noise` is kept; `first_noise`, by default `initial_noise`, is re-estimated where it comes from the residual.
+    """
     unknowns = parameter_layout(model, several)
     theta = initial_values(unknowns, start or {})
     if constraints is not None:
         constraints.region(unknowns)  # raises before any work when they are invalid or infeasible
-    known = tuple(noise) if noise is not None else initial_noise(model, several)
+    given = first_noise if noise is None else noise
+    known = initial_noise(model, several) if given is None else tuple(given)
     rounds = 1 if noise is not None else MAX_NOISE_ROUNDS
     while True:
         problem = WhitenedProblem(unknowns, several, known)
