@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -313,6 +314,17 @@ def test_other_versions_have_other_entries(folder: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(store, "CACHE_FORMAT", 0)
     asked(derive)
     assert (derive.calls, len(entries(folder))) == (3, 3)
+
+
+@pytest.mark.parametrize("library", [*store.LIBRARIES, "numpy"])
+def test_the_version_of_a_library_is_that_of_its_metadata(library: str) -> None:
+    assert store._version(library) == f"{library}-{version(library)}"
+
+
+def test_a_library_without_metadata_states_its_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "bare_library.py").write_text('__version__ = "3.1"\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    assert store._version("bare_library") == "bare_library 3.1"
 
 
 def test_an_edited_source_is_another(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import Any, Self, TypeAlias
 
@@ -185,6 +184,8 @@ class Rig:
         return f"{self._title}\n{shortened(str(self.table))}"
 
     def _repr_html_(self) -> str:
+        from html import escape  # in notebooks alone
+
         return f"<p>{escape(self._title)}</p>\n{self.table.to_html()}"
 
     @property
