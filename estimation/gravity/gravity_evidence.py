@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import add
 
 import numpy as np
@@ -48,13 +48,20 @@ def gravity_evidence(
         return _in_plane(recordings, gravity, signs)
     if any("qw" not in r.signals for r in recordings) or sum(r.samples for r in recordings) < FEWEST_POSES:
         return None
-    samples = [SensorSamples.in_space(recording) for recording in recordings]
-    if not _leaves_enough(_moments(samples, gravity)):
+    samples, moments = _in_space(tuple(recordings), gravity)
+    if not _leaves_enough(moments):
         return None
-    found = estimated_gravity(_moments(samples, gravity), _independent(recordings), convention)
+    found = estimated_gravity(moments, _independent(recordings), convention)
     mistaken = [[mistake(own) for own in samples] for mistake in MISTAKES]
     others = [_weight(own, upright_direction(3), gravity) for own in (samples, *mistaken)]
     return found if _is_shown(found, samples, others, gravity) else None
+
+
+@lru_cache(maxsize=1)
+def _in_space(recordings: tuple[Recording, ...], gravity: float) -> tuple[tuple[SensorSamples, ...], WeightMoments]:
+    """Samples and moments, cached for the last recordings: their reading asks for them, and their diagnosis again."""
+    samples = tuple(SensorSamples.in_space(recording) for recording in recordings)
+    return samples, _moments(samples, gravity)
 
 
 def _in_plane(recordings: Sequence[Recording], gravity: float, signs: Array) -> GravityEstimate | None:

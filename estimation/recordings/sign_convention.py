@@ -87,9 +87,14 @@ def with_decided_convention(model: WrenchModel, recordings: Sequence[Recording])
     Without an arm it takes that of the recordings.
     Raises InputError when the data cannot decide, and for planar models, whose two forces never can.
     """
+    return with_convention(model, recordings)[0]
+
+
+def with_convention(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[WrenchModel, SignDecision | None]:
+    """`with_decided_convention`, and the decision; None where the model states its convention."""
     model = model.with_arm(next((r.arm for r in recordings if r.arm is not None), None))
     if model.convention is not Convention.AUTO:
-        return model
+        return model, None
     if model.space is Space.PLANE:
         raise InputError(
             what="two forces cannot distinguish the sign convention from a sensor mounted turned by half a turn",
@@ -97,7 +102,8 @@ def with_decided_convention(model: WrenchModel, recordings: Sequence[Recording])
             remedy='state convention = "on_tool" or "on_sensor" under [sensor] in the rig',
         )
     decision = decide_convention(recordings, model.gravity)
-    return replace(model, convention=decision.convention, mounting=nearest_quarter_turns(decision.mounting))
+    decided = replace(model, convention=decision.convention, mounting=nearest_quarter_turns(decision.mounting))
+    return decided, decision
 
 
 def nearest_quarter_turns(rotation: Array) -> QuarterTurnRotation:

@@ -20,9 +20,8 @@ from estimation.recordings.readings_digest import require_different_readings
 from estimation.recordings.recording import MotionForm, Recording
 from estimation.recordings.sign_convention import (
     SignDecision,
-    decide_convention,
     nearest_quarter_turns,
-    with_decided_convention,
+    with_convention,
 )
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel, planar, spatial
 from modeling.errors import InputError
@@ -79,12 +78,10 @@ class DataSet:
         recordings = [*training, *validation]
         _require_one_sensor(recordings)
         model = (planar if recordings[0].dimension == 2 else spatial)(description)
-        case, sign = with_gravity_direction(model, recordings), None
-        model, recordings = case.model, list(case.recordings)
-        if model.convention is Convention.AUTO:
-            model, sign = _with_convention(model, recordings)
-        count = len(training)
-        return cls(model, tuple(recordings[:count]), tuple(recordings[count:]), sign, case.found)
+        case, count = with_gravity_direction(model, recordings), len(training)
+        auto = case.model.convention is Convention.AUTO
+        model, sign = with_convention(case.model, case.recordings) if auto else (case.model, None)
+        return cls(model, case.recordings[:count], case.recordings[count:], sign, case.found)
 
 
 def read_recordings(
@@ -155,11 +152,6 @@ def _require_one_sensor(recordings: Sequence[Recording]) -> None:
                 where=other.name,
                 remedy="give recordings of one sensor",
             )
-
-
-def _with_convention(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[WrenchModel, SignDecision]:
-    model = with_decided_convention(model, recordings)  # InputError for planar sensors, where two forces cannot decide
-    return model, decide_convention(recordings, model.gravity)
 
 
 # ------------------------------------------------------------------------------- sign convention
@@ -248,8 +240,8 @@ def _sign_of(recording: Recording) -> list[str]:
         return [f"Sign convention: {MEANINGS[rig.sensor.convention]}, as the rig states."]
     try:
         found = with_gravity_direction(spatial(rig), [recording])
-        _, sign = _with_convention(found.model, list(found.recordings))
+        _, sign = with_convention(found.model, found.recordings)
     except InputError as error:
         return [f"Sign convention: undecided ({error.what}); {error.remedy}."]
     gravity = [] if found.found is None else [found.found.sentence]
-    return [*gravity, convention_sentence(sign, detailed=True)]
+    return [*gravity, *([] if sign is None else [convention_sentence(sign, detailed=True)])]
