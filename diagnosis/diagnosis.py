@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -43,19 +44,29 @@ from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
-from estimation.fit import Fit, check_channels, initial_noise, recordings_of, refit, require_positive_fitted_mass
+from estimation.fit import (
+    Fit,
+    check_channels,
+    initial_noise,
+    initial_values,
+    recordings_of,
+    refit,
+    require_positive_fitted_mass,
+)
 from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.model_response import model_response
 from estimation.multiplicity import bonferroni_p_value
 from estimation.noise.recording_noise import RecordingNoise
+from estimation.parameter_layout import parameter_layout
 from estimation.recordings.readings_digest import require_different_readings
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
 from modeling.effects import catalogue
+from modeling.errors import InputError
 from modeling.number_format import P_VALUE, SHARE, finite
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
@@ -345,20 +356,28 @@ def _initial_fit(
         WorkItem("noise of others", lambda: initial_noise(model, others)),
         WorkItem("noise draws", cache.noise_draws.draw),
     ]
-    known, noise, drawn = cache.workers.run(tasks, shared=shared)
+    own_noise, other_noise, drawn = cache.workers.run(tasks, shared=shared)
     cache.noise_draws.mark_drawn(drawn)
     fits = [
-        WorkItem("fit", lambda: refit(model, training, first_noise=known, start=start)),
-        *(WorkItem("prediction", lambda: _predict(model, training)) for _ in range(1, cache.workers.count)),
+        WorkItem("fit", lambda: refit(model, training, first_noise=own_noise, start=start)),
+        *(
+            WorkItem("equations", lambda: _load_equations(model, training, start))
+            for _ in range(1, cache.workers.count)
+        ),
     ]
-    return cache.workers.run(fits, shared=shared)[0], noise
+    return cache.workers.run(fits, shared=shared)[0], other_noise
 
 
-def _predict(model: WrenchModel, recordings: Sequence[Recording]) -> None:
-    """Predict recordings at nominal parameters: this process has the model's equations and their signals then."""
-    nominal = np.array([p.nominal for p in model.parameters])
-    for recording in recordings:
-        model_response(model, recording, nominal)
+def _load_equations(model: WrenchModel, recordings: Sequence[Recording], start: Mapping[str, float]) -> None:
+    """Predict recordings at the initial values of a fit: this process has the equations and the signals then.
+
+    The fit of the same model, which another process makes, raises what may be wrong.
+    """
+    layout = parameter_layout(model, recordings)
+    theta = initial_values(layout, start)
+    with suppress(InputError):
+        for own, index, recording in zip(layout.models, layout.index, recordings, strict=True):
+            model_response(own, recording, theta[index])
 
 
 def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, cache: ScreeningCache) -> SubsetSearch:

@@ -38,11 +38,11 @@ ROUNDING = 1e-7
 
 
 @cache
-def fitted(*, repeats: int = 4) -> Fit:
+def fitted(*, repeats: int = 4, seed: int = 3) -> Fit:
     """The rigid tip, where something drags and pushes."""
     hidden = (simulated_rig.ViscousDrag(), simulated_rig.ContactEvent())
-    motion = PlanarRig().random_motion(seed=3)
-    frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=max(repeats, 2), samples_per_period=200, seed=3)
+    motion = PlanarRig().random_motion(seed=seed)
+    frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=max(repeats, 2), samples_per_period=200, seed=seed)
     columns = {str(c): frame[c].to_numpy() for c in frame.columns}
     if repeats == 1:
         columns = {c: v for c, v in columns.items() if c != "repeat"}
@@ -166,6 +166,17 @@ def diagnosed(workers: int) -> Diagnosis:
 def test_the_number_of_workers_changes_nothing() -> None:
     assert diagnosed(1).to_data() == diagnosed(3).to_data()
     assert set(diagnosed(1).added) == {"viscous_drag", "contact_event"}
+
+
+@pytest.mark.parametrize("given", ["saturation", "tip_flexibility"])
+def test_effects_without_a_finite_nominal_value_are_given_to_any_number_of_workers(given: str) -> None:
+    """Their nominal model predicts nothing, nor does any process ask it to: a warning is an error here."""
+    recording, other = fitted().recordings[0], fitted(seed=6).recordings[0]
+    found = [
+        diagnose(planar(RIG) + named(given), recording, validate=other, effects=[named("sensor_lag")], workers=workers)
+        for workers in (1, 2)
+    ]
+    assert found[0].to_data() == found[1].to_data()
 
 
 def test_one_thread_of_linear_algebra_is_used_and_given_back() -> None:

@@ -67,17 +67,24 @@ def test_large_results_hold_nobody_up() -> None:
 def test_large_arrays_arrive_as_they_were_made() -> None:
     """Row by row, column by column, strided, empty, complex, boolean; three processes, so that some are passed on."""
     whole = np.random.default_rng(3).normal(size=(300, 200))
-    made = [whole, whole.T, whole[::2, ::3], whole[:0], whole + 1j, whole > 0, whole.astype(np.float32)]
+    expected = [whole, whole.T, whole[::2, ::3], whole[:0], whole + 1j, whole > 0, whole.astype(np.float32)]
+    original = os.getpid()
 
-    def program(team: Workers) -> list[tuple[NDArray[Any], ...]]:
-        first = team.map(lambda number: (made[number], made[number - 1]), list(range(len(made))))
-        return team.map(lambda number: first[number], list(range(len(made))))
+    def work(number: int) -> tuple[int, NDArray[Any]]:
+        if os.getpid() == original:
+            time.sleep(0.05)  # so that it receives most of them
+        return os.getpid(), expected[number].copy("K")
 
-    for number, found in enumerate(run_spmd(3, program)):
-        for array, expected in zip(found, (made[number], made[number - 1]), strict=True):
-            np.testing.assert_array_equal(array, expected)
-            assert array.dtype == expected.dtype
-            array += expected  # it may be written to
+    def program(team: Workers) -> list[tuple[int, NDArray[Any]]]:
+        first = team.map(work, list(range(len(expected))))
+        return team.map(lambda number: first[number], list(range(len(expected))))
+
+    found = run_spmd(3, program)
+    assert any(maker != original for maker, _ in found)
+    for (_, array), array_expected in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(array, array_expected)
+        assert array.dtype == array_expected.dtype
+        array[...] = 0  # it may be written to
 
 
 def test_a_process_has_the_items_of_a_label_again() -> None:

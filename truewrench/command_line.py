@@ -145,8 +145,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _prepare(*, as_program: bool) -> None:
-    """Escape characters that the terminal cannot encode; as a program: no library warnings, one BLAS thread,
-    nothing imported that is not used."""
+    """Escape characters that the terminal cannot encode; as a program: no library warnings, and one BLAS thread."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

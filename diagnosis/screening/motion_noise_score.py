@@ -33,7 +33,7 @@ class DrawnMotion:
     def of(cls, fit: Fit, cache: ScreeningCache | None = None) -> DrawnMotion | None:
         """Of a fit; None where no recording's motion is noisy.
 
-        Workers of the `cache` of the fit's score tests must screen the same fits in the same order.
+        The workers of the `cache` share out the score tests of all fits: each must screen the same fits in one order.
         """
         if all(noise.motion is None for noise in fit.noise):
             return None

@@ -25,7 +25,8 @@ class NoiseDraws:
     """Draws (rows, NOISE_DRAWS) of white noise of unit variance; the first rows are the same however many are drawn.
 
     In single precision: their quantiles are known to a part in ten, and their inner products take half the time.
-    Those `shared_for` recordings are in memory that processes forked afterwards share: one of them draws for all.
+    Those `shared_for` recordings are in memory that processes forked afterwards share: what one of them draws, all
+    have; should two draw at once, they write the same numbers.
     """
 
     _values: Array = field(default_factory=lambda: np.zeros((0, NOISE_DRAWS), np.float32))
@@ -33,15 +34,19 @@ class NoiseDraws:
 
     @classmethod
     def shared_for(cls, recordings: Iterable[Recording]) -> NoiseDraws:
-        """With room for the whitened rows of recordings, not drawn yet; none where only a fit tells how many there are.
+        """With room for the whitened rows of recordings, not drawn yet.
 
-        Those are two for each channel and Fourier line of a recording whose repeats follow one another.
+        Without room where only a fit tells how many rows there are, or where memory for all of them is refused.
+        The rows are two for each channel and Fourier line of a recording whose repeats follow one another.
         """
         several = tuple(recordings)
         if not several or any(r.repeats == 1 or not r.continuous for r in several):
             return cls()
         rows = sum((r.samples + 2) * len(r.channels) for r in several)
-        memory = mmap(-1, rows * NOISE_DRAWS * np.dtype(np.float32).itemsize)
+        try:
+            memory = mmap(-1, rows * NOISE_DRAWS * np.dtype(np.float32).itemsize)
+        except OSError:
+            return cls()
         return cls(np.frombuffer(memory, np.float32, rows * NOISE_DRAWS).reshape(rows, NOISE_DRAWS))
 
     def draw(self) -> int:

@@ -204,6 +204,6 @@ class ProjectedColumns:
         scores = (free.T @ tested.residual / np.where(identifiable, length, np.inf)) ** 2
         strongest = int(np.argmax(scores / np.array([level.mean for level in levels])))
         noise, column = levels[strongest], free[:, [strongest]]
-        if not tested.spectrum_is_known:  # without this column alone
+        if not tested.spectrum_is_known:  # spectrum of the residual without this one column
             (noise,) = tested.noise_levels(column, column)
         return AmplitudeTest(float(scores[strongest]), noise, int(identifiable.sum()))
