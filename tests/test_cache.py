@@ -321,10 +321,23 @@ def test_the_version_of_a_library_is_that_of_its_metadata(library: str) -> None:
     assert store._version(library) == f"{library}-{version(library)}"
 
 
-def test_a_library_without_metadata_states_its_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "bare_library.py").write_text('__version__ = "3.1"\n')
+@pytest.mark.parametrize(
+    ("metadata", "expected"),
+    [
+        ("", "bare_library 3.1"),
+        ("bare_library-3.2.dist-info", "bare_library-3.2"),
+        ("bare_library-3.2-py3.11.egg-info", "bare_library-3.2-py3.11"),
+    ],
+)
+def test_a_library_without_metadata_states_its_version(
+    metadata: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bare_library").mkdir()
+    (tmp_path / "bare_library" / "__init__.py").write_text('__version__ = "3.1"\n')
+    (tmp_path / metadata).mkdir(exist_ok=True)
     monkeypatch.syspath_prepend(tmp_path)
-    assert store._version("bare_library") == "bare_library 3.1"
+    monkeypatch.delitem(sys.modules, "bare_library", raising=False)
+    assert store._version("bare_library") == expected
 
 
 def test_an_edited_source_is_another(tmp_path: Path) -> None:

@@ -68,11 +68,14 @@ def test_large_arrays_arrive_as_they_were_made() -> None:
     """Row by row, column by column, strided, empty, complex, boolean; three processes, so that some are passed on."""
     whole = np.random.default_rng(3).normal(size=(300, 200))
     expected = [whole, whole.T, whole[::2, ::3], whole[:0], whole + 1j, whole > 0, whole.astype(np.float32)]
+    going_on = get_context("fork").Event()
     original = os.getpid()
 
     def work(number: int) -> tuple[int, NDArray[Any]]:
         if os.getpid() == original:
-            time.sleep(0.05)  # so that it receives most of them
+            assert going_on.wait(timeout=60)  # until it has something to receive
+        else:
+            going_on.set()
         return os.getpid(), expected[number].copy("K")
 
     def program(team: Workers) -> list[tuple[int, NDArray[Any]]]:

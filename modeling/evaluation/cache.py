@@ -181,13 +181,13 @@ def source_digest(package: Path) -> str:
 
 
 def _version(library: str) -> str:
-    """Name and version, of the folder of metadata that was installed beside the library.
+    """Name and version: the name of the metadata (wheel or egg) that were installed beside the library.
 
     `importlib.metadata` reads them, too, but its import takes as long as a fit.
     """
     spec = find_spec(library)
-    beside = [] if spec is None or spec.origin is None else Path(spec.origin).parents[1].glob(f"{library}-*.dist-info")
-    found = [folder.stem for folder in beside]
+    origin = None if spec is None else spec.origin
+    found = [] if origin is None else [path.stem for path in Path(origin).parents[1].glob(f"{library}-*.*-info")]
     return found[0] if len(found) == 1 else f"{library} {import_module(library).__version__}"
 
 

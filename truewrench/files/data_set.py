@@ -79,8 +79,7 @@ class DataSet:
         _require_one_sensor(recordings)
         model = (planar if recordings[0].dimension == 2 else spatial)(description)
         case, count = with_gravity_direction(model, recordings), len(training)
-        auto = case.model.convention is Convention.AUTO
-        model, sign = with_convention(case.model, case.recordings) if auto else (case.model, None)
+        model, sign = with_convention(case.model, case.recordings)
         return cls(model, case.recordings[:count], case.recordings[count:], sign, case.found)
 
 
