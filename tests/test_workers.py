@@ -106,6 +106,27 @@ def test_a_process_has_the_items_of_a_label_again() -> None:
     assert len(set(first)) == 2
 
 
+def test_a_process_begins_with_what_is_known_to_be_long() -> None:
+    """Each process has one of the first two items, then one of the last two, which take less time, in pairs."""
+    barrier = get_context("fork").Barrier(2)
+
+    def meet(label: str) -> tuple[int, float]:
+        begun = time.perf_counter()
+        barrier.wait(timeout=60)
+        time.sleep(0.05 if label in ("a", "b") else 0.0)
+        return os.getpid(), begun
+
+    def program(team: Workers) -> list[tuple[int, float]]:
+        team.map(meet, ["a", "b"], label=str)
+        team.map(meet, ["c", "d"], label=str)
+        return team.map(meet, ["a", "b", "c", "d"], label=str, long=lambda label: label == "d")
+
+    made = run_spmd(2, program)
+    own = [begun for process, begun in made if process == made[3][0]]
+    assert len(own) == 2
+    assert made[3][1] == min(own)
+
+
 def test_every_process_has_all_results() -> None:
     """Each of a second batch, whoever makes it, is made of what all had made in the first."""
 

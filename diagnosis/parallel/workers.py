@@ -8,8 +8,9 @@ import os
 import pickle
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
+from math import inf
 from mmap import mmap
 from multiprocessing import current_process, get_context
 from multiprocessing.connection import Connection
@@ -99,16 +100,18 @@ class Workers:
         items: Sequence[Item],
         *,
         label: Callable[[Item], str] | None = None,
+        long: Callable[[Item], bool] | None = None,
         shared: Sequence[object] = (),
         announce: CountCallback | None = None,
     ) -> list[Result]:
         """The function of every item, in their order; each free process takes the next item (dynamic scheduling).
 
-        A process first takes items with a `label` that it had before, as its caches may serve them. `shared` are
-        objects that results may refer to and that are not sent: each process has its own. An exception is raised
-        unchanged in every process, that of the first item first. A result that cannot be pickled is computed by each
-        process; items of a killed copy are computed by the original, which also announces how many items are begun.
-        The arrays of a result must not be written to afterwards: they are sent when the batch is done.
+        A process first takes items with a `label` that it had before, as its caches may serve them, the longest first;
+        `long` tells items that are longer than they were. `shared` are objects that results may refer to and that are
+        not sent: each process has its own. An exception is raised unchanged in every process, that of the first item
+        first. A result that cannot be pickled is computed by each process; items of a killed copy are computed by the
+        original, which also announces how many items are begun. The arrays of a result must not be written to
+        afterwards: they are sent when the batch is done.
         """
         begun = announce if announce is not None and self.rank == 0 else _no_announcement
         if self.claims is None or self.links is None or self._busy or not 1 < len(items) <= MAX_BATCH:
@@ -118,7 +121,8 @@ class Workers:
         batch = _Batch((self._batch, getattr(function, "__qualname__", ""), *labels), list(shared))
         found: dict[int, Any] = {}
         sent: dict[int, _Packed | None] = {}
-        for place in self._order(labels):
+        known = {label for item, label in zip(items, labels, strict=True) if long is not None and long(item)}
+        for place in self._order(labels, known):
             if self.claims.take(place, self._batch):
                 begun(self.claims.taken(len(items), self._batch) - 1, len(items))
                 start = perf_counter()
@@ -142,15 +146,16 @@ class Workers:
         """The result of every task, in their order, computed by `map`."""
         return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared)
 
-    def _order(self, labels: Sequence[str]) -> list[int]:
+    def _order(self, labels: Sequence[str], known_long: Set[str]) -> list[int]:
         """Order in which a process takes items: labels it had before (longest first), new labels, labels of others.
 
-        A label's time is the longest that it took. Of new labels the copies begin with the first and the original with
-        the last, as it may come later to a batch.
+        A label's time is the longest that it took, or longer than all others where it is known to be long. Of new
+        labels the copies begin with the first and the original with the last, as it may come later to a batch.
         """
         begin = (self.rank - 1) % self.count * len(labels) // self.count
         rotated = [*range(begin, len(labels)), *range(begin)]
-        return sorted(rotated, key=lambda p: (-self._own_times.get(labels[p], 0.0), labels[p] in self._others))
+        times = {label: inf if label in known_long else taken for label, taken in self._own_times.items()}
+        return sorted(rotated, key=lambda p: (-times.get(labels[p], 0.0), labels[p] in self._others))
 
     def _tried(self, function: Callable[[Item], Result], item: Item) -> Result | _Raised:
         """The function's result or its exception; a nested batch is computed by this process alone."""
