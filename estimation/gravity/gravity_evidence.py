@@ -52,6 +52,8 @@ def gravity_evidence(
     if not _leaves_enough(moments):
         return None
     found = estimated_gravity(moments, _independent(recordings), convention)
+    if not _explains_enough(found):
+        return None
     mistaken = [[mistake(own) for own in samples] for mistake in MISTAKES]
     others = [_weight(own, upright_direction(3), gravity) for own in (samples, *mistaken)]
     return found if _is_shown(found, samples, others, gravity) else None
@@ -72,7 +74,7 @@ def _in_plane(recordings: Sequence[Recording], gravity: float, signs: Array) -> 
     if not _leaves_enough(_moments(samples, gravity)):
         return None
     found = estimated_gravity(_moments(samples, gravity), _independent(recordings))
-    if not found.decided or np.trace(found.fit.matrix) <= 0:
+    if not found.decided or np.trace(found.fit.matrix) <= 0 or not _explains_enough(found):
         return None
     others = [_weight(samples, upright_direction(2), gravity)]
     return found if _is_shown(found, samples, others, gravity) else None
@@ -82,15 +84,18 @@ def _independent(recordings: Sequence[Recording]) -> int:
     return sum(independent_samples(r.samples, at_rest=r.at_rest) for r in recordings)
 
 
-def _is_shown(
-    found: GravityEstimate, samples: Sequence[SensorSamples], others: Sequence[WeightFit], gravity: float
-) -> bool:
-    """Whether the base is shown not to stand upright, but as found, and most of what an upright one leaves explained.
+def _explains_enough(found: GravityEstimate) -> bool:
+    """Whether the base stands otherwise than upright, and most of what an upright one leaves is explained so.
 
     An effect that pulls one way, as a tether does, is a small part of a turned weight.
     """
-    if found.is_upright or found.fit.rms**2 > (1 - LEAST_EXPLAINED) * found.upright.rms**2:
-        return False
+    return not found.is_upright and found.fit.rms**2 <= (1 - LEAST_EXPLAINED) * found.upright.rms**2
+
+
+def _is_shown(
+    found: GravityEstimate, samples: Sequence[SensorSamples], others: Sequence[WeightFit], gravity: float
+) -> bool:
+    """Whether the base is shown to stand as found, against `others` and the best of the directions unlike it."""
     turned, rivals = _weight(samples, found.direction, gravity), [*others, _weight(samples, found.rival, gravity)]
     return all(turned.is_shown_against(rival, len(rivals)) for rival in rivals)
 
