@@ -329,7 +329,7 @@ def test_the_version_of_a_library_is_that_of_its_metadata(library: str) -> None:
         ("bare_library-3.2-py3.11.egg-info", "bare_library-3.2-py3.11"),
     ],
 )
-def test_a_library_without_metadata_states_its_version(
+def test_a_version_is_that_of_a_wheel_or_an_egg_or_else_the_library_states_it(
     metadata: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "bare_library").mkdir()

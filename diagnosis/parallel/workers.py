@@ -107,7 +107,7 @@ class Workers:
         """The function of every item, in their order; each free process takes the next item (dynamic scheduling).
 
         A process first takes items with a `label` that it had before, as its caches may serve them, the longest first;
-        `long` tells items that are longer than they were. `shared` are objects that results may refer to and that are
+        items that are `long` count as the longest, whatever time they took before. `shared` are objects that results may refer to and that are
         not sent: each process has its own. An exception is raised unchanged in every process, that of the first item
         first. A result that cannot be pickled is computed by each process; items of a killed copy are computed by the
         original, which also announces how many items are begun. The arrays of a result must not be written to

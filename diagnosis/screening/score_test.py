@@ -104,7 +104,7 @@ def run_searches(
         wanted,
         lambda key: _search(NullModel.of(key[0], cache), key[1]),
         label=lambda key: key[1].id,
-        long=lambda key: key[1].stage is Stage.DEFLECTION,  # solved over the record, long where that has an event
+        long=lambda key: key[1].stage is Stage.DEFLECTION,  # five times as long, once the model has an event
         shared=[thing for fit in fits for thing in shared_objects(fit)],
         announce=announce,
     )
