@@ -107,11 +107,11 @@ class Workers:
         """The function of every item, in their order; each free process takes the next item (dynamic scheduling).
 
         A process first takes items with a `label` that it had before, as its caches may serve them, the longest first;
-        items that are `long` count as the longest, whatever time they took before. `shared` are objects that results may refer to and that are
-        not sent: each process has its own. An exception is raised unchanged in every process, that of the first item
-        first. A result that cannot be pickled is computed by each process; items of a killed copy are computed by the
-        original, which also announces how many items are begun. The arrays of a result must not be written to
-        afterwards: they are sent when the batch is done.
+        items that are `long` count as the longest, whatever time they took before. `shared` are objects that results
+        may refer to and that are not sent: each process has its own. An exception is raised unchanged in every process,
+        that of the first item first. A result that cannot be pickled is computed by each process; items of a killed
+        copy are computed by the original, which also announces how many items are begun. The arrays of a result must
+        not be written to afterwards: they are sent when the batch is done.
         """
         begun = announce if announce is not None and self.rank == 0 else _no_announcement
         if self.claims is None or self.links is None or self._busy or not 1 < len(items) <= MAX_BATCH:
