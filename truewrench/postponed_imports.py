@@ -1,7 +1,8 @@
 """Modules that a command imports without using them are loaded with their first use.
 
 SciPy's array API takes over every public name of NumPy, and NumPy imports the submodule behind each: its Fortran
-wrapper generator and its test tools are a quarter of the time in which SciPy is imported.
+wrapper generator and its test tools are a quarter of the time in which SciPy is imported. SciPy's reader of docstrings
+needs `pydoc` for classes alone.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 
-POSTPONED = frozenset({"numpy.f2py", "numpy.testing"})
+POSTPONED = frozenset({"numpy.f2py", "numpy.testing", "pydoc"})
 """Modules that no command needs, and that are imported nevertheless."""
 
 

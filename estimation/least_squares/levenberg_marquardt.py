@@ -163,8 +163,12 @@ def _is_kink(
 ) -> bool:
     """Whether a small part of an undamped step gains too little for a smooth model."""
     step = levenberg_marquardt_step(here, theta, bounds, 0.0)
-    gain, _ = _tried(np.clip(theta + KINK_PROBE * step, *bounds), here.cost, information, chi_square)
-    return gain < KINK_PROBE * (here.cost - here.shifted(step).cost)
+    probe = np.clip(theta + KINK_PROBE * step, *bounds)
+    try:
+        cost = information(probe).cost if chi_square is None else chi_square(probe)
+    except (InputError, np.linalg.LinAlgError):
+        return True
+    return not here.cost - cost >= KINK_PROBE * (here.cost - here.shifted(step).cost)
 
 
 def levenberg_marquardt_step(
