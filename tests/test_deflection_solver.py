@@ -58,30 +58,44 @@ def test_newton_comes_to_the_same_from_anywhere(steps: int, periodic: bool, monk
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("space", "samples"), [("plane", 96), ("plane", 97), ("space", 48)])
+@pytest.mark.parametrize(
+    ("space", "samples", "periodic"),
+    [("plane", 96, True), ("plane", 97, True), ("space", 48, True), ("plane", 96, False), ("space", 48, False)],
+)
 def test_derivatives_by_a_factorised_matrix_and_by_gmres(
-    space: str, samples: int, monkeypatch: pytest.MonkeyPatch
+    space: str, samples: int, periodic: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     times, dt = grid(samples)
     tool, theta = bent(space), vector(space, SPATIAL if space == "space" else TOOL | {"stiffness": 10.0})
     rows = tool.load.samples(turn(times) if space == "plane" else three_axes(times)[0], samples)
-    slopes = []
-    for most in (bending.FACTORISED_EQUATIONS, 0):
-        monkeypatch.setattr(bending, "FACTORISED_EQUATIONS", most)
-        found = solve_deflection(tool.equation, rows, theta, TimeBase(dt, True)).slopes
+    slopes, products, multiplied = [], [], bending._product
+
+    def counted(*given: Array) -> Array:
+        products.append(given)
+        return multiplied(*given)
+
+    monkeypatch.setattr(bending, "_product", counted)
+    for limits in ({}, {"FACTORISED_EQUATIONS": 0, "STORED_NUMBERS": 100}):
+        for name, limit in limits.items():
+            monkeypatch.setattr(bending, name, limit)
+        products.clear()
+        found = solve_deflection(tool.equation, rows, theta, TimeBase(dt, periodic)).slopes
         slopes.append(found.reshape(samples, 3, -1, len(theta)))  # angles, rates, accelerations
+        # The right side of each parameter, and with a factorisation the check of its solution: nothing is iterated.
+        assert (len(products) <= 2 * len(theta)) == (limits == {})
     size = np.abs(slopes[0]).max(axis=(0, 2))
     assert (size[0] > 0).sum() > 3
     # GMRES stops at a relative residual of 1e-10; accelerations have more of it at high frequencies.
     assert (np.abs(slopes[0] - slopes[1]).max(axis=(0, 2)) <= 1e-7 * size).all()
 
 
+@pytest.mark.parametrize("periodic", [True, False])
 @pytest.mark.parametrize("value", [0.0, np.nan])
-def test_a_matrix_that_cannot_be_solved_is_refused_in_words(value: float) -> None:
+def test_a_matrix_that_cannot_be_solved_is_refused_in_words(value: float, periodic: bool) -> None:
     times, dt = grid(128)
     tool, theta = bent("plane"), vector("plane", TOOL | {"stiffness": 10.0, "damping": 0.05})
     rows = tool.load.samples(turn(times), 128)
-    start = _OscillatingTool.of(tool.equation, rows, theta, TimeBase(dt, True))
+    start = _OscillatingTool.of(tool.equation, rows, theta, TimeBase(dt, periodic))
     with pytest.raises(InputError, match="did not converge"):
         start.derivatives(np.full((128, 1, 3), value), np.ones((2, 1, 128)))
 
@@ -197,9 +211,9 @@ def test_a_mode_goes_on_as_a_filter_does() -> None:
     motion = np.empty((2, 1, n))
     mode = TransientResponse(np.array([inertia]), lag, dt)
     mode._recurrence(np.array([1.0]), np.zeros((1, 2, n - 1)), motion)
-    trace, determinant = np.trace(mode._step), np.linalg.det(mode._step)
+    trace, determinant = np.trace(mode.step), np.linalg.det(mode.step)
     impulse = np.eye(1, n)[0]
-    expected = lfilter([1.0, mode._step[0, 0] - trace], [1.0, -trace, determinant], impulse)
+    expected = lfilter([1.0, mode.step[0, 0] - trace], [1.0, -trace, determinant], impulse)
     np.testing.assert_allclose(motion[0, 0], expected, atol=1e-12)
 
 
@@ -212,3 +226,16 @@ def test_an_oscillator_obeys_its_equation(periodic: bool) -> None:
     drive = rng.normal(size=(3, 101))
     angles, rates, accelerations = np.split(oscillator.response(drive), 3)
     np.testing.assert_allclose(mass @ accelerations + stiffness @ (0.02 * rates + angles), drive, atol=1e-11)
+
+
+@pytest.mark.parametrize("samples", [4, 5, 60])
+@pytest.mark.parametrize("modes", [1, 2, 3])
+def test_banded_equations_of_a_transient(modes: int, samples: int) -> None:
+    """The response to their inputs solves the equations, whose coefficients differ from sample to sample by a tenth."""
+    rng = np.random.default_rng(3)
+    oscillator = Oscillator.of(OscillatorCoefficients(1e-3 * np.eye(modes), 0.02, np.eye(modes)), TimeBase(5e-3, False))
+    by_each = np.eye(modes) + 0.1 * rng.normal(size=(samples, 3, modes, modes))
+    by_response = np.concatenate([size * by_each[:, i] for i, size in enumerate((1.0, 0.02, 1e-3))], axis=2)
+    rights = rng.normal(size=(2, modes, samples))
+    for right, drive in zip(rights, oscillator.transient_inputs(by_response, rights), strict=True):
+        np.testing.assert_allclose(bending._product(by_response, oscillator.response(drive)), right, atol=1e-10)

@@ -5,8 +5,9 @@ linear oscillator with constant coefficients, as the tool's inertia in tool axes
 oscillator's input g: with (b, b', b'') = R g its response, F(R g) = 0. As F' R is close to the identity, the iteration
 g <- g - F(R g) is accelerated by Anderson mixing (`modeling.dynamics.deflection.anderson_mixing`), without derivatives.
 Where it converges slowly, near a resonance, Newton's method continues from its last iterate: each step, F' R dg = -F,
-is solved by GMRES (Saad and Schultz 1986). The derivative in a parameter satisfies F' (R dg + dR g) = -dF/dtheta; for
-a short period the matrix F' R is factorised once for all parameters.
+is solved by GMRES (Saad and Schultz 1986). The derivative in a parameter satisfies F' (R dg + dR g) = -dF/dtheta: one
+factorisation solves it for all parameters, of the matrix F' R of a short period or of the banded equations of a
+transient (`transient_equations`), and GMRES corrects what its rounding leaves.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from modeling.dynamics.deflection.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
 from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE, EquationOfMotion, MotionResidual
 from modeling.dynamics.deflection.oscillator import Oscillator, OscillatorCoefficients
+from modeling.dynamics.deflection.transient_equations import TransientEquations
 from modeling.dynamics.time_base import TimeBase
 from modeling.errors import InputError
 
@@ -60,13 +62,14 @@ DERIVATIVE_TOLERANCE = 1e-10
 
 FACTORISED_EQUATIONS = 500
 """Equations of a steady state up to which the matrix of the parameter derivatives is factorised: for a dozen parameters
-faster than GMRES, near a resonance five times."""
+faster than GMRES, near a resonance five times. That of a transient is banded, and limited by `STORED_NUMBERS`."""
 
 KRYLOV_DIMENSION = 150
 """Krylov dimension before GMRES restarts: ten suffice away from a resonance, sixty near one; limited by:"""
 
 STORED_NUMBERS = 2**24
-"""Floats (128 MB) stored for all Krylov vectors or Anderson steps; a longer record has fewer of them."""
+"""Floats (128 MB) stored for all Krylov vectors or Anderson steps, or for a banded matrix; a longer record has fewer of
+the former, and no matrix."""
 
 MINIMUM_KRYLOV_DIMENSION = 16
 """Minimum number of stored Krylov vectors or Anderson steps."""
@@ -211,7 +214,7 @@ class _OscillatingTool:
                 own += self.oscillator.change(deflection, _coefficients(change))
         return found
 
-    def solution(self, by_deflection: Array, right: Array, tolerance: float) -> Array:
+    def solution(self, by_deflection: Array, right: Array, tolerance: float, first_drive: Array | None = None) -> Array:
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if not np.any(right):
@@ -224,22 +227,42 @@ class _OscillatingTool:
         operator = LinearOperator((right.size, right.size), matvec=applied, dtype=np.float64)
         restart = min(KRYLOV_DIMENSION, max(STORED_NUMBERS // right.size, MINIMUM_KRYLOV_DIMENSION), right.size)
         drive, unsolved = gmres(
-            operator, right.ravel(), rtol=tolerance, restart=restart, maxiter=-(-MAXIMUM_PRODUCTS // restart)
+            operator,
+            right.ravel(),
+            x0=None if first_drive is None else first_drive.ravel(),
+            rtol=tolerance,
+            restart=restart,
+            maxiter=-(-MAXIMUM_PRODUCTS // restart),
         )
         if unsolved or not np.all(np.isfinite(drive)):
             raise _not_converged()
         return self.oscillator.response(drive.reshape(right.shape))
 
     def derivatives(self, by_deflection: Array, rights: Array) -> Array:
-        if not self.oscillator.clock.periodic or rights[0].size > FACTORISED_EQUATIONS:
-            return np.stack([self.solution(by_deflection, right, DERIVATIVE_TOLERANCE) for right in rights])
+        found = np.zeros((len(rights), by_deflection.shape[2], rights.shape[2]))
+        moved = np.flatnonzero(rights.any(axis=(1, 2)))
+        drives = self._direct_drives(by_deflection, rights[moved]) if len(moved) else None
+        for number, place in enumerate(moved):
+            first = None if drives is None else drives[number]
+            found[place] = self.solution(by_deflection, rights[place], DERIVATIVE_TOLERANCE, first)
+        return found
+
+    def _direct_drives(self, by_deflection: Array, rights: Array) -> Array | None:
+        """Drives (k, d, n) for right sides (k, d, n) by one factorisation; None where it is too large or singular."""
+        periodic, (count, size, _) = self.oscillator.clock.periodic, by_deflection.shape
+        if periodic and count * size > FACTORISED_EQUATIONS:
+            return None
+        if not periodic and TransientEquations.stored_numbers(count, size) > STORED_NUMBERS:
+            return None
         try:
-            drives = np.linalg.solve(self._matrix(by_deflection), rights.reshape(len(rights), -1).T).T
+            if periodic:
+                flat = rights.reshape(len(rights), -1)
+                drives = np.asarray(np.linalg.solve(self._matrix(by_deflection), flat.T).T).reshape(rights.shape)
+            else:
+                drives = self.oscillator.transient_inputs(by_deflection, rights)
         except np.linalg.LinAlgError:
-            raise _not_converged() from None
-        if not np.all(np.isfinite(drives)):
-            raise _not_converged()
-        return np.stack([self.oscillator.response(drive) for drive in drives.reshape(rights.shape)])
+            return None
+        return drives if np.all(np.isfinite(drives)) else None
 
     def _matrix(self, by_deflection: Array) -> Array:
         """F' R (d n, d n) of a steady state: R is a convolution with the responses to an impulse at each angle."""

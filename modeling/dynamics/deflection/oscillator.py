@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from modeling.dynamics.deflection.transient_equations import TransientEquations
 from modeling.dynamics.deflection.transient_response import TransientResponse
 from modeling.dynamics.time_base import TimeBase
 from modeling.errors import InputError
@@ -62,6 +63,15 @@ class Oscillator:
         return self._modal_to_angles(
             self._steady_state(modal) if self.clock.periodic else self._transient.motion(modal)
         )
+
+    def transient_inputs(self, by_response: Array, rights: Array) -> Array:
+        """Inputs (k, d, n) whose transient response solves by_response (n, d, 3 d) response = right, for (k, d, n).
+
+        By one banded factorisation, to rounding. Raises LinAlgError where there is none.
+        """
+        by_modes = [part @ self.modes for part in np.split(by_response, 3, axis=2)]
+        modal = TransientEquations.of(self._transient, *by_modes)
+        return np.asarray(np.linalg.solve(self.modes.T, modal.inputs(rights)))
 
     def drive(self, response: Array) -> Array:
         """The input (d, n) that has the response (3 d, n)."""

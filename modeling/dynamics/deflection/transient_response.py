@@ -48,7 +48,7 @@ class TransientResponse:
         d = len(drive)
         step, gains = self._flow_change(d_inertia, d_lag)
         states = motion[:2, :, :-1].reshape(2 * d, -1)
-        forcing = (step @ states + gains @ _stacked(_ends(drive)) + self._gains @ _stacked(_ends(d_drive))).reshape(
+        forcing = (step @ states + gains @ _stacked(_ends(drive)) + self.gains @ _stacked(_ends(d_drive))).reshape(
             2, d, -1
         )
         found = np.empty(motion.shape)
@@ -98,11 +98,13 @@ class TransientResponse:
         return self._step_and_gains(expm(self._generator))
 
     @property
-    def _step(self) -> Array:
+    def step(self) -> Array:
+        """Of the states (q, q') of all modes over one sampling interval, (2 d, 2 d)."""
         return self._flow[0]
 
     @property
-    def _gains(self) -> Array:
+    def gains(self) -> Array:
+        """From the input's values and slopes (per step) at both ends of an interval, y0, y1, s0, s1, (2 d, 4 d)."""
         return self._flow[1]
 
     @cached_property
@@ -110,7 +112,7 @@ class TransientResponse:
         """Gains of each decoupled mode, (d, 2, 4)."""
         d = len(self.inertias)
         own = np.arange(d)
-        return np.ascontiguousarray(self._gains.reshape(2, d, 4, d)[:, own, :, own])
+        return np.ascontiguousarray(self.gains.reshape(2, d, 4, d)[:, own, :, own])
 
     def _flow_change(self, d_inertia: Array, d_lag: float) -> tuple[Array, Array]:
         """Directional derivative of step and gains; the system matrix changes in the rows of the rates."""
@@ -149,7 +151,7 @@ class TransientResponse:
         """Adjugate (d, 2, 2), of the same trace, and determinant (d,) of each mode's step."""
         d = len(self.inertias)
         own = np.arange(d)
-        steps = self._step.reshape(2, d, 2, d)[:, own, :, own]
+        steps = self.step.reshape(2, d, 2, d)[:, own, :, own]
         traces = np.trace(steps, axis1=1, axis2=2)
         return traces[:, None, None] * np.eye(2) - steps, np.linalg.det(steps)
 
