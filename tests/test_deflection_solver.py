@@ -14,8 +14,9 @@ from scipy.signal import lfilter
 from modeling.dynamics.deflection import deflection_solver as bending
 from modeling.dynamics.deflection.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
 from modeling.dynamics.deflection.deflection_solver import _OscillatingTool, solve_deflection
+from modeling.dynamics.deflection.equidistant_spline import SplineSlopes, interpolated
 from modeling.dynamics.deflection.oscillator import Oscillator, OscillatorCoefficients
-from modeling.dynamics.deflection.transient_response import TransientResponse, _SplineSlopes
+from modeling.dynamics.deflection.transient_response import TransientResponse
 from modeling.dynamics.time_base import TimeBase
 from modeling.errors import InputError
 from tests.test_dynamics import PERIOD, SPATIAL, TOOL, bent, grid, integrated, solved, three_axes, turn, vector
@@ -186,7 +187,15 @@ def test_mixing_forgets_what_its_memory_does_not_hold() -> None:
 def test_slopes_of_a_spline(samples: int) -> None:
     values = np.random.default_rng(1).normal(size=(2, samples))
     expected = CubicSpline(np.arange(samples), values, axis=1)(np.arange(samples), 1)
-    np.testing.assert_allclose(_SplineSlopes.of(samples).of_values(values), expected, atol=1e-13)
+    np.testing.assert_allclose(SplineSlopes.of(samples).of_values(values), expected, atol=1e-13)
+
+
+@pytest.mark.parametrize(("samples", "count"), [(4, 25), (4, 32), (50, 393)])
+def test_a_spline_between_its_values(samples: int, count: int) -> None:
+    """Also beyond the last one, by less than an interval."""
+    values = np.random.default_rng(4).normal(size=(2, samples))
+    expected = CubicSpline(np.arange(samples), values, axis=1)(np.arange(count) / 8)
+    np.testing.assert_allclose(interpolated(values, 8, count), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("dt", [1e-3, 1e-2])

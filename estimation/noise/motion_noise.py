@@ -54,10 +54,10 @@ class MotionNoise:
 
     @property
     def variance(self) -> Array:
-        """Variance (n, p) of each sample."""
-        from scipy.ndimage import uniform_filter1d
-
-        return np.asarray(uniform_filter1d(np.mean(self.errors**2, axis=0), WINDOW, axis=0, mode="nearest"))
+        """Variance (n, p) of each sample, averaged over `WINDOW` of them."""
+        padded = np.pad(np.mean(self.errors**2, axis=0), ((WINDOW // 2, (WINDOW - 1) // 2), (0, 0)), mode="edge")
+        weights = np.full(WINDOW, 1 / WINDOW)
+        return np.stack([np.convolve(channel, weights, mode="valid") for channel in padded.T], axis=1)
 
     @property
     def is_usual(self) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ g <- g - F(R g) is accelerated by Anderson mixing (`modeling.dynamics.deflection
 Where it converges slowly, near a resonance, Newton's method continues from its last iterate: each step, F' R dg = -F,
 is solved by GMRES (Saad and Schultz 1986). The derivative in a parameter satisfies F' (R dg + dR g) = -dF/dtheta: one
 factorisation solves it for all parameters, of the matrix F' R of a short period or of the banded equations of a
-transient (`transient_equations`), and GMRES corrects what its rounding leaves.
+transient (`transient_equations`), or else GMRES.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from modeling.dynamics.deflection.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
 from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE, EquationOfMotion, MotionResidual
+from modeling.dynamics.deflection.equidistant_spline import interpolated
 from modeling.dynamics.deflection.oscillator import Oscillator, OscillatorCoefficients
 from modeling.dynamics.deflection.transient_equations import TransientEquations
 from modeling.dynamics.time_base import TimeBase
@@ -214,7 +215,7 @@ class _OscillatingTool:
                 own += self.oscillator.change(deflection, _coefficients(change))
         return found
 
-    def solution(self, by_deflection: Array, right: Array, tolerance: float, first_drive: Array | None = None) -> Array:
+    def solution(self, by_deflection: Array, right: Array, tolerance: float) -> Array:
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if not np.any(right):
@@ -227,12 +228,7 @@ class _OscillatingTool:
         operator = LinearOperator((right.size, right.size), matvec=applied, dtype=np.float64)
         restart = min(KRYLOV_DIMENSION, max(STORED_NUMBERS // right.size, MINIMUM_KRYLOV_DIMENSION), right.size)
         drive, unsolved = gmres(
-            operator,
-            right.ravel(),
-            x0=None if first_drive is None else first_drive.ravel(),
-            rtol=tolerance,
-            restart=restart,
-            maxiter=-(-MAXIMUM_PRODUCTS // restart),
+            operator, right.ravel(), rtol=tolerance, restart=restart, maxiter=-(-MAXIMUM_PRODUCTS // restart)
         )
         if unsolved or not np.all(np.isfinite(drive)):
             raise _not_converged()
@@ -243,8 +239,11 @@ class _OscillatingTool:
         moved = np.flatnonzero(rights.any(axis=(1, 2)))
         drives = self._direct_drives(by_deflection, rights[moved]) if len(moved) else None
         for number, place in enumerate(moved):
-            first = None if drives is None else drives[number]
-            found[place] = self.solution(by_deflection, rights[place], DERIVATIVE_TOLERANCE, first)
+            right = rights[place]
+            if drives is not None:
+                found[place] = self.oscillator.response(drives[number])
+            if drives is None or not _is_solution(by_deflection, found[place], right):
+                found[place] = self.solution(by_deflection, right, DERIVATIVE_TOLERANCE)
         return found
 
     def _direct_drives(self, by_deflection: Array, rights: Array) -> Array | None:
@@ -285,8 +284,6 @@ class _OscillatingTool:
         zero = np.zeros((3 * equations.size, count))
         if clock.periodic or clock.dt is None or count < COARSENING_FACTOR * LINEARISATION_SAMPLES:
             return zero
-        from scipy.interpolate import CubicSpline
-
         decimated = TimeBase(clock.dt * COARSENING_FACTOR, periodic=False)
         try:
             coarse = solve_deflection(
@@ -294,7 +291,7 @@ class _OscillatingTool:
             )
         except InputError:
             return zero
-        deflection = CubicSpline(np.arange(0, count, COARSENING_FACTOR), coarse.values.T, axis=1)(np.arange(count))
+        deflection = interpolated(np.ascontiguousarray(coarse.values.T), COARSENING_FACTOR, count)
         return self.oscillator.response(self.oscillator.drive(deflection) - balance.of(deflection))
 
     def anderson_converges(self, balance: MotionResidual, deflection: Array, tolerance: float) -> bool:
@@ -319,6 +316,12 @@ class _OscillatingTool:
             if _relative(change, deflection) <= tolerance:
                 return True
         return False
+
+
+def _is_solution(by_deflection: Array, response: Array, right: Array) -> bool:
+    """Whether by_deflection (n, d, 3 d) response (3 d, n) is right (d, n), to `DERIVATIVE_TOLERANCE`."""
+    error = np.linalg.norm(_product(by_deflection, response) - right)
+    return bool(error <= DERIVATIVE_TOLERANCE * np.linalg.norm(right))
 
 
 def _product(by_deflection: Array, change: Array) -> Array:

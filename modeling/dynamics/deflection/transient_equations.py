@@ -88,7 +88,7 @@ class TransientEquations:
         blocks.add(slice(0, -1), 1, (0, 2 * d), -slope_before)
 
     def _add_slopes(self, blocks: _Blocks) -> None:
-        """Equations of the spline's slopes (`_SplineSlopes`); at the ends six times the first less the second.
+        """Equations of the spline's slopes (`SplineSlopes`); at the ends six times the first less the second.
 
         That is 5 s_0 + 8 s_1 - s_2 = 12 (y_1 - y_0), and its mirror image.
         """

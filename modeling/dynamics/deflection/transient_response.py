@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+
+from modeling.dynamics.deflection.equidistant_spline import SplineSlopes
 
 Array = NDArray[np.float64]
 
@@ -158,53 +160,10 @@ class TransientResponse:
 
 def _ends(drive: Array) -> Array:
     """Values and slopes (per step) at both ends of each step, y0, y1, s0, s1: (d, 4, n - 1)."""
-    slopes = _SplineSlopes.of(drive.shape[1]).of_values(drive)
+    slopes = SplineSlopes.of(drive.shape[1]).of_values(drive)
     return np.stack([drive[:, :-1], drive[:, 1:], slopes[:, :-1], slopes[:, 1:]], axis=1)
 
 
 def _stacked(ends: Array) -> Array:
     """The same with all modes stacked, (4 d, n - 1)."""
     return np.asarray(ends.swapaxes(0, 1).reshape(-1, ends.shape[2]))
-
-
-@dataclass(frozen=True, eq=False)
-class _SplineSlopes:
-    """Slopes of the cubic spline through n equidistant values, by factorisation of its tridiagonal system.
-
-    s_{i-1} + 4 s_i + s_{i+1} = 3 (y_{i+1} - y_{i-1}) inside; not-a-knot conditions at the ends, s_0 + 2 s_1 =
-    (5 (y_1 - y_0) + y_2 - y_1) / 2 and its mirror image (de Boor, A Practical Guide to Splines, 1978, IV): SciPy's
-    `CubicSpline` with stored factors. Eliminating s_0 and s_{n-1} makes the system symmetric: 2 s_1 + s_2 is the second
-    right-hand side minus the first.
-
-    factors  diagonal and subdiagonal of the Cholesky factors for the inner n - 2 slopes
-    """
-
-    factors: tuple[Array, Array]
-
-    @classmethod
-    def of(cls, count: int) -> _SplineSlopes:
-        """For n >= 4 values; cached."""
-        return _factored(count)
-
-    def of_values(self, y: Array) -> Array:
-        """Slopes (d, n) per step, of values (d, n)."""
-        from scipy.linalg.lapack import dpttrs
-
-        first = (5 * (y[:, 1] - y[:, 0]) + y[:, 2] - y[:, 1]) / 2
-        last = (5 * (y[:, -1] - y[:, -2]) + y[:, -2] - y[:, -3]) / 2
-        right = 3 * (y[:, 2:] - y[:, :-2])
-        right[:, 0] -= first
-        right[:, -1] -= last
-        found = np.empty_like(y)
-        found[:, 1:-1] = dpttrs(*self.factors, right.T, overwrite_b=True)[0].T
-        found[:, 0], found[:, -1] = first - 2 * found[:, 1], last - 2 * found[:, -2]
-        return found
-
-
-@lru_cache(maxsize=8)
-def _factored(count: int) -> _SplineSlopes:
-    from scipy.linalg.lapack import dpttrf
-
-    middle = np.full(count - 2, 4.0)
-    middle[[0, -1]] = 2.0
-    return _SplineSlopes(dpttrf(middle, np.ones(count - 3))[:2])
