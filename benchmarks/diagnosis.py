@@ -120,14 +120,6 @@ def compared(files: Files, before: Path, after: Path, rounds: int) -> tuple[tupl
     return row, new_cpu, old_cpu
 
 
-def workers_gain(files: Files, after: Path, rounds: int, options: Sequence[str] = ()) -> float:
-    """Wall time of one worker over that of two, the median of the rounds."""
-    walls = [
-        [run_once(after, files, ("--workers", str(count), *options)).wall for count in (1, 2)] for _ in range(rounds)
-    ]
-    return median(one / two for one, two in walls)
-
-
 def line(cells: Sequence[str], widths: Sequence[int]) -> str:
     """Cells beside each other, the first to the left."""
     return "  ".join(c.rjust(w) if i else c.ljust(w) for i, (c, w) in enumerate(zip(cells, widths, strict=True)))
@@ -140,7 +132,6 @@ def main() -> None:
     parser.add_argument("--group", action="append", choices=["planar", *GROUPS], help="default: all")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--data", type=Path, default=Path(tempfile.gettempdir()) / "truewrench_benchmark")
-    parser.add_argument("--workers", action="store_true", help="two workers against one instead")
     arguments = parser.parse_args()
     after = Path(__file__).parents[1]
     widths = (30, 7, 7, 6, 7, 7, 6, 6, 4)
@@ -148,12 +139,6 @@ def main() -> None:
         total = [0.0, 0.0]
         print(line(HEADER, widths))
         for files in files_of(group, arguments.data):
-            if arguments.workers:
-                out = ("--out", str(arguments.data / "report"))
-                plain, reported = (workers_gain(files, after, arguments.rounds, options) for options in ((), out))
-                gains = f"{plain:.2f} times as long as two, {reported:.2f} with a report"
-                print(f"{files.name}: one worker takes {gains}", flush=True)
-                continue
             row, new, old = compared(files, arguments.before, after, arguments.rounds)
             total = [total[0] + new, total[1] + old]
             print(line(row, widths), flush=True)
