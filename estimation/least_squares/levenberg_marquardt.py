@@ -26,9 +26,10 @@ DAMPING_DECREASE = 0.1
 NEGLIGIBLE_CHANGE = 1e-6
 """Of chi-square: predicted of a step that need not be evaluated, or found after one that was damped."""
 STALLED_TRIALS, STALL_TOLERANCE = 8, 0.01
-"""Damped trials in a row, and what they lower chi-square by together, from which on a minimum is taken for a kink if a
-small part of an undamped step gains nothing either. Where the slope of a model jumps (a cable that goes taut between
-two samples), no undamped step ends at a minimum."""
+"""Damped trials in a row, and what they lower chi-square by together, from which on the minimum is found if an undamped
+step is not predicted to lower it by more either (a tenth of a std), or if a small part of that step gains nothing (a
+kink). Where the slope of a model jumps (a cable that goes taut between two samples), no undamped step ends at a
+minimum."""
 KINK_PROBE = 1e-3
 """That part: a smooth model gains twice this share of what an undamped step is predicted to gain, less than half of it
 is taken for nothing."""
@@ -82,7 +83,7 @@ def levenberg_marquardt(
     all damped steps gain nothing: with `chi_square(theta)`, which needs no derivative of the rows, they end there.
     A caller that only tests whether the chi-square falls below some value gives a limit `far` above it: there the
     iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the chi-square.
-    A minimum where the model has a kink is one in which damped and small steps gain nothing (`_is_kink`).
+    A minimum where the model has kinks is one in which damped and small steps gain nothing (`_nothing_to_gain`).
     """
     theta, damping = np.clip(start, *bounds), _Damping()
     here, gains = information(theta), [np.inf]
@@ -100,7 +101,7 @@ def levenberg_marquardt(
         gains = [*gains, max(gain, 0.0)][-STALLED_TRIALS:] if damping.strength else [np.inf]
         settled = 0 < gain < STEP_TOLERANCE and not damping.strength
         if len(gains) == STALLED_TRIALS and sum(gains) < STALL_TOLERANCE:
-            settled |= _is_kink(theta, here, bounds, information, chi_square)
+            settled |= _nothing_to_gain(theta, here, bounds, information, chi_square)
         damping = damping.after(gain, expected)
         # With very many rows the rounding of the chi-square itself exceeds the tolerance.
         settled |= abs(gain) < NEGLIGIBLE_CHANGE + 4 * EPS * here.cost
@@ -154,21 +155,24 @@ def _tried(
     return (gain, found) if np.isfinite(gain) else (-np.inf, None)
 
 
-def _is_kink(
+def _nothing_to_gain(
     theta: Array,
     here: SquareRootInformation,
     bounds: tuple[Array, Array],
     information: Callable[[Array], SquareRootInformation],
     chi_square: Callable[[Array], float] | None,
 ) -> bool:
-    """Whether a small part of an undamped step gains too little for a smooth model."""
+    """Whether an undamped step is predicted to gain next to nothing, or a small part of it less than if smooth."""
     step = levenberg_marquardt_step(here, theta, bounds, 0.0)
+    predicted = here.cost - here.shifted(step).cost
+    if predicted < STALL_TOLERANCE:
+        return True
     probe = np.clip(theta + KINK_PROBE * step, *bounds)
     try:
         cost = information(probe).cost if chi_square is None else chi_square(probe)
     except (InputError, np.linalg.LinAlgError):
         return True
-    return not here.cost - cost >= KINK_PROBE * (here.cost - here.shifted(step).cost)
+    return not here.cost - cost >= KINK_PROBE * predicted
 
 
 def levenberg_marquardt_step(
