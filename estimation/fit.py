@@ -448,10 +448,12 @@ def refit(
     first_noise: Sequence[RecordingNoise] | None = None,
     start: Mapping[str, float] | None = None,
     constraints: Constraints | None = None,
+    far: float = np.inf,
 ) -> Fit:
     """`fit` with the sign convention decided, without the check of the mass; used by the model selection.
 
-    `noise` is kept; `first_noise`, by default `initial_noise`, is re-estimated where it comes from the residual.
+    `noise` is kept; `first_noise`, by default `initial_noise`, is re-estimated where it comes from the residual. A
+    chi-square that falls slowly towards `far` ends the refit before it has converged (`levenberg_marquardt`).
     """
     unknowns = parameter_layout(model, several)
     theta = initial_values(unknowns, start or {})
@@ -463,7 +465,7 @@ def refit(
     while True:
         problem = WhitenedProblem(unknowns, several, known)
         held = None if constraints is None else _constrained(problem, theta, constraints)
-        found = problem.minimise(theta) if held is None else held
+        found = problem.minimise(theta, far) if held is None else held
         theta = found.theta
         estimated = Fit(
             model, several, known, unknowns, theta, found.covariance, found.identifiable, found.converged, held

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 
 from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
 from diagnosis.parallel.progress import CountCallback, Progress, count_progress, silent
@@ -284,10 +285,10 @@ def _best_of_own_noises(candidates: Sequence[CandidateModel]) -> CandidateModel:
 
 
 def _best_in_noise_of(best: CandidateModel, others: Sequence[CandidateModel]) -> CandidateModel:
-    """The best by the criterion of a set and others, refitted in its noise."""
+    """The best by the criterion of a set and others, refitted in its noise, as far as they may be better."""
     shared = [*shared_objects(best.fit), best.cache]
     refits = best.cache.workers.map(
-        lambda c: refit_effects(best, c.added, c.fit.values),
+        lambda c: refit_effects(best, c.added, c.fit.values, far=best.criterion),
         others,
         label=lambda c: _ids(c.added),
         shared=shared,
@@ -380,13 +381,16 @@ def refit_with_effect(candidate: CandidateModel, screening: ScoreTest) -> Candid
 
 
 def refit_effects(
-    candidate: CandidateModel, effects: Sequence[Effect], start: Mapping[str, float] | None = None
+    candidate: CandidateModel, effects: Sequence[Effect], start: Mapping[str, float] | None = None, far: float = inf
 ) -> CandidateModel:
-    """The candidate with another set of effects, beside those given, refitted exactly in the same noise."""
+    """The candidate with another set of effects, beside those given, refitted exactly in the same noise.
+
+    Not beyond the step that shows that its chi-square does not come below `far`.
+    """
     before = candidate.fit
     model = before.model.base + candidate.given + effects
     start = {**before.values, **(start or {})}
-    after = refit(model, before.recordings, noise=before.noise, start=start)
+    after = refit(model, before.recordings, noise=before.noise, start=start, far=far)
     return CandidateModel(after, candidate.candidates, candidate.cache, candidate.given)
 
 

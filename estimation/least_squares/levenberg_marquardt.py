@@ -38,7 +38,7 @@ MAX_ACTIVE_SETS = 20
 NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
-"""Share of the chi-square that a step must gain while it is above `far`."""
+"""Share of what the chi-square exceeds `far` by that a step must gain: ten more such steps would not do."""
 NEGLIGIBLE_COLUMN_LENGTH = 1e-6
 """Norm of a whitened column that is only rounding: a million SI units would not move the readings by a std."""
 
@@ -82,7 +82,7 @@ def levenberg_marquardt(
     A trial without a prediction (a spring too soft to carry its tool) counts as a step without gain. Half of
     all damped steps gain nothing: with `chi_square(theta)`, which needs no derivative of the rows, they end there.
     A caller that only tests whether the chi-square falls below some value gives a limit `far` above it: there the
-    iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the chi-square.
+    iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the excess.
     A minimum where the model has kinks is one in which damped and small steps gain nothing (`_nothing_to_gain`).
     """
     theta, damping = np.clip(start, *bounds), _Damping()
@@ -96,7 +96,7 @@ def levenberg_marquardt(
         gain, there = _tried(trial, here.cost, information, chi_square if damping.strength else None)
         if there is not None and gain > 0:
             theta, here = trial, there
-            if here.cost > far and gain < SLOW_PROGRESS_SHARE * here.cost:
+            if gain < SLOW_PROGRESS_SHARE * (here.cost - far):
                 return LeastSquaresMinimum.at(theta, here, False)
         gains = [*gains, max(gain, 0.0)][-STALLED_TRIALS:] if damping.strength else [np.inf]
         settled = 0 < gain < STEP_TOLERANCE and not damping.strength

@@ -38,7 +38,7 @@ class PlayResponse:
         Raises InputError for a negative width.
         """
         columns = np.ascontiguousarray(np.transpose(load), dtype=float)
-        turns = [TurningPoints.of(column, periodic=periodic, smooth=smooth) for column in columns]
+        turns = TurningPoints.of_each(columns, periodic=periodic, smooth=smooth)
         return cls.turning(columns, turns, width, periodic=periodic)
 
     @classmethod
@@ -113,8 +113,10 @@ def _turning_points(
     load: bytes, shape: tuple[int, int, int], periodic: bool, smooth: bool
 ) -> tuple[tuple[TurningPoints, ...], ...]:
     """Turning points of each run and channel of a load (runs, p, n); kept for the last: many widths are tried on it."""
-    runs = np.frombuffer(load).reshape(shape)
-    return tuple(tuple(TurningPoints.of(column, periodic=periodic, smooth=smooth) for column in run) for run in runs)
+    runs, channels, samples = shape
+    series = np.frombuffer(load).reshape(runs * channels, samples)
+    found = TurningPoints.of_each(series, periodic=periodic, smooth=smooth)
+    return tuple(found[run * channels : (run + 1) * channels] for run in range(runs))
 
 
 @dataclass(frozen=True, eq=False)

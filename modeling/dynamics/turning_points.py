@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,27 +38,30 @@ class TurningPoints:
     branch: Indices
 
     @classmethod
-    def of(cls, series: Array, *, periodic: bool, smooth: bool) -> TurningPoints:
-        """Turning points of a series (n,); with `periodic` the series is cyclic.
+    def of_each(cls, series: Array, *, periodic: bool, smooth: bool) -> tuple[TurningPoints, ...]:
+        """Turning points of each of several series (p, n); with `periodic` they are cyclic.
 
         With `smooth` an extremum is that of the polynomial through the five samples around it (all, if there are
         fewer), within half a step of the extremal sample. Otherwise, at the end of a constant section (not smooth), and
         where the polynomial does not exceed the sample (noise), it is that sample. A single run that turns within its
         first or last step is treated as starting or ending there.
         """
-        crest, at = _turns(series, periodic)
-        samples, centre = _stencils(at, len(series), periodic)
-        around = series[samples]
+        turns = [_turns(one, periodic) for one in series]
+        crest, at = (np.concatenate(parts) for parts in zip(*turns, strict=True))
+        ends = np.cumsum([len(place) for _, place in turns])
+        number = np.repeat(np.arange(len(series)), np.diff(ends, prepend=0))
+        samples, centre = _stencils(at, series.shape[1], periodic)
+        around = series[number[:, None], samples]
         offset, weights = np.zeros(len(at)), np.eye(samples.shape[1])[centre]
         if smooth and samples.shape[1] >= 3:
-            shift, interpolation = _extrema(around, centre)
-            beyond = crest * (np.sum(interpolation * around, axis=1) - series[at]) >= 0
-            accepted = beyond & ~_after_constant_section(series, at)
-            offset = np.where(accepted, shift, offset)
-            weights = np.where(accepted[:, None], interpolation, weights)
-        place = at + offset
-        branch = np.searchsorted(place, np.arange(len(series)), side="left")
-        return cls(place, crest, np.sum(weights * around, axis=1), samples, weights, branch)
+            offset, weights = _interpolated(around, centre, crest, _after_constant_section(series, number, at))
+        place, height, clock = at + offset, np.sum(weights * around, axis=1), np.arange(series.shape[1])
+        found = []
+        for end, (_, own) in zip(ends.tolist(), turns, strict=True):
+            part = slice(end - len(own), end)
+            branch = np.searchsorted(place[part], clock, side="left")
+            found.append(cls(place[part], crest[part], height[part], samples[part], weights[part], branch))
+        return tuple(found)
 
 
 def _turns(series: Array, periodic: bool) -> tuple[Array, Indices]:
@@ -81,6 +85,15 @@ def _stencils(at: Indices, count: int, periodic: bool) -> tuple[Indices, Indices
     return (start[:, None] + np.arange(size)) % count, at - start
 
 
+def _interpolated(around: Array, centre: Indices, crest: Array, constant: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """`_extrema`; the extremal sample itself after a constant section and where the polynomial does not exceed it."""
+    offset, weights = _extrema(around, centre)
+    extremal = around[np.arange(len(around)), centre]
+    accepted = (crest * (np.sum(weights * around, axis=1) - extremal) >= 0) & ~constant
+    sample = np.eye(around.shape[1])[centre]
+    return np.where(accepted, offset, 0.0), np.where(accepted[:, None], weights, sample)
+
+
 def _extrema(around: Array, centre: Indices) -> tuple[Array, Array]:
     """Offset of each extremum from its sample (at most half a step), and the weights of the samples in its height.
 
@@ -88,7 +101,7 @@ def _extrema(around: Array, centre: Indices) -> tuple[Array, Array]:
     sample and its neighbours. Bounded to half a step, the error is O(h^4) at most, and the weights remain exact.
     """
     rows, size = np.arange(len(around)), around.shape[1]
-    to_powers = np.linalg.inv(np.vander(np.arange(size) - (size - 1) / 2, increasing=True))
+    to_powers = _to_powers(size)
     powers, orders = around @ to_powers.T, np.arange(1, size)
     by_place = powers[:, 1:] * orders
     by_place_twice = by_place[:, 1:] * orders[:-1]
@@ -103,6 +116,12 @@ def _extrema(around: Array, centre: Indices) -> tuple[Array, Array]:
     return z - origin, _monomials(z, size) @ to_powers
 
 
+@cache
+def _to_powers(size: int) -> Array:
+    """Coefficients of the polynomial through values at `size` samples about their centre, (size, size), by power."""
+    return np.asarray(np.linalg.inv(np.vander(np.arange(size) - (size - 1) / 2, increasing=True)))
+
+
 def _monomials(place: Array, count: int) -> Array:
     """Powers 0 to count - 1 of places (K,), (K, count)."""
     found = np.ones((count, len(place))).T
@@ -115,6 +134,6 @@ def _ratio(numerator: Array, denominator: Array) -> Array:
     return np.divide(numerator, denominator, out=np.zeros_like(numerator), where=denominator != 0)
 
 
-def _after_constant_section(series: Array, at: Indices) -> NDArray[np.bool_]:
-    constant = series[at] == series[at - 1]
-    return np.asarray(constant & (series[at - 1] == series[at - 2]), dtype=bool)
+def _after_constant_section(series: Array, number: Indices, at: Indices) -> NDArray[np.bool_]:
+    extremal, before, twice_before = (series[number, at - k] for k in range(3))
+    return np.asarray((extremal == before) & (before == twice_before), dtype=bool)
