@@ -215,3 +215,43 @@ def test_a_trial_without_a_prediction_counts_as_one_without_gain() -> None:
     found = levenberg_marquardt(Counted(rows), np.array([0.45]), (np.array([-np.inf]), np.array([np.inf])))
     assert found.converged
     assert found.theta[0] == pytest.approx(0.25, rel=1e-4)
+
+
+def test_what_stays_far_above_a_limit_is_evaluated_once() -> None:
+    """Linear, with a minimum of 100 times the limit: the first linear model shows it, and the chi-square is near it."""
+    rng = np.random.default_rng(5)
+    columns, rest = rng.standard_normal((60, 3)), rng.standard_normal(60)
+    rest -= columns @ np.linalg.lstsq(columns, rest)[0]
+    target = columns @ np.full(3, 0.1) + 100 * rest / np.linalg.norm(rest)
+    free, information = (np.full(3, -np.inf), np.full(3, np.inf)), Counted(lambda x: (target - columns @ x, columns))
+    found = levenberg_marquardt(information, np.zeros(3), free, far=100.0)
+    assert len(information.costs) == 1
+    assert not found.converged
+    assert 1e4 < found.cost < 1.1e4
+
+
+def test_a_limit_above_the_minimum_changes_nothing() -> None:
+    """Along a curved valley from 24 to 0, with a limit of 1."""
+    start, free = np.array([-1.2, 1.0]), (np.full(2, -np.inf), np.full(2, np.inf))
+    expected = levenberg_marquardt(Counted(valley(1.0)), start, free)
+    found = levenberg_marquardt(Counted(valley(1.0)), start, free, far=1.0)
+    assert found.converged
+    np.testing.assert_array_equal(found.theta, expected.theta)
+
+
+def test_many_small_kinks_are_a_minimum() -> None:
+    """Where the slope turns at every 0.01 std no step ends at a minimum, but within a tenth of a std of it."""
+    rest = np.full(900, 2.0)
+
+    def rows(theta: Array) -> tuple[Array, Array]:
+        phase = theta[0] / 0.01 + 0.3
+        ripple = np.abs(phase - np.round(phase))
+        slope = np.sign(phase - np.round(phase)) / 0.01
+        residual = np.append(rest * (1 + 1.5e-7 * ripple), 3.0 - theta[0])
+        return residual, np.append(-1.5e-7 * slope * rest, 1.0)[:, None]
+
+    information = Counted(rows)
+    found = levenberg_marquardt(information, np.zeros(1), (np.array([-np.inf]), np.array([np.inf])))
+    assert found.converged
+    assert len(information.costs) < 20
+    assert found.theta[0] == pytest.approx(3.0, abs=0.1)

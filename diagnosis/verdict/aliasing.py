@@ -22,7 +22,7 @@ from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
-GIVE_UP_FACTOR = 100
+GIVE_UP_FACTOR = 10
 """Multiple of `LEVELS.confusable` above which a slowly converging refit is stopped: it cannot become an alias."""
 MAX_ALIASES = 6
 """Significant effects tried in the place of another."""

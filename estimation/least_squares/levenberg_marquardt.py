@@ -38,7 +38,7 @@ MAX_ACTIVE_SETS = 20
 NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
-"""Share of what the chi-square exceeds `far` by that a step must gain: ten more such steps would not do."""
+"""Share of the excess of chi-square over `far` that a step must gain, and be predicted to: ten such would not do."""
 NEGLIGIBLE_COLUMN_LENGTH = 1e-6
 """Norm of a whitened column that is only rounding: a million SI units would not move the readings by a std."""
 
@@ -82,7 +82,8 @@ def levenberg_marquardt(
     A trial without a prediction (a spring too soft to carry its tool) counts as a step without gain. Half of
     all damped steps gain nothing: with `chi_square(theta)`, which needs no derivative of the rows, they end there.
     A caller that only tests whether the chi-square falls below some value gives a limit `far` above it: there the
-    iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the excess.
+    iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the excess, and before an undamped
+    one that is not predicted to gain more.
     A minimum where the model has kinks is one in which damped and small steps gain nothing (`_nothing_to_gain`).
     """
     theta, damping = np.clip(start, *bounds), _Damping()
@@ -91,6 +92,8 @@ def levenberg_marquardt(
         trial = np.clip(theta + levenberg_marquardt_step(here, theta, bounds, damping.strength), *bounds)
         predicted = here.shifted(trial - theta)
         expected = here.cost - predicted.cost
+        if not damping.strength and expected < SLOW_PROGRESS_SHARE * (here.cost - far):
+            return LeastSquaresMinimum.at(theta, here, False)
         if not damping.strength and abs(expected) < NEGLIGIBLE_CHANGE and _is_negligible_step(theta, trial):
             return LeastSquaresMinimum.at(trial, predicted, True)
         gain, there = _tried(trial, here.cost, information, chi_square if damping.strength else None)
