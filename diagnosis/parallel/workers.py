@@ -149,13 +149,15 @@ class Workers:
     def _order(self, labels: Sequence[str], known_long: Set[str]) -> list[int]:
         """Order in which a process takes items: labels it had before (longest first), new labels, labels of others.
 
-        A label's time is the longest that it took, or longer than all others where it is known to be long. Of new
-        labels the copies begin with the first and the original with the last, as it may come later to a batch.
+        A label's time is the longest that it took, or longer than all others where it is known to be long; its items
+        are taken in their order. Of new labels the copies begin with the first and the original with the last, as it
+        may come later to a batch.
         """
         begin = (self.rank - 1) % self.count * len(labels) // self.count
         rotated = [*range(begin, len(labels)), *range(begin)]
         times = {label: inf if label in known_long else taken for label, taken in self._own_times.items()}
-        return sorted(rotated, key=lambda p: (-times.get(labels[p], 0.0), labels[p] in self._others))
+        had = sorted((p for p, label in enumerate(labels) if label in times), key=lambda p: -times[labels[p]])
+        return had + sorted((p for p in rotated if labels[p] not in times), key=lambda p: labels[p] in self._others)
 
     def _tried(self, function: Callable[[Item], Result], item: Item) -> Result | _Raised:
         """The function's result or its exception; a nested batch is computed by this process alone."""
