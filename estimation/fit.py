@@ -453,7 +453,8 @@ def refit(
     """`fit` with the sign convention decided, without the check of the mass; used by the model selection.
 
     `noise` is kept; `first_noise`, by default `initial_noise`, is re-estimated where it comes from the residual. A
-    chi-square that falls slowly towards `far` ends the refit before it has converged (`levenberg_marquardt`).
+    chi-square that stays far above `far` ends a refit with given noise and no constraints before it has converged
+    (`levenberg_marquardt`).
     """
     unknowns = parameter_layout(model, several)
     theta = initial_values(unknowns, start or {})

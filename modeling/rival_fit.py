@@ -18,10 +18,12 @@ class RivalFit:
 
     theta          (k,) the rival's values
     noncentrality  lambda = |y_truth - y_rival(theta)|², the squared distance of the whitened predictions
+    converged      whether that is a minimum; else lambda is at most what is given
     """
 
     theta: Array
     noncentrality: float
+    converged: bool = True
 
     @property
     def error_probability(self) -> float:

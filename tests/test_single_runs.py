@@ -5,8 +5,10 @@ Each recording has a seed of its own, so that a test fails always or never.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from math import inf
 
 import numpy as np
 import pytest
@@ -31,6 +33,7 @@ from estimation.fit import WhitenedProblem, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
+from modeling.chain.effect import Effect
 from modeling.chain.model import planar, spatial
 from modeling.effects import named, viscous_drag
 from modeling.rig.rig import Convention, Rig
@@ -244,6 +247,29 @@ def test_sets_are_compared_in_one_noise() -> None:
     assert abs(base.null_model.cost - best.null_model.cost) < 4 * np.sqrt(2 * rows)  # the spread of a chi-square
     # The base's residual under the right set's noise holds the whole strength, known here to its square root.
     assert alike.null_model.cost - best.null_model.cost == pytest.approx(180, abs=4 * 2 * np.sqrt(180))
+
+
+@pytest.mark.parametrize("seed", [3000, 3002, 3004])
+def test_a_refit_that_stops_early_would_have_been_worse_at_its_minimum(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one noise a set is refitted only as far as it may be better than another: so it is, or is not, in the end."""
+    exact, pairs = subset_search.refit_effects, []
+
+    def both(
+        candidate: CandidateModel, effects: Sequence[Effect], start: Mapping[str, float] | None = None, far: float = inf
+    ) -> CandidateModel:
+        found = exact(candidate, effects, start, far)
+        if far < inf:
+            pairs.append((found, exact(candidate, effects, start), far))
+        return found
+
+    monkeypatch.setattr(subset_search, "refit_effects", both)
+    recording = run(seed, ViscousDrag(c=0.3, d=0.12), SensorLag(time_constant=0.02))
+    search_subsets(fit(planar(RIG), recording), FEW)
+    assert any(found.cost > whole.cost + 1 for found, whole, _ in pairs)
+    for found, whole, far in pairs:
+        assert (found.criterion < far) == (whole.criterion < far)
 
 
 @pytest.mark.parametrize(("size", "rejected"), [(0.0, None), (2.0, "viscous_drag")])

@@ -30,15 +30,15 @@ SAMPLES = 1000
 
 
 @cache
-def recorded(force: float = 0.0) -> Recording:
+def recorded(force: float = 0.0, repeats: int = 4, period: int = SAMPLES // 4) -> Recording:
     hidden = (LineInterference(force=force, torque=force / 20),) if force else ()
     motion = PlanarRig().random_motion(seed=1)
-    frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=4, samples_per_period=SAMPLES // 4, seed=1)
+    frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=repeats, samples_per_period=period, seed=1)
     return from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=RIG)
 
 
-def noise(seed: int) -> Array:
-    return np.random.default_rng(seed).standard_normal((SAMPLES, 3))
+def noise(seed: int, samples: int = SAMPLES) -> Array:
+    return np.random.default_rng(seed).standard_normal((samples, 3))
 
 
 @pytest.mark.parametrize(("frequency", "amplitude"), [(17.317, 1.0), (3.03, 0.5), (9.99, 2.0)])
@@ -56,26 +56,38 @@ def test_tone_is_found_to_a_part_of_the_spacing_of_lines(frequency: float, ampli
     assert len(found) == 1
 
 
-@pytest.mark.parametrize("line", [1.0, 9.3, 123.45, SAMPLES / 2 - 0.7])
-def test_power_explained_by_a_sinusoid_is_that_of_least_squares(line: float) -> None:
-    """On sampled waves less their mean over the repeats, which shares nothing with the sums in closed form."""
-    recording = recorded()
-    frequencies = (line + np.array([0.0, 0.21, 0.5])) / (SAMPLES * (recording.dt or 1.0))
-    between = NonperiodicResidual(recording, noise(5))
+PERIODS = [(4, 250), (3, 250), (5, 200), (7, 143), (4, 125), (6, 125)]
+"""Repeats and samples of each: powers of two and not, with the Nyquist line excited, between the lines, or no line."""
+
+
+@pytest.mark.parametrize(("repeats", "period"), PERIODS)
+@pytest.mark.parametrize("place", [0.001, 0.0093, 0.12345, 0.4993, 0.5])
+def test_power_explained_by_a_sinusoid_is_that_of_least_squares(place: float, repeats: int, period: int) -> None:
+    """On sampled waves less their mean over the repeats, which shares nothing with the sums in closed form.
+
+    In cycles per sample, from a non-excited line up to the Nyquist frequency, where only the cosine is left.
+    """
+    recording = recorded(repeats=repeats, period=period)
+    n, dt = repeats * period, recording.dt or 1.0
+    lines = np.minimum(np.rint(place * n) + np.array([0.0, 0.21, 0.5, 1.0]), n / 2)
+    frequencies = lines[lines % repeats != 0] / (n * dt)
+    between = NonperiodicResidual(recording, noise(5, n))
     found = between.explained_power(frequencies)
     for frequency, power in zip(frequencies, found, strict=True):
         waves = sinusoids(recording, [frequency])
         waves = waves - recording.averaged(waves)
-        residual = between.nonperiodic - waves @ np.linalg.lstsq(waves, between.nonperiodic)[0]
+        residual = between.nonperiodic - waves @ np.linalg.lstsq(waves, between.nonperiodic, rcond=1e-6)[0]
         drop = (between.nonperiodic**2).sum(axis=0) - (residual**2).sum(axis=0)
-        np.testing.assert_allclose(power, drop, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(power, drop, rtol=1e-8, atol=1e-8)
 
 
-def test_a_sinusoid_at_an_excited_line_explains_nothing_between_the_lines() -> None:
+@pytest.mark.parametrize(("repeats", "period"), PERIODS)
+def test_a_sinusoid_at_an_excited_line_explains_nothing_between_the_lines(repeats: int, period: int) -> None:
     """All of it is periodic; what rounding leaves must not be taken for a direction."""
-    recording = recorded()
-    excited = 4 * np.arange(1, 120) / (SAMPLES * (recording.dt or 1.0))
-    assert not NonperiodicResidual(recording, noise(5)).explained_power(excited).any()
+    recording = recorded(repeats=repeats, period=period)
+    n = repeats * period
+    excited = np.arange(1, period // 2 + 1) / (period * (recording.dt or 1.0))
+    assert not NonperiodicResidual(recording, noise(5, n)).explained_power(excited).any()
 
 
 def test_noise_push_and_drift_are_no_tones() -> None:

@@ -312,6 +312,12 @@ def test_an_acceptance_rule_decides(rule: Any) -> None:
         assert (verdict(evidence), reason) == (rejected, sentence)
 
 
+def test_a_replacement_whose_fit_ended_early_is_worse_by_no_more_than_what_is_said() -> None:
+    replacement = ("time_delay", Alias(named("sensor_lag"), 300.0, 289.2, converged=False))
+    _, sentence = judge(EFFECT_RULES, replace(screened(reason="collinear"), replacement=replacement))
+    assert "the chi-square is higher by up to 289;" in sentence
+
+
 def test_only_amounts_beyond_the_range_of_all_amplitudes_are_not_excited() -> None:
     """Of several gains one may be within its range; where no amount is known, there is no such verdict."""
     gains = named("sensor_gain")

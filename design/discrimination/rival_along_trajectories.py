@@ -57,7 +57,7 @@ class RivalAlongTrajectories:
             residual, np.clip(start, low, high), slopes, (low, high), x_scale="jac",
             ftol=FIT_TOLERANCE, xtol=FIT_TOLERANCE, gtol=None, max_nfev=FIT_EVALUATIONS,
         )  # fmt: skip
-        return RivalFit(np.asarray(fit.x, dtype=float), 2 * float(fit.cost))
+        return RivalFit(np.asarray(fit.x, dtype=float), 2 * float(fit.cost), bool(fit.success))
 
 
 def parameter_bounds(model: WrenchModel) -> tuple[Array, Array]:

@@ -285,7 +285,10 @@ def _best_of_own_noises(candidates: Sequence[CandidateModel]) -> CandidateModel:
 
 
 def _best_in_noise_of(best: CandidateModel, others: Sequence[CandidateModel]) -> CandidateModel:
-    """The best by the criterion of a set and others, refitted in its noise, as far as they may be better."""
+    """The best by the criterion of a set and others, refitted in its noise.
+
+    A refit stops once its slope does not lead below the criterion of the set, far above it: `levenberg_marquardt`.
+    """
     shared = [*shared_objects(best.fit), best.cache]
     refits = best.cache.workers.map(
         lambda c: refit_effects(best, c.added, c.fit.values, far=best.criterion),
@@ -385,7 +388,7 @@ def refit_effects(
 ) -> CandidateModel:
     """The candidate with another set of effects, beside those given, refitted exactly in the same noise.
 
-    Not beyond the step that shows that its chi-square does not come below `far`.
+    Where the chi-square stays far above `far` the refit stops early: `levenberg_marquardt`.
     """
     before = candidate.fit
     model = before.model.base + candidate.given + effects

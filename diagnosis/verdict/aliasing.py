@@ -23,7 +23,8 @@ from modeling.significance import LEVELS
 Array = NDArray[np.float64]
 
 GIVE_UP_FACTOR = 10
-"""Multiple of `LEVELS.confusable` above which a slowly converging refit is stopped: it cannot become an alias."""
+"""Multiple of `LEVELS.confusable` far above which a refit is stopped once its slope does not lead below it: time for
+precision, as such an alternative is none that the motions confuse, by however much they separate it."""
 MAX_ALIASES = 6
 """Significant effects tried in the place of another."""
 
@@ -34,11 +35,13 @@ class Alias:
 
     noncentrality  lambda of its best fit to the noise-free prediction: how far apart these motions place the two
     excess         by how much the chi-square of the readings is higher with it: how far apart these readings place them
+    converged      whether that fit is a minimum; else, far above `LEVELS.confusable`, lambda is an upper bound
     """
 
     effect: Effect
     noncentrality: float
     excess: float
+    converged: bool = True
 
     @property
     def error_probability(self) -> float:
@@ -49,6 +52,11 @@ class Alias:
     def separated(self) -> bool:
         """Whether motions and readings separate it from the added effect, each with an error of 1 % or less."""
         return self.noncentrality >= LEVELS.separated and self.excess >= LEVELS.separated_by_readings
+
+    @property
+    def excess_in_words(self) -> str:
+        """The excess, or the most that it may be, in a sentence."""
+        return f"{self.excess:.3g}" if self.converged else f"up to {self.excess:.3g}"
 
     def to_data(self) -> dict[str, Any]:
         """The alias in result.json."""
@@ -72,9 +80,9 @@ class AliasProblem(WhitenedProblem):
         return self.target
 
     def fitted(self, start: Array) -> RivalFit:
-        """The fit within the physical bounds; far above `LEVELS.confusable` its lambda is an upper bound."""
+        """The fit within the physical bounds; stopped early where it stays far above `LEVELS.confusable`."""
         found = self.minimise(start, far=GIVE_UP_FACTOR * LEVELS.confusable)
-        return RivalFit(found.theta, found.cost)
+        return RivalFit(found.theta, found.cost, found.converged)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,4 +167,4 @@ def alias_of(target: WhitenedModel, alternative: AliasCandidate) -> Alias | None
         return None
     difference, _ = problem.evaluate(best.theta)
     excess = float(difference @ difference + 2 * (target.residual @ difference))
-    return Alias(screening.effect, best.noncentrality, excess)
+    return Alias(screening.effect, best.noncentrality, excess, best.converged)

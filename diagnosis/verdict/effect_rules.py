@@ -22,7 +22,7 @@ ALIAS_SENTENCE = (
 )
 REPLACEMENT_SENTENCE = (
     "rejected, because in the place of {e.replacement[0]} it fits worse: the chi-square is higher by"
-    " {e.replacement[1].excess:.3g}; beside it, it is collinear"
+    " {e.replacement[1].excess_in_words}; beside it, it is collinear"
 )
 RANGE_SENTENCE = "{e.beyond_range} is not excited: detectable only beyond its physical range"
 NOT_SIGNIFICANT_SENTENCE = "rejected, because it is not significant: what it would explain is within the noise"

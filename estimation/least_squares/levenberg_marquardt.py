@@ -24,21 +24,25 @@ FIRST_DAMPING, LEAST_DAMPING, GREATEST_DAMPING = 1e-6, 1e-9, 1e6
 DAMPING_DECREASE = 0.1
 """Factor of the damping after a step that gained what the linear model predicts."""
 NEGLIGIBLE_CHANGE = 1e-6
-"""Of chi-square: predicted of a step that need not be evaluated, or found after one that was damped."""
+"""Of chi-square: predicted of a step that need not be evaluated, or found after one that was."""
 STALLED_TRIALS, STALL_TOLERANCE = 8, 0.01
-"""Damped trials in a row, and what they lower chi-square by together, from which on the minimum is found if an undamped
-step is not predicted to lower it by more either (a tenth of a std), or if a small part of that step gains nothing (a
-kink). Where the slope of a model jumps (a cable that goes taut between two samples), no undamped step ends at a
-minimum."""
+"""Damped trials in a row, and what they lower chi-square by together, from which on a minimum is looked for: it is one
+if an undamped step is not predicted to lower it by more either (a tenth of a std), or if a small part of that step
+gains nothing (a kink). Where the slope of a model jumps (a cable that goes taut between two samples), no undamped step
+ends at a minimum."""
 KINK_PROBE = 1e-3
 """That part: a smooth model gains twice this share of what an undamped step is predicted to gain, less than half of it
 is taken for nothing."""
 MAX_ACTIVE_SETS = 20
 """Sets of parameters at their bounds that are tried: a minimum takes two or three."""
+UNSEEN_WEIGHT = 1e-3
+"""Of a direction without information, over the least of those that have some: it is kept near zero, and where a bound
+presses it gives way, at a millionth of the chi-square that it would cost otherwise."""
 NEGLIGIBLE_STEP = 1e-6
 """Relative change of every parameter below which a step is accepted without evaluating it."""
 SLOW_PROGRESS_SHARE = 0.1
-"""Share of the excess of chi-square over `far` that a step must gain, and be predicted to: ten such would not do."""
+"""Share of the excess of chi-square over `far` that an undamped step must be predicted to gain: ten such would not
+do."""
 NEGLIGIBLE_COLUMN_LENGTH = 1e-6
 """Norm of a whitened column that is only rounding: a million SI units would not move the readings by a std."""
 
@@ -47,8 +51,8 @@ NEGLIGIBLE_COLUMN_LENGTH = 1e-6
 class LeastSquaresMinimum:
     """Parameters (k,) at a minimum, their covariance (k, k), which are identifiable (k,), and the chi-square.
 
-    `converged` is False when the steps ran out before the chi-square settled. `information` is that of the rows at the
-    minimum, for theta itself.
+    `converged` is False when the steps ran out before the chi-square settled, when no step has a prediction, and when a
+    limit ended them far above it. `information` is that of the rows at theta, for theta itself.
     """
 
     theta: Array
@@ -81,35 +85,35 @@ def levenberg_marquardt(
     1981) and moves no parameter by more than `NEGLIGIBLE_STEP` is the last, without evaluating the rows there.
     A trial without a prediction (a spring too soft to carry its tool) counts as a step without gain. Half of
     all damped steps gain nothing: with `chi_square(theta)`, which needs no derivative of the rows, they end there.
-    A caller that only tests whether the chi-square falls below some value gives a limit `far` above it: there the
-    iteration ends with the first step that gains less than `SLOW_PROGRESS_SHARE` of the excess, and before an undamped
-    one that is not predicted to gain more.
+    A caller that only tests whether the chi-square falls below some value gives a limit `far` at it or above: the
+    iteration ends where an undamped step is predicted to gain less than `SLOW_PROGRESS_SHARE` of the excess over it.
+    That is a forecast by the linear model, no bound: a valley that turns downhill further on is missed.
     A minimum where the model has kinks is one in which damped and small steps gain nothing (`_nothing_to_gain`).
     """
     theta, damping = np.clip(start, *bounds), _Damping()
     here, gains = information(theta), [np.inf]
     for _ in range(MAX_STEPS):
+        if here.cost > far and (left := _undamped_gain(theta, here, bounds)) < SLOW_PROGRESS_SHARE * (here.cost - far):
+            return LeastSquaresMinimum.at(theta, here, left < STEP_TOLERANCE)
+        damped = damping.strength > 0
         trial = np.clip(theta + levenberg_marquardt_step(here, theta, bounds, damping.strength), *bounds)
         predicted = here.shifted(trial - theta)
         expected = here.cost - predicted.cost
-        if not damping.strength and expected < SLOW_PROGRESS_SHARE * (here.cost - far):
-            return LeastSquaresMinimum.at(theta, here, False)
-        if not damping.strength and abs(expected) < NEGLIGIBLE_CHANGE and _is_negligible_step(theta, trial):
+        if not damped and abs(expected) < NEGLIGIBLE_CHANGE and _is_negligible_step(theta, trial):
             return LeastSquaresMinimum.at(trial, predicted, True)
-        gain, there = _tried(trial, here.cost, information, chi_square if damping.strength else None)
+        gain, there = _tried(trial, here.cost, information, chi_square if damped else None)
         if there is not None and gain > 0:
             theta, here = trial, there
-            if gain < SLOW_PROGRESS_SHARE * (here.cost - far):
-                return LeastSquaresMinimum.at(theta, here, False)
-        gains = [*gains, max(gain, 0.0)][-STALLED_TRIALS:] if damping.strength else [np.inf]
-        settled = 0 < gain < STEP_TOLERANCE and not damping.strength
-        if len(gains) == STALLED_TRIALS and sum(gains) < STALL_TOLERANCE:
-            settled |= _nothing_to_gain(theta, here, bounds, information, chi_square)
         damping = damping.after(gain, expected)
+        gains = [*gains, max(gain, 0.0)][-STALLED_TRIALS:] if damped else [np.inf]
         # With very many rows the rounding of the chi-square itself exceeds the tolerance.
-        settled |= abs(gain) < NEGLIGIBLE_CHANGE + 4 * EPS * here.cost
-        if settled or damping.strength > GREATEST_DAMPING:
-            return LeastSquaresMinimum.at(theta, here, True)
+        settled = abs(gain) < NEGLIGIBLE_CHANGE + 4 * EPS * here.cost or (0 < gain < STEP_TOLERANCE and not damped)
+        stalled = len(gains) == STALLED_TRIALS and sum(gains) < STALL_TOLERANCE
+        exhausted = damping.strength > GREATEST_DAMPING
+        if damped and (settled or stalled or exhausted):
+            settled = _nothing_to_gain(theta, here, bounds, information, chi_square)
+        if settled or exhausted:
+            return LeastSquaresMinimum.at(theta, here, settled)
     return LeastSquaresMinimum.at(theta, here, False)
 
 
@@ -166,16 +170,20 @@ def _nothing_to_gain(
     chi_square: Callable[[Array], float] | None,
 ) -> bool:
     """Whether an undamped step is predicted to gain next to nothing, or a small part of it less than if smooth."""
-    step = levenberg_marquardt_step(here, theta, bounds, 0.0)
-    predicted = here.cost - here.shifted(step).cost
+    predicted = _undamped_gain(theta, here, bounds)
     if predicted < STALL_TOLERANCE:
         return True
-    probe = np.clip(theta + KINK_PROBE * step, *bounds)
+    probe = np.clip(theta + KINK_PROBE * levenberg_marquardt_step(here, theta, bounds, 0.0), *bounds)
     try:
         cost = information(probe).cost if chi_square is None else chi_square(probe)
     except (InputError, np.linalg.LinAlgError):
-        return True
-    return not here.cost - cost >= KINK_PROBE * predicted
+        return False
+    return bool(here.cost - cost < KINK_PROBE * predicted)
+
+
+def _undamped_gain(theta: Array, here: SquareRootInformation, bounds: tuple[Array, Array]) -> float:
+    """What an undamped step from theta is predicted to lower the chi-square by."""
+    return here.cost - here.shifted(levenberg_marquardt_step(here, theta, bounds, 0.0)).cost
 
 
 def levenberg_marquardt_step(
@@ -205,18 +213,20 @@ def _bounded_minimum(rows: Array, target: Array, low: Array, high: Array) -> Arr
     """The minimiser (k,) of |R x - z| within low <= x <= high; columns of unit norm.
 
     A step to the minimum without bounds that is then clipped to them may go uphill where parameters are correlated.
-    Along directions without information it is zero as far as the bounds allow.
+    Of all minimisers it is the one closest to zero along directions without information (to `UNSEEN_WEIGHT` squared).
     """
     if not len(low):
         return low
     left, sizes, right = np.linalg.svd(rows, full_matrices=False)
     seen = sizes > SINGULAR_VALUE_TOLERANCE * sizes[0]
-    scaled, target = np.where(seen, sizes, 1.0)[:, None] * right, np.where(seen, left.T @ target, 0.0)
+    weights = np.where(seen, sizes, UNSEEN_WEIGHT * sizes[seen][-1])
+    scaled, target = weights[:, None] * right, np.where(seen, left.T @ target, 0.0)
     found = _by_active_set(scaled, target, low, high)
     if found is not None:
         return found
     from scipy.optimize import lsq_linear  # slow to import and rarely needed
 
+    # Should its steps run out, what it has is within the bounds: a trial like any other.
     return np.asarray(lsq_linear(scaled, target, (low, high), method="bvls").x)
 
 

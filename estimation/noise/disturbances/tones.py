@@ -117,10 +117,15 @@ def _fourier_sums(series: Array, angles: Array) -> NDArray[np.complex128]:
 
 
 def _phase_sums(angles: Array, count: int) -> NDArray[np.complex128]:
-    """Sums (f,) of exp(i w t) over t = 0 .. count - 1."""
-    sine = np.sin(angles / 2)
-    ratio = np.where(sine == 0, count, np.sin(count * angles / 2) / np.where(sine == 0, 1.0, sine))
-    return np.asarray(ratio * np.exp(1j * (count - 1) * angles / 2))
+    """Sums (f,) of exp(i w t) over t = 0 .. count - 1.
+
+    w is taken from the nearest full turn: at one, sin(N w / 2) / sin(w / 2) is a quotient of two roundings.
+    """
+    turns = angles / (2 * np.pi)
+    half = np.pi * (turns - np.rint(turns))
+    sine = np.sin(half)
+    ratio = np.where(sine == 0, count, np.sin(count * half) / np.where(sine == 0, 1.0, sine))
+    return np.asarray(ratio * np.exp(1j * (count - 1) * half))
 
 
 def _wave_gram(squares: Array | float, double: NDArray[np.complex128]) -> Array:
