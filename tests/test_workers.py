@@ -127,6 +127,36 @@ def test_a_process_begins_with_what_is_known_to_be_long() -> None:
     assert made[3][1] == min(own)
 
 
+def test_a_free_process_takes_what_took_another_one_long() -> None:
+    """Before its own short items, though the caches are the other's: else that would be left for the end.
+
+    The copy begins with the first item of a batch, the original with the last. In the last one the copy has "busy",
+    which waits for "long"; a second is five times the milliseconds that "short" took unless the machine stands still.
+    """
+    barrier = get_context("fork").Barrier(2)
+
+    def meet(label: str) -> tuple[int, float]:
+        begun = time.perf_counter()
+        if label != "short" or not began:
+            barrier.wait(timeout=60)
+        if label == "long" and not began:
+            time.sleep(1.0)
+        return os.getpid(), begun
+
+    began: list[bool] = []
+
+    def program(team: Workers) -> list[tuple[int, float]]:
+        team.map(meet, ["warm", "up"], label=str)
+        team.map(meet, ["long", "short"], label=str)
+        team.map(meet, ["busy", "quick"], label=str)
+        began.append(True)
+        return team.map(meet, ["short", "long", "busy"], label=str, long=lambda label: label == "busy")
+
+    short, long, busy = run_spmd(2, program)
+    assert long[0] != busy[0]
+    assert long[1] < short[1]
+
+
 def test_every_process_has_all_results() -> None:
     """Each of a second batch, whoever makes it, is made of what all had made in the first."""
 

@@ -27,6 +27,9 @@ Result = TypeVar("Result")
 
 MAX_BATCH = 4096
 """Items of a shared batch; longer batches are computed by every process in full."""
+CACHED_BY_OTHERS = 0.2
+"""Weight of the time that an item takes where only other processes had its label before: one leaves it to them, unless
+it is five times as long as all that is left of its own."""
 LARGE_ARRAY = 2**16
 """Bytes of an array that is sent by itself, without the copies that a pickle makes of it."""
 
@@ -91,8 +94,8 @@ class Workers:
     links: _Links | None = None
     _batch: int = 0
     _busy: bool = False
-    _own_times: dict[str, float] = field(default_factory=dict)
-    _others: set[str] = field(default_factory=set)
+    _times: dict[str, float] = field(default_factory=dict)  # s, by label: the longest of any process
+    _own: set[str] = field(default_factory=set)  # labels that this process had: its caches may serve them
 
     def map(
         self,
@@ -106,12 +109,12 @@ class Workers:
     ) -> list[Result]:
         """The function of every item, in their order; each free process takes the next item (dynamic scheduling).
 
-        A process first takes items with a `label` that it had before, as its caches may serve them, the longest first;
-        items that are `long` count as the longest, whatever time they took before. `shared` are objects that results
-        may refer to and that are not sent: each process has its own. An exception is raised unchanged in every process,
-        that of the first item first. A result that cannot be pickled is computed by each process; items of a killed
-        copy are computed by the original, which also announces how many items are begun. The arrays of a result must
-        not be written to afterwards: they are sent when the batch is done.
+        A process takes the items first whose `label` took longest before, and prefers those that it had itself, as its
+        caches may serve them; of these the `long` ones come first, whatever time they took. `shared` are objects that
+        results may refer to and that are not sent: each process has its own. An exception is raised unchanged in every
+        process, that of the first item first. A result that cannot be pickled is computed by each process; items of a
+        killed copy are computed by the original, which also announces how many items are begun. The arrays of a result
+        must not be written to afterwards: they are sent when the batch is done.
         """
         begun = announce if announce is not None and self.rank == 0 else _no_announcement
         if self.claims is None or self.links is None or self._busy or not 1 < len(items) <= MAX_BATCH:
@@ -121,16 +124,16 @@ class Workers:
         batch = _Batch((self._batch, getattr(function, "__qualname__", ""), *labels), list(shared))
         found: dict[int, Any] = {}
         sent: dict[int, _Packed | None] = {}
-        known = {label for item, label in zip(items, labels, strict=True) if long is not None and long(item)}
-        for place in self._order(labels, known):
+        known_long = {label for item, label in zip(items, labels, strict=True) if long is not None and long(item)}
+        for place in self._order(labels, known_long):
             if self.claims.take(place, self._batch):
                 begun(self.claims.taken(len(items), self._batch) - 1, len(items))
                 start = perf_counter()
                 found[place] = self._tried(function, items[place])
-                if labels[place] not in self._others:
-                    taken = perf_counter() - start
-                    self._own_times[labels[place]] = max(taken, self._own_times.get(labels[place], 0.0))
-                sent[place] = batch.packed(found[place])
+                seconds = perf_counter() - start
+                self._own.add(labels[place])
+                self._note_time(labels[place], seconds)
+                sent[place] = batch.packed(found[place], seconds)
         gathered = self.links.gather(batch, sent)
         if self.rank == 0:
             for place in set(range(len(items))).difference(gathered):
@@ -138,8 +141,8 @@ class Workers:
                 gathered[place] = batch.packed(found[place])
         for place, packed in sorted(self.links.broadcast(gathered).items()):
             if place not in found:
-                self._others.update({labels[place]} - self._own_times.keys())
                 found[place] = self._tried(function, items[place]) if packed is None else batch.unpacked(packed)
+                self._note_time(labels[place], 0.0 if packed is None else packed.seconds)
         return [_result(found[place]) for place in range(len(items))]
 
     def run(self, tasks: Sequence[WorkItem], *, shared: Sequence[object] = ()) -> list[Any]:
@@ -147,17 +150,23 @@ class Workers:
         return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared)
 
     def _order(self, labels: Sequence[str], known_long: Set[str]) -> list[int]:
-        """Order in which a process takes items: labels it had before (longest first), new labels, labels of others.
+        """Order in which a process takes items: new labels, then the longest; the items of a label in their order.
 
-        A label's time is the longest that it took, or longer than all others where it is known to be long; its items
-        are taken in their order. Of new labels the copies begin with the first and the original with the last, as it
-        may come later to a batch.
+        Of new labels the copies begin with the first and the original with the last, as it may come later to a batch.
         """
+
+        def expected(label: str) -> float:
+            if label not in self._own:
+                return CACHED_BY_OTHERS * self._times[label]
+            return inf if label in known_long else self._times[label]
+
         begin = (self.rank - 1) % self.count * len(labels) // self.count
-        rotated = [*range(begin, len(labels)), *range(begin)]
-        times = {label: inf if label in known_long else taken for label, taken in self._own_times.items()}
-        had = sorted((p for p, label in enumerate(labels) if label in times), key=lambda p: -times[labels[p]])
-        return had + sorted((p for p in rotated if labels[p] not in times), key=lambda p: labels[p] in self._others)
+        new = [p for p in [*range(begin, len(labels)), *range(begin)] if labels[p] not in self._times]
+        known = [p for p, label in enumerate(labels) if label in self._times]
+        return new + sorted(known, key=lambda p: -expected(labels[p]))
+
+    def _note_time(self, label: str, seconds: float) -> None:
+        self._times[label] = max(seconds, self._times.get(label, 0.0))
 
     def _tried(self, function: Callable[[Item], Result], item: Item) -> Result | _Raised:
         """The function's result or its exception; a nested batch is computed by this process alone."""
@@ -272,12 +281,12 @@ class _Batch:
     name: tuple[int | str, ...]
     shared: list[object]
 
-    def packed(self, result: object) -> _Packed | None:
-        """A result pickled; None for one that cannot be, or an exception that would not unpickle."""
+    def packed(self, result: object, seconds: float = 0.0) -> _Packed | None:
+        """A result that took so long, pickled; None for one that cannot be, or an exception that would not unpickle."""
         file, buffers = io.BytesIO(), _Buffers()
         try:
             _Pickler(file, buffers, {id(thing): place for place, thing in enumerate(self.shared)}).dump(result)
-            packed = _Packed(file.getvalue(), buffers.large)
+            packed = _Packed(file.getvalue(), buffers.large, seconds)
             if isinstance(result, _Raised):
                 self.unpacked(packed)
         except Exception:
@@ -291,13 +300,14 @@ class _Batch:
 
 @dataclass(frozen=True)
 class _Packed:
-    """A pickled result; its large arrays are not copied into the pickle, but follow it as they are."""
+    """A pickled result that took so many seconds; its large arrays are not copied into the pickle, but follow it."""
 
     pickled: bytes
     arrays: Sequence[memoryview]
+    seconds: float = 0.0
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _Packed, (self.pickled, [pickle.PickleBuffer(array) for array in self.arrays])
+        return _Packed, (self.pickled, [pickle.PickleBuffer(array) for array in self.arrays], self.seconds)
 
 
 @dataclass(frozen=True)
