@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -246,7 +247,7 @@ def _sealed(text: str) -> bytes:
     return hashlib.sha256(text.encode()).hexdigest().encode() + b"\n" + text.encode()
 
 
-@pytest.mark.parametrize("value", ["", "off", "OFF", " "])
+@pytest.mark.parametrize("value", ["", "off", "OFF", " ", "~nobody_of_this_name/store"])
 def test_a_store_can_be_done_without(value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(store.CACHE_VARIABLE, value)
@@ -314,6 +315,32 @@ def test_other_versions_have_other_entries(folder: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(store, "CACHE_FORMAT", 0)
     asked(derive)
     assert (derive.calls, len(entries(folder))) == (3, 3)
+
+
+@pytest.mark.parametrize("upgraded", [False, True])
+def test_a_process_older_than_its_source_leaves_no_entry(upgraded: bool, folder: Path, tmp_path: Path) -> None:
+    """A notebook that is open during an upgrade: what it derives is not what the new source derives."""
+    copied = tmp_path / "library" / "modeling"
+    shutil.copytree(store.PACKAGE, copied, ignore=shutil.ignore_patterns("__pycache__"))
+    code = (
+        "import sys\nfrom modeling.evaluation.cache import cached\n"
+        f"with open({str(copied / 'number_format.py')!r}, 'a') as module: module.write({'# new' * upgraded!r})\n"
+        "print(cached({'what': 'it'}, lambda: {'it': 1}, dict))"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(copied.parent)}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=environment, cwd=tmp_path, text=True, capture_output=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "{'it': 1}\n"), done.stderr
+    assert len(entries(folder)) == 1 - upgraded
+
+
+def test_an_upgrade_in_the_midst_is_no_error(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(_package: Path) -> str:
+        raise FileNotFoundError
+
+    monkeypatch.setattr(store, "source_digest", gone)
+    assert asked(Derivation()) == RESULT
+    assert not entries(folder)
 
 
 @pytest.mark.parametrize("library", [*store.LIBRARIES, "numpy"])

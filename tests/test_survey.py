@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from threading import Thread
 from time import sleep
@@ -29,7 +32,7 @@ from truewrench.surveying.dask_executor import local_executor
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 from truewrench.surveying.survey import OutcomeStore
 from truewrench.surveying.survey_row import SurveyRow
-from truewrench.surveying.survey_task import SurveyTask, diagnosed_outcome, fingerprint
+from truewrench.surveying.survey_task import SurveyTask, diagnosed_outcome, failed_outcome, fingerprint
 
 RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
 NAN = "time,q1,q2,q3,fx,fy,tau\n" + "".join(f"{n / 100},0.1,0.2,{'nan' if n == 7 else 0.3},1,2,3\n" for n in range(50))
@@ -170,9 +173,14 @@ def test_damaged_row_is_diagnosed_again(tmp_path: Path, one: Executor) -> None:
     paths, out = files(tmp_path, 2), tmp_path / "out"
     survey(paths[:1], out=out, executor=one, work=stand_in.quick)
     (damaged,) = (out / "rows").iterdir()
-    damaged.write_bytes(damaged.read_bytes()[:40])
-    assert lengths(survey(paths, out=out, executor=one, work=stand_in.quick)) == [1, 2]
-    assert [runs(path) for path in paths] == [2, 1]
+    whole = damaged.read_bytes()
+    for times, wrong in enumerate(
+        (whole[:40], whole.replace(b"1.0", b"7.0"), whole.replace(b"explained", b"explainef"))
+    ):
+        assert wrong != whole
+        damaged.write_bytes(wrong)
+        assert lengths(survey(paths, out=out, executor=one, work=stand_in.quick)) == [1, 2]
+        assert [runs(path) for path in paths] == [times + 2, 1]
 
 
 def test_what_failed_inside_is_a_row_and_tried_again(tmp_path: Path, one: Executor) -> None:
@@ -212,6 +220,86 @@ def test_fingerprint(tmp_path: Path) -> None:
         fingerprint(first, {"robot": {}}, ("viscous_drag",)),
         fingerprint(first, {"robot": {}}, None, one_run=True),
     }
+
+
+def test_fingerprint_of_a_bag_is_that_of_its_files(tmp_path: Path) -> None:
+    keys = []
+    for name, content in (("one", b"a"), ("copy", b"a"), ("other", b"b")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "metadata.yaml").write_bytes(b"version: 5")
+        (tmp_path / name / "run.mcap").write_bytes(content)
+        keys.append(fingerprint(tmp_path / name, None, None))
+    assert keys[0] == keys[1] != keys[2]
+    (tmp_path / "copy" / "run.mcap").rename(tmp_path / "copy" / "ran.mcap")
+    assert fingerprint(tmp_path / "copy", None, None) != keys[0]
+
+
+def test_bag_is_not_diagnosed_again(tmp_path: Path, one: Executor) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").write_text("version: 5")
+    for diagnosed in (1, 0):
+        found = survey([tmp_path / "bag"], out=tmp_path / "out", executor=one, work=stand_in.explained)
+        assert (found.diagnosed, found.rows[0].outcome.verdict) == (diagnosed, "explained")
+
+
+def test_error_names_no_path_that_may_change(tmp_path: Path, one: Executor) -> None:
+    """The remedy names the file, here one whose name is not UTF-8, as its header is not; the row has the name."""
+    content = NAN.replace("tau", "kr\xe4fte").encode("latin-1")
+    first, second = (
+        Path(os.fsdecode(os.fsencode(tmp_path) + name)) for name in (b"/kr\xe4fte.csv", b"/second  run.csv")
+    )
+    first.write_bytes(content)
+    out = tmp_path / "out"
+    found = survey([first], out=out, executor=one)
+    says = found.rows[0].outcome.error
+    assert says.startswith("not UTF-8 text: ")
+    assert says.endswith(
+        "; bring the log in first: `truewrench import FILE --out recording.csv`, or `tw.read` with a map"
+    )
+    assert found.to_frame()["error"][0] == says
+    first.rename(second)
+    again = survey([second], out=out, executor=one)
+    assert (again.diagnosed, again.rows[0].file, again.rows[0].outcome.error) == (0, str(second), says)
+
+
+@pytest.mark.parametrize("text", ["\udce4 is no text", "plain"])
+def test_internal_error_can_be_stored(text: str) -> None:
+    assert failed_outcome(ValueError(text)).error.encode()
+
+
+def test_what_the_machine_lacked_is_tried_again(tmp_path: Path, one: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of temporary files that is full, while a compressed log is read."""
+    path, out, rig = tmp_path / "run.parquet.gz", tmp_path / "out", tw.Rig.from_data({"columns": {"fx": "a"}})
+    path.write_bytes(gzip.compress(b"PAR1" + bytes(200)))
+    with monkeypatch.context() as patched:
+        patched.setattr(tempfile, "TemporaryDirectory", FullDisk)
+        full = survey([path], rig=rig, out=out, executor=one).rows[0].outcome
+    assert full.error == (
+        f"its decompressed copy cannot be written to {tempfile.gettempdir()}: No space left on device; "
+        "free space there, or set TMPDIR to another folder"
+    )
+    assert stored(out) == 0
+    damaged = survey([path], rig=rig, out=out, executor=one).rows[0].outcome
+    assert "Parquet" in damaged.error
+    assert stored(out) == 1  # it will be as damaged tomorrow
+
+
+class FullDisk:
+    """A temporary folder in which every file is full."""
+
+    def __init__(self, **_: object) -> None:
+        self._folder = REAL_FOLDER()
+
+    def __enter__(self) -> str:
+        folder = self._folder.__enter__()
+        Path(folder, "log.parquet").symlink_to("/dev/full")
+        return folder
+
+    def __exit__(self, *error: object) -> None:
+        self._folder.cleanup()
+
+
+REAL_FOLDER = tempfile.TemporaryDirectory
 
 
 def test_no_period_reaches_the_diagnosis(bench: Path, one: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -292,6 +380,29 @@ def test_recording_that_kills_its_workers_is_one_row(tmp_path: Path) -> None:
     assert errors[2].startswith("internal error: KilledWorker")
     assert [e for e in errors if e] == [errors[2]]
     assert stored(tmp_path / "out") == 5
+
+
+def test_executor_that_ends_with_a_worker_keeps_what_is_done(tmp_path: Path, one: Executor) -> None:
+    """The pool of `concurrent.futures` does nothing any more once a worker has died: no recording is at fault."""
+    paths, out = files(tmp_path, 4), tmp_path / "out"
+    survey(paths[:2], out=out, executor=one, work=stand_in.quick)
+    paths[2].write_text("poison")
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool,
+        pytest.raises(InputError, match=r"a worker of the executor died.*resumes where it stopped, or on Dask"),
+    ):
+        survey(paths, out=out, executor=pool, work=stand_in.deadly)
+    assert stored(out) == 2
+    with pytest.raises(InputError, match="a worker of the executor died"):
+        survey(paths, out=out, executor=pool_that_broke(), work=stand_in.deadly)
+
+
+def pool_that_broke() -> Executor:
+    """A pool whose worker has died already."""
+    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+    with pytest.raises(BrokenExecutor):
+        pool.submit(os.abort).result()
+    return pool
 
 
 @pytest.mark.long

@@ -214,6 +214,15 @@ def test_scatter_is_no_change(excess: float) -> None:
     assert found <= 8
 
 
+def test_a_recording_given_twice_is_measured_once() -> None:
+    """As by two patterns that name it both, or as a copy of another name and duration."""
+    once = [row(n, c=0.5 + 0.01 * n) for n in range(6)]
+    copies = [replace(r, file=f"copy_{r.file}", outcome=replace(r.outcome, seconds=9.0)) for r in once]
+    for first, second in zip(quantity_series(once), quantity_series([*once, *once, *copies]), strict=True):
+        assert first.moments == second.moments
+        np.testing.assert_array_equal(first.value, second.value)
+
+
 def test_change_takes_trusted_recordings_with_a_std() -> None:
     rows = [row(n, c=0.5 + 0.02 * n, verdict="unexplained") for n in range(20)]
     assert significant_changes(rows) == []
@@ -223,7 +232,7 @@ def test_change_takes_trusted_recordings_with_a_std() -> None:
 
 def test_changes_and_the_payload_are_drawn_before_what_stays() -> None:
     sizes = tuple(StoredEstimate("cable_spring", name, 1.0, STD, "1") for name in ("k", "length"))
-    rows = [row(n, c=0.5) for n in range(6)]
+    rows = [row(n, c=0.5 + 1e-6 * n) for n in range(6)]
     rows = [replace(r, outcome=replace(r.outcome, sizes=(*sizes, *r.outcome.sizes))) for r in rows]
     drawn = [s.name for s in series_to_draw(quantity_series(rows), ["cable_spring.length"])]
     assert drawn == ["cable_spring.length", "m", "cable_spring.k", "viscous_drag.c"]
@@ -247,6 +256,8 @@ def test_times_of_one_source_are_compared() -> None:
         ("20260301T1020.csv", datetime(2026, 3, 1, 10, 20)),
         ("log-2026.03.01.csv", datetime(2026, 3, 1)),
         ("v12_99999999_2026-03-01.csv", datetime(2026, 3, 1)),
+        ("run_20260301_0061.csv", datetime(2026, 3, 1)),
+        ("20260301_2500.csv", datetime(2026, 3, 1)),
         ("serial_20261399.csv", None),
         ("1202603011.csv", None),
         ("run7.csv", None),

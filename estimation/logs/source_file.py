@@ -5,7 +5,6 @@ from __future__ import annotations
 import bz2
 import gzip
 import lzma
-import shutil
 import tempfile
 import zipfile
 import zlib
@@ -93,15 +92,28 @@ class SourceFile:
         if self.compression is None:
             yield self.path
             return
-        with tempfile.TemporaryDirectory() as folder:
-            copy = Path(folder) / f"log{self.suffix}"
-            with self.opened() as stream, copy.open("wb") as out:
-                while block := stream.read(HEAD_BYTES):
-                    out.write(block)
-                    if out.tell() > LARGEST_BINARY:
-                        raise self.error("decompresses to more than 4 GiB", "decompress it, and give the file")
+        with self._temporary_copy() as copy:
             yield copy
-            shutil.rmtree(folder, ignore_errors=True)
+
+    @contextmanager
+    def _temporary_copy(self) -> Iterator[Path]:
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            copy = Path(folder) / f"log{self.suffix}"
+            try:
+                with copy.open("wb") as out:
+                    for block in self._blocks():
+                        out.write(block)
+                        if out.tell() > LARGEST_BINARY:
+                            raise self.error("decompresses to more than 4 GiB", "decompress it, and give the file")
+            except OSError as error:
+                what = f"its decompressed copy cannot be written to {tempfile.gettempdir()}: {error.strerror or error}"
+                raise self.error(what, "free space there, or set TMPDIR to another folder") from error
+            yield copy
+
+    def _blocks(self) -> Iterator[bytes]:
+        with self.opened() as stream:
+            while block := stream.read(HEAD_BYTES):
+                yield block
 
     def require_members(self, largest: int) -> None:
         """InputError when the members of a format that is a zip file itself say that they are larger together."""

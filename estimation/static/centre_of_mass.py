@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, Self
 
@@ -73,7 +72,7 @@ class CentreOfMass(Tabular):
         model = fitted.model
         size = len(model.parameters)  # the model's parameters come first
         form = model.stored(
-            f"centre of mass by {_source()}", lambda: _CentreForm.of(model).to_data(), _CentreForm.from_data
+            f"centre of mass by {SOURCE}", lambda: _CentreForm.of(model).to_data(), _CentreForm.from_data
         )
         value, jacobian = form.at(fitted.theta[:size])
         covariance = np.nan_to_num(fitted.covariance[:size, :size], posinf=0.0)
@@ -137,10 +136,8 @@ class _CentreForm:
         return values[:count], values[count:].reshape(count, len(theta))
 
 
-@cache
-def _source() -> str:
-    """A hash of the modules that derive it."""
-    return source_digest(Path(__file__).parent)
+SOURCE = source_digest(Path(__file__).parent)
+"""Of the modules that derive it."""
 
 
 def _unit_vectors() -> dict[str, sp.Matrix]:

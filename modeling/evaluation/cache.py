@@ -1,14 +1,14 @@
 """Disk cache of derivations, keyed by model, source and library versions.
 
 An entry is one JSON file, named by the hash of everything that its result depends on: the request, the source of
-`modeling`, and the versions of the libraries. A change of any gives another name, so that no entry is stale. Files are
-written under a temporary name and renamed, so that several processes may share the folder; an entry that fails its
-checksum is derived again. Without a readable or writable folder everything works uncached.
+`modeling` as loaded, and the versions of the libraries. A change of any gives another name, so that no entry is stale;
+a process whose source has been replaced on the disk writes none. Files are written under a temporary name and renamed,
+so that several processes may share the folder; an entry that fails its checksum is derived again. Without a readable or
+writable folder everything works uncached.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 import os
@@ -22,6 +22,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
+
+from modeling.checksum import sha256_of, verified, with_checksum
 
 PACKAGE_PREFIX = "modeling."
 
@@ -81,7 +83,7 @@ def cached(what: PlainData, derive: Callable[[], PlainData], read: Callable[[Pla
         with suppress(ValueError, KeyError, TypeError):
             return read(found)
     text = json.dumps(derive())
-    if cache is not None:
+    if cache is not None and _source_is_as_loaded():
         cache.put(name, text)
     return read(json.loads(text))
 
@@ -100,15 +102,19 @@ class DerivationCache:
         if named is None:
             folder = _platform_folder()
             return None if folder is None else cls(folder)
-        return None if named.strip().lower() in ("", "off") else cls(Path(named).expanduser())
+        if named.strip().lower() in ("", "off"):
+            return None
+        try:
+            return cls(Path(named).expanduser())
+        except RuntimeError:  # `~` without a home, or of an unknown user
+            return None
 
     def get(self, name: str) -> PlainData | None:
         """The data of an entry; None where there is none, or its checksum fails."""
         path = self._path(name)
         try:
-            content = path.read_bytes()
-            digest, _, text = content.partition(b"\n")
-            if digest.decode("ascii", "replace") != _digest(text):
+            text = verified(path.read_bytes())
+            if text is None:
                 return None
             with suppress(OSError):
                 os.utime(path)  # time of last use, for trimming
@@ -120,13 +126,12 @@ class DerivationCache:
     def put(self, name: str, text: str) -> None:
         """Write an entry atomically; a folder that cannot be written is no error."""
         path = self._path(name)
-        content = text.encode()
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
             try:
                 with os.fdopen(handle, "wb") as file:
-                    file.write(_digest(content).encode() + b"\n" + content)
+                    file.write(with_checksum(text.encode()))
                 os.replace(temporary, path)
             except BaseException:
                 with suppress(OSError):
@@ -159,25 +164,20 @@ class DerivationCache:
 
 
 def _name(what: PlainData) -> str:
-    return _digest(json.dumps([CACHE_FORMAT, *_origins(), what], sort_keys=True).encode())
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+    return sha256_of(json.dumps([CACHE_FORMAT, *_origins(), what], sort_keys=True).encode())
 
 
 @lru_cache(maxsize=1)
 def _origins() -> tuple[str, ...]:
     """Common to all keys: the versions of the libraries, and the source of `modeling`."""
-    return (*map(_version, LIBRARIES), source_digest(Path(__file__).parents[1]))
+    return (*map(_version, LIBRARIES), LOADED_SOURCE)
 
 
 def source_digest(package: Path) -> str:
     """A hash of the names and contents of all modules of a package."""
-    source = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        source.update(f"{path.relative_to(package).as_posix()} {_digest(path.read_bytes())}\n".encode())
-    return source.hexdigest()
+    modules = sorted(package.rglob("*.py"))
+    lines = (f"{path.relative_to(package).as_posix()} {sha256_of(path.read_bytes())}\n" for path in modules)
+    return sha256_of("".join(lines).encode())
 
 
 def _version(library: str) -> str:
@@ -201,3 +201,15 @@ def _platform_folder() -> Path | None:
     except (OSError, RuntimeError, KeyError):
         return None
     return folder if folder.is_absolute() else None
+
+
+def _source_is_as_loaded() -> bool:
+    try:
+        return source_digest(PACKAGE) == LOADED_SOURCE
+    except OSError:  # a module is being replaced
+        return False
+
+
+PACKAGE = Path(__file__).parents[1]
+LOADED_SOURCE = source_digest(PACKAGE)
+"""Of the source as this process loads it: read here, as the disk may hold another version at the first lookup."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ class EquationTexts:
 def equation_texts(effect: Effect, model: WrenchModel) -> EquationTexts:
     """What the effect changes of the readings of this model, derived from its perturbation."""
     alone = replace(model, effects=(effect,))
-    return alone.stored(f"equations by {_source()}", lambda: _derived(effect, model), _read)
+    return alone.stored(f"equations by {SOURCE}", lambda: _derived(effect, model), _read)
 
 
 def _derived(effect: Effect, model: WrenchModel) -> Mapping[str, Any]:
@@ -38,7 +37,5 @@ def _read(data: Mapping[str, Any]) -> EquationTexts:
     return EquationTexts(tuple(data["mathml"]), str(data["symbols"])) if data else EquationTexts()
 
 
-@cache
-def _source() -> str:
-    """A hash of the modules that derive and print the equations."""
-    return source_digest(Path(__file__).parent)
+SOURCE = source_digest(Path(__file__).parent)
+"""Of the modules that derive and print the equations."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -59,10 +59,11 @@ def rows_in_time_order(rows: Sequence[SurveyRow]) -> list[SurveyRow]:
 def quantity_series(rows: Sequence[SurveyRow]) -> list[QuantitySeries]:
     """Quantities of at least two recordings: effects' parameters first, those of most recordings first.
 
-    Parameters of a tool that is not known are left out.
+    Parameters of a tool that is not known are left out. A recording given twice, or a copy of it, is one measurement.
     """
     found: dict[tuple[str, str, str], list[tuple[SurveyRow, StoredEstimate]]] = {}
-    for row in rows_in_time_order(rows):
+    measured = {replace(row.outcome, seconds=None): row for row in reversed(rows_in_time_order(rows))}
+    for row in reversed(measured.values()):
         tool = () if row.outcome.tool_unknown else row.outcome.parameters
         for size in (*row.outcome.sizes, *tool):
             if size.value is not None:

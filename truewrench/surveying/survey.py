@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from pydantic import TypeAdapter, ValidationError
 
 from diagnosis.parallel.progress import Progress, count_progress, silent
+from modeling.checksum import verified, with_checksum
 from modeling.errors import InputError
 from modeling.rig.rig import Rig
 from modeling.table import Column, Table, Tabular
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class OutcomeStore:
-    """Folder of outcomes, one JSON file each, named by its fingerprint."""
+    """Folder of outcomes, one file each, named by its fingerprint: JSON below a checksum."""
 
     folder: Path
 
@@ -39,7 +40,8 @@ class OutcomeStore:
         if key is None:
             return None
         try:
-            return _outcome_adapter().validate_json(self._path(key).read_bytes())
+            text = verified(self._path(key).read_bytes())
+            return None if text is None else _outcome_adapter().validate_json(text)
         except (OSError, ValidationError):
             return None
 
@@ -49,7 +51,7 @@ class OutcomeStore:
         Raises InputError when it cannot be written.
         """
         with atomic_write(self._path(key)) as path:
-            path.write_bytes(_outcome_adapter().dump_json(outcome))
+            path.write_bytes(with_checksum(_outcome_adapter().dump_json(outcome)))
 
     def _path(self, key: str) -> Path:
         return self.folder / f"{key}.json"

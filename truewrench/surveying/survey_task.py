@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from diagnosis.diagnosis import Diagnosis
 
 
-STORE_VERSION = 2
+STORE_VERSION = 3
 """Version of a stored outcome, increased when its fields change."""
 FINGERPRINTED_PACKAGES = ("modeling", "design", "estimation", "diagnosis")
 """Packages whose code determines the outcome."""
@@ -31,8 +33,8 @@ def fingerprint(
 ) -> str:
     """SHA-256 of everything that the outcome of a recording depends on, in hexadecimal.
 
-    Of the file's name only the ending counts, which gives the format: a renamed recording keeps its fingerprint.
-    Raises OSError when the recording cannot be read.
+    Of its name only the ending counts, which gives the format: a renamed recording keeps its fingerprint. Of a folder
+    the files in it count, with their names. Raises OSError when the recording cannot be read.
     """
     settings: dict[str, Any] = {
         "layout": STORE_VERSION,
@@ -44,9 +46,17 @@ def fingerprint(
     if one_run:  # outcomes stored without the option keep their fingerprints
         settings["one_run"] = True
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode("ascii"))
-    with recording.open("rb") as stream:
-        digest.update(hashlib.file_digest(stream, "sha256").digest())
+    if recording.is_dir():  # a ROS 2 bag
+        for path in sorted(path for path in recording.iterdir() if path.is_file()):
+            digest.update(hashlib.sha256(os.fsencode(path.name)).digest() + _content_digest(path))
+    else:
+        digest.update(_content_digest(recording))
     return digest.hexdigest()
+
+
+def _content_digest(file: Path) -> bytes:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").digest()
 
 
 @cache
@@ -97,9 +107,8 @@ def diagnosed_outcome(task: SurveyTask) -> DiagnosisOutcome:
             return DiagnosisOutcome(error=f"{what}; {remedy}", final=False)
         return DiagnosisOutcome.of(_diagnosis(task), seconds=perf_counter() - began)
     except InputError as error:
-        return DiagnosisOutcome(
-            error=_error_line(error, task), seconds=perf_counter() - began, final=task.key is not None
-        )
+        final = task.key is not None and not _is_due_to_the_machine(error)
+        return DiagnosisOutcome(error=_error_line(error, task), seconds=perf_counter() - began, final=final)
     except Exception as error:
         return failed_outcome(error)
 
@@ -107,13 +116,30 @@ def diagnosed_outcome(task: SurveyTask) -> DiagnosisOutcome:
 def failed_outcome(error: BaseException) -> DiagnosisOutcome:
     """Outcome of a failure not due to the recording: not final, may be rerun."""
     message = " ".join(f"{type(error).__name__}: {error}".split())
-    return DiagnosisOutcome(error=f"internal error: {message}", final=False)
+    return DiagnosisOutcome(error=_encodable(f"internal error: {message}"), final=False)
+
+
+def _is_due_to_the_machine(error: InputError) -> bool:
+    """Whether a file could not be read or written for a reason that may be gone tomorrow: a full disk, say."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.errno is not None:  # errors of a file's contents have no number
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
 
 
 def _error_line(error: InputError, task: SurveyTask) -> str:
-    """Error message without the name of the recording, which is in the row and may change."""
-    where = error.where.removeprefix(task.recording).removeprefix(Path(task.recording).name).lstrip(" ,:")
-    return f"{where}: {error.what}; {error.remedy}" if where else f"{error.what}; {error.remedy}"
+    """Error message without the path of the recording, which is in the row and may change: FILE in a command."""
+    path = " ".join(task.recording.split())  # as an InputError has it
+    where = error.where.removeprefix(path).removeprefix(Path(task.recording).name).lstrip(" ,:")
+    says = f"{error.what}; {error.remedy}".replace(shlex.quote(path), "FILE").replace(path, "FILE")
+    return _encodable(f"{where}: {says}" if where else says)
+
+
+def _encodable(text: str) -> str:
+    """The text with bytes of a file's name that are not UTF-8 written as in a row's file."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def _fingerprint_or_none(

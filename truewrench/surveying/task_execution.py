@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from contextlib import contextmanager
 from functools import partial
 
@@ -23,7 +23,8 @@ def run_tasks(
     Dask reruns the tasks of a dead worker on another one, and gives up a task after several deaths. Such a task may
     only have shared workers with a recording that kills them (out of memory, say): it is rerun at the end, one at a
     time, and fails only if it then kills its worker again.
-    Raises InputError when the scheduler is lost. Pending tasks are cancelled when the iteration ends.
+    Raises InputError when the scheduler is lost, or all workers of another executor with one of them. Pending tasks
+    are cancelled when the iteration ends.
     """
     with _submit(tasks, executor, work) as futures:
         suspects = []
@@ -44,8 +45,11 @@ def _submit(
 ) -> Iterator[dict[Future[DiagnosisOutcome], SurveyTask]]:
     futures: dict[Future[DiagnosisOutcome], SurveyTask] = {}
     try:
-        for task in tasks:
-            futures[executor.submit(work, task)] = task
+        try:
+            for task in tasks:
+                futures[executor.submit(work, task)] = task
+        except BrokenExecutor as error:
+            raise workers_lost(error) from None
         yield futures
     finally:
         for future in futures:
@@ -64,6 +68,8 @@ def _outcome(future: Future[DiagnosisOutcome]) -> DiagnosisOutcome | None:
     error = future.exception()
     if error is None:
         return future.result()
+    if isinstance(error, BrokenExecutor):
+        raise workers_lost(error)
     return None if _killed_worker(error) else failed_outcome(error)
 
 
@@ -72,6 +78,15 @@ def scheduler_lost() -> InputError:
     what = "the scheduler does not answer any more"
     return InputError(
         what=what, where="survey", remedy="start it and run the survey again: it resumes where it stopped"
+    )
+
+
+def workers_lost(error: BrokenExecutor) -> InputError:
+    """Error for an executor that does nothing any more once one of its workers has died."""
+    return InputError(
+        what=f"a worker of the executor died, and the others ended with it: {error}",
+        where="survey",
+        remedy="run the survey again, which resumes where it stopped, or on Dask, which goes on with other workers",
     )
 
 
