@@ -322,9 +322,9 @@ def _diagnosed(
         tolerance, power = channel_tolerance(steps[-1].fit)[0], power[:1]
     require_positive_fitted_mass(steps[-1].fit)
     progress("verdict, upper limit and aliases of every effect")
+    alternatives = given_alternatives(final, candidates)
     evidence = gather_evidence(selection, final, candidates, reasons)
     findings = judge_effects(selection, final, steps, power, evidence, candidates, tolerance, effect_rules)
-    alternatives = given_alternatives(final, candidates)
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], tolerance)

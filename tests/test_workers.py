@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import select
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
 from multiprocessing import active_children, get_context
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -171,6 +173,40 @@ def test_every_process_has_all_results() -> None:
 def test_tasks_of_several_kinds_are_one_batch() -> None:
     tasks = [WorkItem("one", lambda: 1), WorkItem("pi", lambda: "3.14"), WorkItem("none", lambda: None)]
     assert run_spmd(2, lambda team: team.run(tasks)) == [1, "3.14", None]
+
+
+@pytest.mark.parametrize("items", [[], [0], MANY])
+def test_the_copies_end_with_the_last_batch(items: list[int]) -> None:
+    """What the program does afterwards is done by the original alone, further batches too; nothing waits for a copy."""
+    original = os.getpid()
+    reached = get_context("fork").Value("i", 0)
+
+    def program(team: Workers) -> list[list[int]]:
+        squares = team.map(lambda n: n * n, MANY)
+        last = team.map(lambda n: -n, items, last=True)
+        reached.value += os.getpid() != original
+        for process in active_children():
+            process.join(timeout=60)
+            assert process.exitcode == 0
+        return [squares, last, team.map(lambda _: os.getpid(), MANY)]
+
+    squares, last, processes = run_spmd(3, program)
+    assert squares == [n * n for n in MANY]
+    assert last == [-n for n in items]
+    assert set(processes) == {original}
+    assert not reached.value
+
+
+def test_a_last_batch_within_an_item_ends_no_copy() -> None:
+    """A diagnosis of a surrogate, say, whose own workers are those of the calibration."""
+
+    def program(team: Workers) -> list[list[int]]:
+        def nested(item: int) -> list[int]:
+            return team.map(lambda n: item + n, [1, 2], last=True)
+
+        return [*team.map(nested, MANY), *team.map(lambda n: [n], MANY)]
+
+    assert run_spmd(2, program) == [*([n + 1, n + 2] for n in MANY), *([n] for n in MANY)]
 
 
 def test_an_exception_leaves_the_processes_in_step() -> None:
@@ -350,3 +386,95 @@ def _killed_while_a_copy_sends(read: int, _write: int) -> None:
         return bytes(1_000_000)
 
     mapped(3, large, MANY)
+
+
+def test_copies_are_killed_with_the_original_in_the_midst_of_an_item() -> None:
+    """They would compute to the end of the item; the pipe that they hold is closed at once instead."""
+    read, write = os.pipe()
+    process = get_context("fork").Process(target=_killed_while_copies_compute, args=(read, write))
+    process.start()
+    os.close(write)
+    process.join()
+    ready, _, _ = select.select([read], [], [], 30)
+    assert ready
+    assert os.read(read, 1) == b""  # the last who had it is gone
+    os.close(read)
+
+
+def _killed_while_copies_compute(read: int, _write: int) -> None:
+    os.close(read)
+    own, begun = os.getpid(), get_context("fork").Barrier(3)
+
+    def long(_n: int) -> None:
+        begun.wait(60)
+        if os.getpid() == own:
+            os.kill(own, signal.SIGKILL)
+        threading.Event().wait(300)
+
+    mapped(3, long, [1, 2, 3])
+
+
+def test_a_copy_without_memory_costs_no_result() -> None:
+    """The original may have enough; a lack of its own is raised, as with one process."""
+    own, begun = os.getpid(), get_context("fork").Event()
+
+    def large(n: int) -> int:
+        if os.getpid() != own:
+            begun.set()
+            raise MemoryError
+        assert begun.wait(60)
+        return n
+
+    assert mapped(2, large) == MANY
+
+    def larger(n: int) -> int:
+        if n == 7:
+            raise MemoryError
+        return n
+
+    with pytest.raises(MemoryError):
+        mapped(2, larger)
+
+
+class Homebound:
+    """Can be pickled, and not unpickled."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return int, ("no number",)
+
+
+def test_results_that_do_not_arrive_are_made_here() -> None:
+    own, made = os.getpid(), get_context("fork").Event()
+
+    def homebound(n: int) -> Homebound:
+        if os.getpid() != own:
+            made.set()
+        assert made.wait(60)
+        return Homebound(n)
+
+    assert [one.number for one in mapped(2, homebound)] == MANY
+
+
+@pytest.mark.parametrize(("place", "name"), [(os, "fork"), (socket, "socketpair")])
+@pytest.mark.parametrize("forked", [0, 1])
+def test_where_no_copy_can_be_made_one_process_does_all(
+    place: ModuleType, name: str, forked: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No memory, or no more open files, for the first copy, or for the second."""
+    descriptors, calls = set(os.listdir("/proc/self/fd")), []
+    real = getattr(place, name)
+
+    def limited(*given: Any) -> Any:
+        calls.append(given)
+        if len(calls) > forked:
+            raise OSError(12, "Cannot allocate memory")
+        return real(*given)
+
+    monkeypatch.setattr(place, name, limited)
+    assert set(mapped(3, lambda _: os.getpid())) == {os.getpid()}
+    assert not active_children()
+    if place is socket:  # multiprocessing leaves four pipe ends of its own open where it cannot fork
+        assert set(os.listdir("/proc/self/fd")) == descriptors

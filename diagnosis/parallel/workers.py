@@ -9,6 +9,7 @@ import pickle
 import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf
 from mmap import mmap
@@ -30,6 +31,8 @@ MAX_BATCH = 4096
 CACHED_BY_OTHERS = 0.2
 """Weight of the time that an item takes where only other processes had its label before: one leaves it to them, unless
 it is five times as long as all that is left of its own."""
+PR_SET_PDEATHSIG = 1
+"""Option of `prctl` (prctl.h of Linux)."""
 LARGE_ARRAY = 2**16
 """Bytes of an array that is sent by itself, without the copies that a pickle makes of it."""
 
@@ -45,28 +48,23 @@ def run_spmd(count: int, program: Callable[[Workers], Result]) -> Result:
     Each runs the whole program (single program, multiple data) and keeps its own caches; only the items given to
     `Workers.map` are shared out. The program must do the same in every process. What copies write to the standard
     streams is lost; interrupts are handled by the original alone. Where forking is not safe (macOS, Windows, inside
-    another worker) the program runs in this process only.
+    another worker) or fails (no more processes, open files or memory) the program runs in this process only.
     """
     if count < 2 or not _can_fork():
         return program(Workers())
-    context, claims = get_context("fork"), _Claims()
+    claims = _Claims()
     copies: list[tuple[ForkProcess, Connection]] = []
     try:
-        for rank in range(1, count):
-            here, there = context.Pipe()
-            member = Workers(rank, count, claims, _LinkToOriginal(there))
-            inherited = [*(link for _, link in copies), here]
-            copy = context.Process(target=_run_copy, args=(program, member, inherited), daemon=True)
-            copy.start()
-            there.close()
-            copies.append((copy, here))
-        return program(Workers(0, count, claims, _LinksToCopies([link for _, link in copies])))
+        with suppress(OSError):
+            for rank in range(1, count):
+                copies.append(_forked(program, rank, count, claims, [link for _, link in copies]))
+        if len(copies) == count - 1:
+            return program(Workers(0, count, claims, _LinksToCopies([link for _, link in copies])))
+        _end(copies)
+        copies.clear()
+        return program(Workers())
     finally:
-        for copy, _ in copies:
-            copy.kill()
-        for copy, link in copies:
-            copy.join()
-            link.close()
+        _end(copies)
         claims.close()
 
 
@@ -106,6 +104,7 @@ class Workers:
         long: Callable[[Item], bool] | None = None,
         shared: Sequence[object] = (),
         announce: CountCallback | None = None,
+        last: bool = False,
     ) -> list[Result]:
         """The function of every item, in their order; each free process takes the next item (dynamic scheduling).
 
@@ -114,10 +113,13 @@ class Workers:
         results may refer to and that are not sent: each process has its own. An exception is raised unchanged in every
         process, that of the first item first. A result that cannot be pickled is computed by each process; items of a
         killed copy are computed by the original, which also announces how many items are begun. The arrays of a result
-        must not be written to afterwards: they are sent when the batch is done.
+        must not be written to afterwards: they are sent when the batch is done. With the `last` batch of the
+        program the copies end; the original goes on alone.
         """
         begun = announce if announce is not None and self.rank == 0 else _no_announcement
         if self.claims is None or self.links is None or self._busy or not 1 < len(items) <= MAX_BATCH:
+            if last:
+                self._end_copies()
             return [_announced(function, item, begun, place, len(items)) for place, item in enumerate(items)]
         self._batch += 1
         labels = [str(place) if label is None else label(item) for place, item in enumerate(items)]
@@ -135,19 +137,22 @@ class Workers:
                 self._note_time(labels[place], seconds)
                 sent[place] = batch.packed(found[place], seconds)
         gathered = self.links.gather(batch, sent)
+        if last:
+            self._end_copies()
         if self.rank == 0:
             for place in set(range(len(items))).difference(gathered):
                 found[place] = self._tried(function, items[place])
                 gathered[place] = batch.packed(found[place])
-        for place, packed in sorted(self.links.broadcast(gathered).items()):
+        for place, packed in sorted((gathered if self.links is None else self.links.broadcast(gathered)).items()):
             if place not in found:
-                found[place] = self._tried(function, items[place]) if packed is None else batch.unpacked(packed)
+                arrived = None if packed is None else batch.unpacked_or_none(packed)
+                found[place] = self._tried(function, items[place]) if arrived is None else arrived[0]
                 self._note_time(labels[place], 0.0 if packed is None else packed.seconds)
         return [_result(found[place]) for place in range(len(items))]
 
-    def run(self, tasks: Sequence[WorkItem], *, shared: Sequence[object] = ()) -> list[Any]:
+    def run(self, tasks: Sequence[WorkItem], *, shared: Sequence[object] = (), last: bool = False) -> list[Any]:
         """The result of every task, in their order, computed by `map`."""
-        return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared)
+        return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared, last=last)
 
     def _order(self, labels: Sequence[str], known_long: Set[str]) -> list[int]:
         """Order in which a process takes items: new labels, then the longest; the items of a label in their order.
@@ -165,15 +170,28 @@ class Workers:
         known = [p for p, label in enumerate(labels) if label in self._times]
         return new + sorted(known, key=lambda p: -expected(labels[p]))
 
+    def _end_copies(self) -> None:
+        """End this process if it is a copy, unless it is within an item; the original shares out nothing any more."""
+        if self.links is None or self._busy:
+            return
+        if self.rank > 0:
+            os._exit(0)
+        self.links = None
+
     def _note_time(self, label: str, seconds: float) -> None:
         self._times[label] = max(seconds, self._times.get(label, 0.0))
 
     def _tried(self, function: Callable[[Item], Result], item: Item) -> Result | _Raised:
-        """The function's result or its exception; a nested batch is computed by this process alone."""
+        """The function's result or its exception; a nested batch is computed by this process alone.
+
+        A copy for which memory is short ends instead: the original may have enough without it.
+        """
         self._busy = True
         try:
             return function(item)
         except Exception as error:
+            if self.rank > 0 and isinstance(error, MemoryError):
+                os._exit(1)
             return _Raised(error)
         finally:
             self._busy = False
@@ -293,6 +311,13 @@ class _Batch:
             return None
         return packed
 
+    def unpacked_or_none(self, packed: _Packed) -> tuple[Any] | None:
+        """A result unpickled, in a tuple; None for one that cannot be."""
+        try:
+            return (self.unpacked(packed),)
+        except Exception:
+            return None
+
     def unpacked(self, packed: _Packed) -> Any:
         """A result unpickled."""
         return _Unpickler(packed, self.shared).load()
@@ -369,12 +394,42 @@ class _Raised:
     error: Exception
 
 
-def _run_copy(program: Callable[[Workers], object], member: Workers, inherited: Sequence[Connection]) -> None:
+def _forked(
+    program: Callable[[Workers], object], rank: int, count: int, claims: _Claims, earlier: Sequence[Connection]
+) -> tuple[ForkProcess, Connection]:
+    """A copy of this process that runs the program, and the pipe to it; OSError where there can be none."""
+    context = get_context("fork")
+    here, there = context.Pipe()
+    try:
+        member = Workers(rank, count, claims, _LinkToOriginal(there))
+        arguments = (program, member, [*earlier, here], os.getpid())
+        copy = context.Process(target=_run_copy, args=arguments, daemon=True)
+        copy.start()
+    except OSError:
+        here.close()
+        raise
+    finally:
+        there.close()
+    return copy, here
+
+
+def _end(copies: Sequence[tuple[ForkProcess, Connection]]) -> None:
+    for copy, _ in copies:
+        copy.kill()
+    for copy, link in copies:
+        copy.join()
+        link.close()
+
+
+def _run_copy(
+    program: Callable[[Workers], object], member: Workers, inherited: Sequence[Connection], original: int
+) -> None:
     """Body of a forked copy.
 
     It closes inherited pipe ends, so that every copy notices the end of the original, and excludes inherited objects
     from garbage collection, which would touch and so copy all their memory pages.
     """
+    _end_with(original)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.freeze()
     for link in inherited:
@@ -385,6 +440,17 @@ def _run_copy(program: Callable[[Workers], object], member: Workers, inherited: 
             program(member)
         finally:
             os._exit(0)  # open files and buffers belong to the original
+
+
+def _end_with(original: int) -> None:
+    """Let the system kill this copy when the thread of the original that forked it has ended, in whatever way."""
+    from ctypes import CDLL
+
+    prctl = getattr(CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != original:
+        os._exit(0)
 
 
 def _can_fork() -> bool:

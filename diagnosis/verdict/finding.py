@@ -115,7 +115,7 @@ class Evidence:
 def gather_evidence(
     selection: SubsetSearch, final: CandidateModel, effects: Sequence[Effect], rejections: Mapping[str, str]
 ) -> Evidence:
-    """Aliases of the final model's effects; limits and refits of those that it lacks: in one batch of work."""
+    """Aliases of the final model's effects; limits and refits of those that it lacks: the last batch of work."""
     alternatives = alias_candidates(selection, final, effects)
     significant = [s.effect.id for s in significant_effects(final.screened(effects))]
     beside = {i: larger for i in significant if (larger := refit_beside(selection, final, i)) is not None}
@@ -128,7 +128,7 @@ def gather_evidence(
     tasks = [WorkItem(c.screening.effect.id, partial(alias_of, target, c)) for c in alternatives]
     tasks += [WorkItem(s.effect.id, partial(contribution_upper_limit, final.fit, s, final.cache)) for s in limited]
     tasks += [WorkItem(i, partial(judge_refit, larger, final, i)) for i, larger in beside.items()]
-    found = iter(final.cache.workers.run(tasks))
+    found = iter(final.cache.workers.run(tasks, last=True))
     fitted = [next(found) for _ in alternatives]
     limits = {s.effect.id: next(found) for s in limited}
     judged = {i: next(found) for i in beside}

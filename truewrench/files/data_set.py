@@ -110,7 +110,7 @@ def read_recordings(
     def program(team: Workers) -> list[Recording]:
         if team.rank == 0:
             meanwhile()
-        return team.map(recording, sources, shared=[] if rig is None else [rig, rig.arm])
+        return team.map(recording, sources, shared=[] if rig is None else [rig, rig.arm], last=True)
 
     recordings = run_spmd(min(workers, len(sources)), program)
     require_different_readings(recordings, "REC")

@@ -83,6 +83,6 @@ class SvgImage:
 
 def draw_images(images: Sequence[SvgImage], workers: int) -> None:
     """Draw the images of a page in so many processes; a page takes longer to draw than to diagnose or to write."""
-    drawn = run_spmd(min(workers, len(images)), lambda team: team.map(lambda image: image.drawing, images))
+    drawn = run_spmd(min(workers, len(images)), lambda team: team.map(lambda image: image.drawing, images, last=True))
     for image, drawing in zip(images, drawn, strict=True):
         image.drawing = drawing
