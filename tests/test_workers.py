@@ -9,6 +9,8 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import inf
 from multiprocessing import active_children, get_context
 from types import ModuleType
 from typing import Any
@@ -121,12 +123,26 @@ def test_a_process_begins_with_what_is_known_to_be_long() -> None:
     def program(team: Workers) -> list[tuple[int, float]]:
         team.map(meet, ["a", "b"], label=str)
         team.map(meet, ["c", "d"], label=str)
-        return team.map(meet, ["a", "b", "c", "d"], label=str, long=lambda label: label == "d")
+        return team.map(meet, ["a", "b", "c", "d"], label=str, guess=lambda label: inf if label == "d" else 0)
 
     made = run_spmd(2, program)
     own = [begun for process, begun in made if process == made[3][0]]
     assert len(own) == 2
     assert made[3][1] == min(own)
+
+
+def test_of_new_items_those_guessed_to_be_longest_are_begun_first() -> None:
+    """Two processes that wait for each other with each item take them in pairs."""
+    barrier = get_context("fork").Barrier(2)
+
+    def meet(_item: int) -> float:
+        barrier.wait(timeout=60)
+        return time.perf_counter()
+
+    order = [5, 2, 7, 0, 4, 1, 6, 3]
+    begun = dict(zip(order, mapped(2, meet, order, guess=lambda item: item if item < 7 else inf), strict=True))
+    pairs = [{begun[2 * k], begun[2 * k + 1]} for k in (3, 2, 1, 0)]
+    assert all(max(earlier) < min(later) for earlier, later in pairwise(pairs))
 
 
 def test_a_free_process_takes_what_took_another_one_long() -> None:
@@ -152,7 +168,7 @@ def test_a_free_process_takes_what_took_another_one_long() -> None:
         team.map(meet, ["long", "short"], label=str)
         team.map(meet, ["busy", "quick"], label=str)
         began.append(True)
-        return team.map(meet, ["short", "long", "busy"], label=str, long=lambda label: label == "busy")
+        return team.map(meet, ["short", "long", "busy"], label=str, guess=lambda label: inf if label == "busy" else 0)
 
     short, long, busy = run_spmd(2, program)
     assert long[0] != busy[0]

@@ -8,7 +8,7 @@ import os
 import pickle
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf
@@ -101,7 +101,7 @@ class Workers:
         items: Sequence[Item],
         *,
         label: Callable[[Item], str] | None = None,
-        long: Callable[[Item], bool] | None = None,
+        guess: Callable[[Item], float] | None = None,
         shared: Sequence[object] = (),
         announce: CountCallback | None = None,
         last: bool = False,
@@ -109,7 +109,8 @@ class Workers:
         """The function of every item, in their order; each free process takes the next item (dynamic scheduling).
 
         A process takes the items first whose `label` took longest before, and prefers those that it had itself, as its
-        caches may serve them; of these the `long` ones come first, whatever time they took. `shared` are objects that
+        caches may serve them. Before them come new labels, those of the largest `guess` (in any unit) first; an
+        infinite guess holds whatever its label took before. `shared` are objects that
         results may refer to and that are not sent: each process has its own. An exception is raised unchanged in every
         process, that of the first item first. A result that cannot be pickled is computed by each process; items of a
         killed copy are computed by the original, which also announces how many items are begun. The arrays of a result
@@ -126,8 +127,8 @@ class Workers:
         batch = _Batch((self._batch, getattr(function, "__qualname__", ""), *labels), list(shared))
         found: dict[int, Any] = {}
         sent: dict[int, _Packed | None] = {}
-        known_long = {label for item, label in zip(items, labels, strict=True) if long is not None and long(item)}
-        for place in self._order(labels, known_long):
+        guesses = [0.0 if guess is None else guess(item) for item in items]
+        for place in self._order(labels, guesses):
             if self.claims.take(place, self._batch):
                 begun(self.claims.taken(len(items), self._batch) - 1, len(items))
                 start = perf_counter()
@@ -154,21 +155,31 @@ class Workers:
         """The result of every task, in their order, computed by `map`."""
         return self.map(lambda task: task.work(), tasks, label=lambda task: task.label, shared=shared, last=last)
 
-    def _order(self, labels: Sequence[str], known_long: Set[str]) -> list[int]:
-        """Order in which a process takes items: new labels, then the longest; the items of a label in their order.
+    def _order(self, labels: Sequence[str], guesses: Sequence[float]) -> list[int]:
+        """Order in which a process takes items: new labels of the largest guess, then labels that took longest.
 
-        Of new labels the copies begin with the first and the original with the last, as it may come later to a batch.
+        No two processes begin with the same item, which both might take: of new labels the first copy begins with the
+        first, the next with the second, and the original with the last of so many, as it may come later to a batch.
+        Items that are expected to take equally long are begun at different places.
         """
 
-        def expected(label: str) -> float:
-            if label not in self._own:
-                return CACHED_BY_OTHERS * self._times[label]
-            return inf if label in known_long else self._times[label]
+        def expected(place: int) -> float:
+            if labels[place] not in self._own:
+                return CACHED_BY_OTHERS * self._times[labels[place]]
+            return inf if guesses[place] == inf else self._times[labels[place]]
 
-        begin = (self.rank - 1) % self.count * len(labels) // self.count
-        new = [p for p in [*range(begin, len(labels)), *range(begin)] if labels[p] not in self._times]
-        known = [p for p, label in enumerate(labels) if label in self._times]
-        return new + sorted(known, key=lambda p: -expected(labels[p]))
+        turn = (self.rank - 1) % self.count
+        begin = turn * len(labels) // self.count
+        everywhere = [*range(begin, len(labels)), *range(begin)]
+        new = [place for place, label in enumerate(labels) if label not in self._times]
+        new.sort(key=lambda place: -guesses[place])
+        known = [place for place in everywhere if labels[place] in self._times]
+        return [
+            *new[turn : turn + 1],
+            *new[:turn],
+            *new[turn + 1 :],
+            *sorted(known, key=lambda place: -expected(place)),
+        ]
 
     def _end_copies(self) -> None:
         """End this process if it is a copy, unless it is within an item; the original shares out nothing any more."""

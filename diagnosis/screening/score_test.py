@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from math import inf
 
 from diagnosis.parallel.progress import CountCallback
 from diagnosis.screening.finite_difference import GridPoint
@@ -26,6 +27,7 @@ from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.parameter import Role
 from modeling.significance import LEVELS
+from modeling.space import Space
 
 CLEARLY_SIGNIFICANT = 1e-6
 """P-value by a limit of the motion's noise that needs no better one, whatever the number of effects."""
@@ -104,10 +106,22 @@ def run_searches(
         wanted,
         lambda key: _search(NullModel.of(key[0], cache), key[1]),
         label=lambda key: key[1].id,
-        long=lambda key: key[1].stage is Stage.DEFLECTION,  # five times as long, once the model has an event
+        guess=lambda key: _relative_duration(key[1], key[0].model.space),
         shared=[thing for fit in fits for thing in shared_objects(fit)],
         announce=announce,
     )
+
+
+def _relative_duration(effect: Effect, space: Space) -> float:
+    """Guess of how long a search takes: a deflection longest, five times as long once the model has an event.
+
+    Then effects with amplitudes of their own in each recording, or searched over a grid, by their number of parameters.
+    """
+    if effect.stage is Stage.DEFLECTION:
+        return inf
+    parameters = effect.parameters(space)
+    searched = effect.per_recording or any(p.role is not Role.AMPLITUDE for p in parameters)
+    return float(len(parameters) * searched)
 
 
 def refit_initial_values(fit: Fit, screening: ScoreTest, cache: ScreeningCache | None = None) -> NuisanceValues:

@@ -106,12 +106,12 @@ class ScreeningCache:
         make: Callable[[Key], Result],
         *,
         label: Callable[[Key], str] | None = None,
-        long: Callable[[Key], bool] | None = None,
+        guess: Callable[[Key], float] | None = None,
         shared: Sequence[object] = (),
         announce: CountCallback | None = None,
     ) -> list[Result]:
         """The result of each key, computed once, shared out among the workers."""
         new = [key for key in keys if key not in self._found]
-        made = self.workers.map(make, new, label=label, long=long, shared=shared, announce=announce)
+        made = self.workers.map(make, new, label=label, guess=guess, shared=shared, announce=announce)
         self._found.update(zip(new, made, strict=True))
         return [self._found[key] for key in keys]  # type: ignore[misc]

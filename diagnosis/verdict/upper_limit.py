@@ -70,8 +70,8 @@ def _unwhitened_columns(
     repeats = 1 if all(periodic for _, _, periodic in parts) else recording.repeats
     raw = np.zeros((len(every), channels, repeats, once))
     for part, places, periodic in parts:
-        series = part.transpose(2, 1, 0)
-        raw[places] += series[:, :, None] if periodic else series.reshape(*series.shape[:2], repeats, once)
+        for place, series in zip(places, part.transpose(2, 1, 0), strict=True):
+            raw[place] += series[:, None] if periodic else series.reshape(channels, repeats, once)
     return raw.reshape(len(every), channels, -1).transpose(2, 1, 0)
 
 
