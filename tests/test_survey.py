@@ -262,26 +262,61 @@ def test_error_names_no_path_that_may_change(tmp_path: Path, one: Executor) -> N
     assert (again.diagnosed, again.rows[0].file, again.rows[0].outcome.error) == (0, str(second), says)
 
 
-@pytest.mark.parametrize("text", ["\udce4 is no text", "plain"])
+@pytest.mark.parametrize("text", ["\udce4 is no text", "\ud800 is none either", "plain"])
 def test_internal_error_can_be_stored(text: str) -> None:
     assert failed_outcome(ValueError(text)).error.encode()
 
 
-def test_what_the_machine_lacked_is_tried_again(tmp_path: Path, one: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder of temporary files that is full, while a compressed log is read."""
+@pytest.mark.parametrize("where", ["folder", "file"])
+def test_what_the_machine_lacked_is_tried_again(
+    where: str, tmp_path: Path, one: Executor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full when a folder for temporary files is made, or one of them, while a compressed log is read."""
     path, out, rig = tmp_path / "run.parquet.gz", tmp_path / "out", tw.Rig.from_data({"columns": {"fx": "a"}})
     path.write_bytes(gzip.compress(b"PAR1" + bytes(200)))
     with monkeypatch.context() as patched:
-        patched.setattr(tempfile, "TemporaryDirectory", FullDisk)
+        patched.setattr(tempfile, "TemporaryDirectory", FullDisk if where == "file" else no_room)
         full = survey([path], rig=rig, out=out, executor=one).rows[0].outcome
     assert full.error == (
-        f"its decompressed copy cannot be written to {tempfile.gettempdir()}: No space left on device; "
-        "free space there, or set TMPDIR to another folder"
+        "its decompressed copy cannot be written: No space left on device; "
+        "free space for temporary files, or set TMPDIR to another folder"
     )
     assert stored(out) == 0
     damaged = survey([path], rig=rig, out=out, executor=one).rows[0].outcome
     assert "Parquet" in damaged.error
     assert stored(out) == 1  # it will be as damaged tomorrow
+
+
+def no_room(**_: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    "lack", [MemoryError(), ModuleNotFoundError("no such reader"), OSError(5, "Input/output error")]
+)
+def test_what_was_lacking_is_no_final_outcome(lack: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        try:
+            raise lack
+        except type(lack):
+            raise InputError(what="cannot be read", where="here", remedy="none") from None
+
+    (path,) = files(tmp_path, 1)
+    monkeypatch.setattr("truewrench.surveying.survey_task._diagnosis", refused)
+    assert not diagnosed_outcome(SurveyTask.of(path, None, None)).final
+
+
+def test_outcome_of_code_that_was_replaced_is_not_final(
+    bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A notebook that is open during an upgrade has loaded other code than that on the disk, which is fingerprinted."""
+    task = SurveyTask.of(bench / "nan.csv", None, None)
+    assert diagnosed_outcome(task).final
+    folder = tmp_path / "diagnosis"
+    folder.mkdir()
+    (folder / "upgraded.py").write_text("")
+    monkeypatch.setattr("truewrench.surveying.survey_task._code_folders", lambda: [folder])
+    assert not diagnosed_outcome(task).final
 
 
 class FullDisk:
@@ -389,7 +424,9 @@ def test_executor_that_ends_with_a_worker_keeps_what_is_done(tmp_path: Path, one
     paths[2].write_text("poison")
     with (
         ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool,
-        pytest.raises(InputError, match=r"a worker of the executor died.*resumes where it stopped, or on Dask"),
+        pytest.raises(
+            InputError, match=r"a worker of the executor died.*: on Dask a recording that ends its worker is a row"
+        ),
     ):
         survey(paths, out=out, executor=pool, work=stand_in.deadly)
     assert stored(out) == 2

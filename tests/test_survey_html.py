@@ -215,9 +215,10 @@ def test_scatter_is_no_change(excess: float) -> None:
 
 
 def test_a_recording_given_twice_is_measured_once() -> None:
-    """As by two patterns that name it both, or as a copy of another name and duration."""
+    """As by two patterns that name it both, or as a later copy that took another time."""
     once = [row(n, c=0.5 + 0.01 * n) for n in range(6)]
-    copies = [replace(r, file=f"copy_{r.file}", outcome=replace(r.outcome, seconds=9.0)) for r in once]
+    copies = [replace(row(30 - n, c=0.5 + 0.01 * n), file=f"copy_{n}.csv") for n in (0, 2, 3)]
+    copies = [replace(r, outcome=replace(r.outcome, seconds=9.0)) for r in copies]
     for first, second in zip(quantity_series(once), quantity_series([*once, *once, *copies]), strict=True):
         assert first.moments == second.moments
         np.testing.assert_array_equal(first.value, second.value)
@@ -258,6 +259,7 @@ def test_times_of_one_source_are_compared() -> None:
         ("v12_99999999_2026-03-01.csv", datetime(2026, 3, 1)),
         ("run_20260301_0061.csv", datetime(2026, 3, 1)),
         ("20260301_2500.csv", datetime(2026, 3, 1)),
+        ("20260301_1020-3000.csv", datetime(2026, 3, 1, 10, 20)),
         ("serial_20261399.csv", None),
         ("1202603011.csv", None),
         ("run7.csv", None),

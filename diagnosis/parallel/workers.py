@@ -52,7 +52,10 @@ def run_spmd(count: int, program: Callable[[Workers], Result]) -> Result:
     """
     if count < 2 or not _can_fork():
         return program(Workers())
-    claims = _Claims()
+    try:
+        claims = _Claims()
+    except OSError:
+        return program(Workers())
     copies: list[tuple[ForkProcess, Connection]] = []
     try:
         with suppress(OSError):
@@ -158,8 +161,8 @@ class Workers:
     def _order(self, labels: Sequence[str], guesses: Sequence[float]) -> list[int]:
         """Order in which a process takes items: new labels of the largest guess, then labels that took longest.
 
-        No two processes begin with the same item, which both might take: of new labels the first copy begins with the
-        first, the next with the second, and the original with the last of so many, as it may come later to a batch.
+        Processes that begin at one instant with one item would both take it: of new labels the first copy begins with
+        the first, the next with the second, and the original with the last of so many, as it may come later to a batch.
         Items that are expected to take equally long are begun at different places.
         """
 
@@ -182,7 +185,7 @@ class Workers:
         ]
 
     def _end_copies(self) -> None:
-        """End this process if it is a copy, unless it is within an item; the original shares out nothing any more."""
+        """End this process if it is a copy; the original shares out nothing any more. Not within a shared item."""
         if self.links is None or self._busy:
             return
         if self.rank > 0:

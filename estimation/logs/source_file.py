@@ -9,7 +9,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -97,17 +97,18 @@ class SourceFile:
 
     @contextmanager
     def _temporary_copy(self) -> Iterator[Path]:
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-            copy = Path(folder) / f"log{self.suffix}"
+        with ExitStack() as temporary:
             try:
+                folder = temporary.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+                copy = Path(folder) / f"log{self.suffix}"
                 with copy.open("wb") as out:
                     for block in self._blocks():
                         out.write(block)
                         if out.tell() > LARGEST_BINARY:
                             raise self.error("decompresses to more than 4 GiB", "decompress it, and give the file")
             except OSError as error:
-                what = f"its decompressed copy cannot be written to {tempfile.gettempdir()}: {error.strerror or error}"
-                raise self.error(what, "free space there, or set TMPDIR to another folder") from error
+                what = f"its decompressed copy cannot be written: {error.strerror or error}"
+                raise self.error(what, "free space for temporary files, or set TMPDIR to another folder") from error
             yield copy
 
     def _blocks(self) -> Iterator[bytes]:

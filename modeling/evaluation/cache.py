@@ -21,6 +21,7 @@ from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from time import time
 from typing import Any, TypeVar
 
 from modeling.checksum import sha256_of, verified, with_checksum
@@ -83,7 +84,7 @@ def cached(what: PlainData, derive: Callable[[], PlainData], read: Callable[[Pla
         with suppress(ValueError, KeyError, TypeError):
             return read(found)
     text = json.dumps(derive())
-    if cache is not None and _source_is_as_loaded():
+    if cache is not None and source_digest(PACKAGE) == LOADED_SOURCE:
         cache.put(name, text)
     return read(json.loads(text))
 
@@ -174,9 +175,11 @@ def _origins() -> tuple[str, ...]:
 
 
 def source_digest(package: Path) -> str:
-    """A hash of the names and contents of all modules of a package."""
-    modules = sorted(package.rglob("*.py"))
-    lines = (f"{path.relative_to(package).as_posix()} {sha256_of(path.read_bytes())}\n" for path in modules)
+    """A hash of the names and contents of all modules of a package that can be read."""
+    lines = []
+    for path in sorted(package.rglob("*.py")):
+        with suppress(OSError):  # an editor's lock, which is a link to nothing, or a module being replaced
+            lines.append(f"{path.relative_to(package).as_posix()} {sha256_of(path.read_bytes())}\n")
     return sha256_of("".join(lines).encode())
 
 
@@ -203,13 +206,8 @@ def _platform_folder() -> Path | None:
     return folder if folder.is_absolute() else None
 
 
-def _source_is_as_loaded() -> bool:
-    try:
-        return source_digest(PACKAGE) == LOADED_SOURCE
-    except OSError:  # a module is being replaced
-        return False
-
-
+LOADED_AT = time()
+"""When this process began to load the source, s."""
 PACKAGE = Path(__file__).parents[1]
 LOADED_SOURCE = source_digest(PACKAGE)
 """Of the source as this process loads it: read here, as the disk may hold another version at the first lookup."""

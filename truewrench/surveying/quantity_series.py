@@ -10,7 +10,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from truewrench.surveying.diagnosis_outcome import StoredEstimate
+from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome, StoredEstimate
 from truewrench.surveying.recording_time import TimeSource
 from truewrench.surveying.survey_row import SurveyRow
 
@@ -61,9 +61,11 @@ def quantity_series(rows: Sequence[SurveyRow]) -> list[QuantitySeries]:
 
     Parameters of a tool that is not known are left out. A recording given twice, or a copy of it, is one measurement.
     """
+    measured: dict[DiagnosisOutcome, SurveyRow] = {}
+    for row in rows_in_time_order(rows):
+        measured.setdefault(replace(row.outcome, seconds=None), row)
     found: dict[tuple[str, str, str], list[tuple[SurveyRow, StoredEstimate]]] = {}
-    measured = {replace(row.outcome, seconds=None): row for row in reversed(rows_in_time_order(rows))}
-    for row in reversed(measured.values()):
+    for row in measured.values():
         tool = () if row.outcome.tool_unknown else row.outcome.parameters
         for size in (*row.outcome.sizes, *tool):
             if size.value is not None:

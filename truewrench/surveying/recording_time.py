@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -49,16 +50,15 @@ class RecordingTime:
 def time_in(name: str) -> datetime | None:
     """The first date, with its time of day if there is one, in a file's name, in local time; None without."""
     for found in _STAMP.finditer(name):
-        for of_day in (True, False):
+        for left_out in ({}, {"zone": ""}, {"hour": ""}):
             with suppress(OverflowError, ValueError):  # 20261399 is no date, and 0061 after a date no time of day
-                return _moment(found, of_day=of_day)
+                return _moment(found.groupdict(default="") | left_out)
     return None
 
 
-def _moment(found: re.Match[str], *, of_day: bool) -> datetime:
-    part = found.groupdict(default="")
+def _moment(part: Mapping[str, str]) -> datetime:
     text = f"{part['year']}-{part['month']}-{part['day']}"
-    if part["hour"] and of_day:
+    if part["hour"]:
         text += f"T{part['hour']}:{part['minute']}:{part['second'] or '00'}"
         text += f".{part['fraction']:0<6}" if part["fraction"] else ""
         text += part["zone"]

@@ -7,7 +7,7 @@ import json
 import os
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,7 +15,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from modeling.errors import InputError
-from modeling.evaluation.cache import source_digest
+from modeling.evaluation.cache import LOADED_AT, source_digest
 from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 
 if TYPE_CHECKING:
@@ -62,9 +62,20 @@ def _content_digest(file: Path) -> bytes:
 @cache
 def code_version() -> str:
     """Hash of the source files, different for two checkouts of one version."""
+    return " ".join(map(source_digest, _code_folders()))
+
+
+def _code_folders() -> list[Path]:
     specs = [find_spec(package) for package in FINGERPRINTED_PACKAGES]
-    folders = [Path(folder) for spec in specs if spec for folder in spec.submodule_search_locations or []]
-    return " ".join(map(source_digest, folders))
+    return [Path(folder) for spec in specs if spec for folder in spec.submodule_search_locations or []]
+
+
+def code_is_as_loaded() -> bool:
+    """Whether no source file is newer than this process, which may have loaded the one before."""
+    try:
+        return all(p.stat().st_ctime < LOADED_AT for folder in _code_folders() for p in folder.rglob("*.py"))
+    except OSError:  # a module is being replaced
+        return False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,8 +108,13 @@ class SurveyTask:
 def diagnosed_outcome(task: SurveyTask) -> DiagnosisOutcome:
     """Outcome of the diagnosis of a task; an exception becomes the outcome's error message.
 
-    The outcome is final only if the worker's fingerprint is that of the task.
+    The outcome is final only if the worker's fingerprint is that of the task, and its code that of the fingerprint.
     """
+    outcome = _outcome(task)
+    return outcome if not outcome.final or code_is_as_loaded() else replace(outcome, final=False)
+
+
+def _outcome(task: SurveyTask) -> DiagnosisOutcome:
     began = perf_counter()
     try:
         if _fingerprint_or_none(Path(task.recording), task.rig, task.only, task.one_run) != task.key:
@@ -120,9 +136,11 @@ def failed_outcome(error: BaseException) -> DiagnosisOutcome:
 
 
 def _is_due_to_the_machine(error: InputError) -> bool:
-    """Whether a file could not be read or written for a reason that may be gone tomorrow: a full disk, say."""
+    """Whether a file was not read for a reason that may be gone tomorrow: a full disk, no memory, a missing library."""
     cause: BaseException | None = error
     while cause is not None:
+        if isinstance(cause, MemoryError | ImportError):
+            return True
         if isinstance(cause, OSError) and cause.errno is not None:  # errors of a file's contents have no number
             return True
         cause = cause.__cause__ or cause.__context__
@@ -138,8 +156,8 @@ def _error_line(error: InputError, task: SurveyTask) -> str:
 
 
 def _encodable(text: str) -> str:
-    """The text with bytes of a file's name that are not UTF-8 written as in a row's file."""
-    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    """The text with what is not Unicode, such as bytes of a file's name that are not UTF-8, escaped."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _fingerprint_or_none(

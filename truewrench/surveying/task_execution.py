@@ -27,13 +27,18 @@ def run_tasks(
     are cancelled when the iteration ends.
     """
     with _submit(tasks, executor, work) as futures:
-        suspects = []
+        suspects, lost = [], None
         for future in as_completed(futures):
+            if not future.cancelled() and isinstance(future.exception(), BrokenExecutor):
+                lost = future.exception()  # others may be done
+                continue
             outcome = _outcome(future)
             if outcome is None:
                 suspects.append(futures[future])
             else:
                 yield futures[future], outcome
+        if lost is not None:
+            raise workers_lost(lost)
     for task in suspects:
         with _submit([task], executor, partial(_again, work)) as (future,):
             yield task, _outcome(next(as_completed([future]))) or failed_outcome(future.exception() or RuntimeError())
@@ -68,8 +73,6 @@ def _outcome(future: Future[DiagnosisOutcome]) -> DiagnosisOutcome | None:
     error = future.exception()
     if error is None:
         return future.result()
-    if isinstance(error, BrokenExecutor):
-        raise workers_lost(error)
     return None if _killed_worker(error) else failed_outcome(error)
 
 
@@ -81,12 +84,12 @@ def scheduler_lost() -> InputError:
     )
 
 
-def workers_lost(error: BrokenExecutor) -> InputError:
+def workers_lost(error: BaseException) -> InputError:
     """Error for an executor that does nothing any more once one of its workers has died."""
     return InputError(
         what=f"a worker of the executor died, and the others ended with it: {error}",
         where="survey",
-        remedy="run the survey again, which resumes where it stopped, or on Dask, which goes on with other workers",
+        remedy="run the survey again with a new one, or without one: on Dask a recording that ends its worker is a row",
     )
 
 
