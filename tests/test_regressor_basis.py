@@ -163,3 +163,11 @@ def test_rows_are_used_again() -> None:
         operations += [("mul", 0, 2 + 2 * place), ("add", 2 + 2 * place, 3 + 2 * place)]
     tape = Tape(2, 0, (), tuple(operations), (2 + len(operations) - 1,))
     assert Schedule.of(tape, ()).rows <= 2
+
+
+def test_results_of_a_single_set_are_computed_in_their_place() -> None:
+    """Only one that another operation reads is copied, here the sine, and the input that is a result itself."""
+    tape = Tape(2, 0, (), (("sin", 0, NO_OPERAND), ("mul", 2, 1), ("cos", 1, NO_OPERAND)), (2, 3, 4, 1))
+    schedule = Schedule.of(tape, (), single=True)
+    assert [function for function, *_ in schedule.of_each].count(np.positive) == 2
+    assert (schedule.of_signals, schedule.rows) == ((), 1)

@@ -11,7 +11,7 @@ from estimation.least_squares.square_root_information import CHOLESKY_ROUNDING, 
 
 Array = NDArray[np.float64]
 
-SAMPLES_PER_BLOCK = 4096
+SAMPLES_PER_BLOCK = 16384
 """Samples per block: with the signals that they are computed from they fit in a processor's cache."""
 SAMPLED_ROWS_PER_COLUMN = 24
 """Samples per column from which the preconditioner is computed: rows that are alike throughout get a condition of 2.3.

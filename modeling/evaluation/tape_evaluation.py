@@ -21,7 +21,7 @@ RealOrComplex = NDArray[np.float64] | NDArray[np.complex128]
 
 BLOCK_NUMBERS = 2**17
 """Numbers in a block's values at most: 1 MB, a core's own cache."""
-SHORTEST_BLOCK, LONGEST_BLOCK = 1024, 4096
+SHORTEST_BLOCK, LONGEST_BLOCK = 1024, 8192
 """Samples in a block: with fewer the overhead of NumPy's calls dominates, more gain nothing."""
 
 
@@ -97,7 +97,7 @@ class TapeEvaluation:
         if not all(output.size for output in outputs):
             return
         levels = () if self.varying else _levels(theta)
-        schedule = self._schedule(levels)
+        schedule = self._schedule(levels, single=all(output.shape[1] == 1 for output in outputs))
         with np.errstate(all="ignore"):  # values that are not finite propagate
             fixed = self._fixed(schedule, [], 1) if self.varying else self._fixed(schedule, list(theta.T), len(theta))
             for output, slot in schedule.constant_results:
@@ -130,14 +130,14 @@ class TapeEvaluation:
         return [np.array(constant) for constant in self.tape.constants]
 
     @cached_property
-    def _schedules(self) -> dict[Levels, Schedule]:
+    def _schedules(self) -> dict[tuple[Levels, bool], Schedule]:
         return {}
 
-    def _schedule(self, levels: Levels) -> Schedule:
-        """The schedule for parameters that change at these levels."""
-        if levels not in self._schedules:
-            self._schedules[levels] = Schedule.of(self.tape, levels)
-        return self._schedules[levels]
+    def _schedule(self, levels: Levels, *, single: bool) -> Schedule:
+        """The schedule for parameters that change at these levels, or for a single set of them."""
+        if (levels, single) not in self._schedules:
+            self._schedules[levels, single] = Schedule.of(self.tape, levels, single=single)
+        return self._schedules[levels, single]
 
 
 def _levels(theta: Array) -> Levels:
@@ -223,10 +223,13 @@ class Schedule:
     rows: int
 
     @classmethod
-    def of(cls, tape: Tape, levels: Levels) -> Schedule:
-        """The schedule of a tape; no `levels` where the parameters differ from sample to sample."""
+    def of(cls, tape: Tape, levels: Levels, *, single: bool = False) -> Schedule:
+        """The schedule of a tape; no `levels` where the parameters differ from sample to sample.
+
+        With a `single` set all operations are of it.
+        """
         inputs = tape.inputs + tape.parameters - len(levels)
-        sampled, level = _dependence(tape, inputs, levels)
+        sampled, level = _dependence(tape, inputs, levels, PER_SET if single else CONSTANT)
         common = [number for number in range(inputs, tape.size) if not sampled[number]]
         slots = [NO_OPERAND] * (tape.size + 1)  # the last is that of `NO_OPERAND`
         for slot, number in enumerate((*common, *range(inputs))):
@@ -255,17 +258,19 @@ class Schedule:
             (np.positive, slots[number], NO_OPERAND, slot) for number in early for slot in copies[number]
         ]
         for number, operation in parts[PER_SET]:
-            of_each.append(rows.step(number, operation, live=reused))
-            of_each += [(np.positive, slots[number], NO_OPERAND, slot) for slot in copies.get(number, ())]
+            places = copies.get(number, [])
+            into = places[0] if places and rows.last[number] == NO_OPERAND else None  # not read by another operation
+            of_each.append(rows.step(number, operation, live=reused, into=into))
+            of_each += [(np.positive, slots[number], NO_OPERAND, slot) for slot in places if slot != into]
         steps = (fixed, tuple(of_signals), tuple(of_several), tuple(of_each))
         return cls(*steps, constant_results, tuple(outputs), rows.count)
 
 
-def _dependence(tape: Tape, inputs: int, levels: Levels) -> tuple[list[bool], list[int]]:
-    """Whether each value differs from sample to sample, and at which level it changes from set to set."""
+def _dependence(tape: Tape, inputs: int, levels: Levels, least: int) -> tuple[list[bool], list[int]]:
+    """Whether each value differs from sample to sample, and at which level, the `least` or above, it changes."""
     constants = len(tape.constants)
     sampled = [True] * inputs + [False] * (len(levels) + constants)
-    level = [CONSTANT] * inputs + [*levels] + [CONSTANT] * constants
+    level = [least] * inputs + [*levels] + [CONSTANT] * constants
     for _, a, b in tape.operations:
         sampled.append(sampled[a] or (b != NO_OPERAND and sampled[b]))
         level.append(level[a] if b == NO_OPERAND else max(level[a], level[b]))
@@ -283,8 +288,11 @@ class _RowAllocation:
         for number, (_, a, b) in enumerate(tape.operations, start=tape.first):
             self.last[a] = self.last[b] = number
 
-    def step(self, number: int, operation: Operation, live: Collection[int]) -> Instruction:
-        """The instruction of a value; its row may be that of an operand read last here, unless that stays live."""
+    def step(self, number: int, operation: Operation, live: Collection[int], into: int | None = None) -> Instruction:
+        """The instruction of a value; its row may be that of an operand read last here, unless that stays live.
+
+        No row is taken for a value that is written `into` an output.
+        """
         slots, last, free = self.slots, self.last, self.free
         name, a, b = operation
         left, right = slots[a], slots[b]
@@ -292,8 +300,8 @@ class _RowAllocation:
             free.append(left)
         if b != a and last[b] == number and right >= self.first and b not in live:
             free.append(right)
-        if not free:
+        if into is None and not free:
             free.append(self.first + self.count)
             self.count += 1
-        slots[number] = result = free.pop()
+        slots[number] = result = free.pop() if into is None else into
         return NUMPY_OPERATIONS[name], left, right, result
