@@ -57,6 +57,7 @@ def at_rest(samples: int = 30_000) -> Array:
 
 CASES = {
     "well conditioned": noise(20_000),
+    "condition 10, and a reading": conditioned(10),
     "condition 1e3": conditioned(1e3),
     "condition 1e6": conditioned(1e6),
     "very different lengths": noise(20_000) * [1e-12, 1.0, 1e9, 1e-3, 1e3],

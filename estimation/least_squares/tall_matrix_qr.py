@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ SINGLE_THREAD_PRODUCT = 2**18
 """Multiplications in a product up to which OpenBLAS starts no other thread, which would only wait here."""
 GOLDEN_RATIO = 0.6180339887498949
 """Multiples of it modulo 1 fill the interval evenly (low-discrepancy), without a period."""
+WELL_CONDITIONED = 16.0
+"""Condition, of columns of unit length, whose square times the rounding is as good as the rounding."""
 DEPENDENCE_TOLERANCE = 1e-12
 """Share of a column independent of the others below which it is rounding and not scaled up."""
 
@@ -48,8 +51,9 @@ def tall_matrix_r_factor(columns: TallMatrix) -> Array:
     whole record is therefore computed first by Householder; B S^-1 is then nearly orthonormal, its Gram
     matrix C'C is accurate, and R = C S (randomised preconditioned Cholesky QR: Fan, Guo, Lin, arXiv:2111.11148, 2021;
     Balabanov, arXiv:2210.09953, 2022; its rounding is that of CholeskyQR2). What is large in a column and explained by
-    the others, readings by the motion, is thus removed before anything is summed. The condition is checked, not
-    assumed: where the samples are not representative, all blocks are factorised by Householder.
+    the others, readings by the motion, is thus removed before anything is summed; leading columns that are well
+    conditioned by themselves stay as they are. The condition is checked, not assumed: where the samples are not
+    representative, all blocks are factorised by Householder.
     A non-finite value makes R non-finite.
     """
     count = min(SAMPLED_ROWS_PER_COLUMN * columns.width, columns.samples)
@@ -57,8 +61,9 @@ def tall_matrix_r_factor(columns: TallMatrix) -> Array:
     first = householder_r_factor(sample)
     if count == columns.samples or not np.isfinite(first).all():
         return first
-    scaling = _preconditioner(first)
-    product = _preconditioned_gram(columns, scaling)
+    kept = _well_conditioned_columns(first)
+    scaling = _preconditioner(first, kept)
+    product = _preconditioned_gram(columns, scaling, kept)
     if not np.isfinite(product).all():
         return np.full_like(first, np.nan)
     second = _cholesky(product)
@@ -80,26 +85,42 @@ def _spread_samples(samples: int, count: int) -> NDArray[np.intp]:
     return np.asarray((place + (place * GOLDEN_RATIO) % 1.0) * (samples / count), dtype=np.intp)
 
 
-def _preconditioner(first: Array) -> Array:
-    """S: the R factor of the samples, its diagonal raised above rounding."""
+def _well_conditioned_columns(first: Array) -> int:
+    """Number of leading columns whose R factor, scaled to unit length, is well conditioned; it grows with each."""
+
+    def condition(count: int) -> float:
+        part = first[:count, :count]
+        lengths = np.linalg.norm(part, axis=0)
+        return float(np.linalg.cond(part / lengths)) if lengths.all() else np.inf
+
+    return bisect_right(range(1, len(first) + 1), WELL_CONDITIONED, key=condition)
+
+
+def _preconditioner(first: Array, kept: int) -> Array:
+    """S: the R factor of the samples, its diagonal raised above rounding; the `kept` columns as they are."""
     lengths = np.linalg.norm(first, axis=0)
     diagonal = np.diag(first)
     least = np.where(lengths > 0, DEPENDENCE_TOLERANCE * lengths, 1.0)
-    return np.asarray(first + np.diag(np.where(np.abs(diagonal) > least, 0.0, least - diagonal)))
+    scaling = first + np.diag(np.where(np.abs(diagonal) > least, 0.0, least - diagonal))
+    scaling[:kept] = np.linalg.solve(scaling[:kept, :kept], scaling[:kept])
+    scaling[:kept, :kept] = np.eye(kept)
+    return np.asarray(scaling)
 
 
-def _preconditioned_gram(columns: TallMatrix, scaling: Array) -> Array:
+def _preconditioned_gram(columns: TallMatrix, scaling: Array, kept: int) -> Array:
     """(B S^-1)'(B S^-1), block by block."""
     width = columns.width
-    inverse = np.linalg.inv(scaling).T.copy()  # for a triangular matrix, LU is back substitution
+    inverse = np.linalg.inv(scaling).T[kept:].copy()  # for a triangular matrix, LU is back substitution
     block, piece = min(SAMPLES_PER_BLOCK, columns.samples), max(SINGLE_THREAD_PRODUCT // width**2, 1)
     rows, total = np.empty((width, block)), np.zeros((width, width))
     for start in range(0, columns.samples, block):
         end = min(start + block, columns.samples)
         columns.rows(start, end, rows[:, : end - start])
         for begin in range(0, end - start, piece):
-            scaled = inverse @ rows[:, begin : min(begin + piece, end - start)]
-            total += scaled @ scaled.T
+            part = rows[:, begin : min(begin + piece, end - start)]
+            if kept < width:
+                part[kept:] = inverse @ part
+            total += part @ part.T
     return total
 
 
