@@ -232,6 +232,8 @@ def test_fingerprint_of_a_bag_is_that_of_its_files(tmp_path: Path) -> None:
     assert keys[0] == keys[1] != keys[2]
     (tmp_path / "copy" / "run.mcap").rename(tmp_path / "copy" / "ran.mcap")
     assert fingerprint(tmp_path / "copy", None, None) != keys[0]
+    with pytest.raises(IsADirectoryError):  # a folder of many files, given by mistake
+        fingerprint(tmp_path, None, None)
 
 
 def test_bag_is_not_diagnosed_again(tmp_path: Path, one: Executor) -> None:

@@ -214,15 +214,23 @@ def test_the_copies_end_with_the_last_batch(items: list[int]) -> None:
 
 
 def test_a_last_batch_within_an_item_ends_no_copy() -> None:
-    """A diagnosis of a surrogate, say, whose own workers are those of the calibration."""
+    """The next batch is shared out again: its two items wait for each other."""
+    barrier = get_context("fork").Barrier(2)
 
-    def program(team: Workers) -> list[list[int]]:
+    def meet(_item: int) -> int:
+        barrier.wait(timeout=60)
+        return os.getpid()
+
+    def program(team: Workers) -> tuple[list[list[int]], list[int]]:
         def nested(item: int) -> list[int]:
+            barrier.wait(timeout=60)  # each process has one
             return team.map(lambda n: item + n, [1, 2], last=True)
 
-        return [*team.map(nested, MANY), *team.map(lambda n: [n], MANY)]
+        return team.map(nested, [10, 20]), team.map(meet, [0, 1])
 
-    assert run_spmd(2, program) == [*([n + 1, n + 2] for n in MANY), *([n] for n in MANY)]
+    sums, processes = run_spmd(2, program)
+    assert sums == [[11, 12], [21, 22]]
+    assert len(set(processes)) == 2
 
 
 def test_an_exception_leaves_the_processes_in_step() -> None:
@@ -377,9 +385,14 @@ def test_a_copy_killed_while_it_sends_costs_no_result() -> None:
 
 
 def test_no_copy_waits_for_an_original_that_is_gone() -> None:
-    """The original is killed while its copy sends more than a pipe holds; the copies hold this pipe too."""
+    """The original is killed while its copy sends more than a pipe holds."""
+    _require_no_process_left(_killed_while_a_copy_sends)
+
+
+def _require_no_process_left(original: Callable[[int, int], None]) -> None:
+    """Run a process that is given a pipe, which its copies hold too, and is killed: soon nobody has the pipe."""
     read, write = os.pipe()
-    process = get_context("fork").Process(target=_killed_while_a_copy_sends, args=(read, write))
+    process = get_context("fork").Process(target=original, args=(read, write))
     process.start()
     os.close(write)
     process.join()
@@ -405,16 +418,8 @@ def _killed_while_a_copy_sends(read: int, _write: int) -> None:
 
 
 def test_copies_are_killed_with_the_original_in_the_midst_of_an_item() -> None:
-    """They would compute to the end of the item; the pipe that they hold is closed at once instead."""
-    read, write = os.pipe()
-    process = get_context("fork").Process(target=_killed_while_copies_compute, args=(read, write))
-    process.start()
-    os.close(write)
-    process.join()
-    ready, _, _ = select.select([read], [], [], 30)
-    assert ready
-    assert os.read(read, 1) == b""  # the last who had it is gone
-    os.close(read)
+    """They would compute to the end of the item, five minutes."""
+    _require_no_process_left(_killed_while_copies_compute)
 
 
 def _killed_while_copies_compute(read: int, _write: int) -> None:
@@ -452,7 +457,7 @@ def test_a_copy_without_memory_costs_no_result() -> None:
         mapped(2, larger)
 
 
-class Homebound:
+class NotUnpickled:
     """Can be pickled, and not unpickled."""
 
     def __init__(self, number: int) -> None:
@@ -465,13 +470,13 @@ class Homebound:
 def test_results_that_do_not_arrive_are_made_here() -> None:
     own, made = os.getpid(), get_context("fork").Event()
 
-    def homebound(n: int) -> Homebound:
+    def make(n: int) -> NotUnpickled:
         if os.getpid() != own:
             made.set()
         assert made.wait(60)
-        return Homebound(n)
+        return NotUnpickled(n)
 
-    assert [one.number for one in mapped(2, homebound)] == MANY
+    assert [one.number for one in mapped(2, make)] == MANY
 
 
 @pytest.mark.parametrize(("place", "name"), [(os, "fork"), (socket, "socketpair")])

@@ -113,12 +113,12 @@ class Workers:
 
         A process takes the items first whose `label` took longest before, and prefers those that it had itself, as its
         caches may serve them. Before them come new labels, those of the largest `guess` (in any unit) first; an
-        infinite guess holds whatever its label took before. `shared` are objects that
-        results may refer to and that are not sent: each process has its own. An exception is raised unchanged in every
-        process, that of the first item first. A result that cannot be pickled is computed by each process; items of a
-        killed copy are computed by the original, which also announces how many items are begun. The arrays of a result
-        must not be written to afterwards: they are sent when the batch is done. With the `last` batch of the
-        program the copies end; the original goes on alone.
+        infinite guess holds whatever its label took before. `shared` are objects that results may refer to and that are
+        not sent: each process has its own. An exception is raised unchanged in every process, that of the first item
+        first. A result that cannot be pickled is computed by each process; items of a killed copy are computed by the
+        original, which also announces how many items are begun. The arrays of a result must not be written to
+        afterwards: they are sent when the batch is done. With the `last` batch of the program the copies end; the
+        original goes on alone.
         """
         begun = announce if announce is not None and self.rank == 0 else _no_announcement
         if self.claims is None or self.links is None or self._busy or not 1 < len(items) <= MAX_BATCH:

@@ -207,7 +207,7 @@ def _platform_folder() -> Path | None:
 
 
 LOADED_AT = time()
-"""When this process began to load the source, s."""
+"""When this process loaded this module, and about then the rest of the source, s."""
 PACKAGE = Path(__file__).parents[1]
 LOADED_SOURCE = source_digest(PACKAGE)
 """Of the source as this process loads it: read here, as the disk may hold another version at the first lookup."""

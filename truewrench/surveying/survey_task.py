@@ -33,8 +33,8 @@ def fingerprint(
 ) -> str:
     """SHA-256 of everything that the outcome of a recording depends on, in hexadecimal.
 
-    Of its name only the ending counts, which gives the format: a renamed recording keeps its fingerprint. Of a folder
-    the files in it count, with their names. Raises OSError when the recording cannot be read.
+    Of its name only the ending counts, which gives the format: a renamed recording keeps its fingerprint. Of a ROS 2
+    bag the files in it count, with their names. Raises OSError when the recording cannot be read, as any other folder.
     """
     settings: dict[str, Any] = {
         "layout": STORE_VERSION,
@@ -46,7 +46,7 @@ def fingerprint(
     if one_run:  # outcomes stored without the option keep their fingerprints
         settings["one_run"] = True
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode("ascii"))
-    if recording.is_dir():  # a ROS 2 bag
+    if (recording / "metadata.yaml").is_file():  # a ROS 2 bag
         for path in sorted(path for path in recording.iterdir() if path.is_file()):
             digest.update(hashlib.sha256(os.fsencode(path.name)).digest() + _content_digest(path))
     else:

@@ -87,7 +87,7 @@ def scheduler_lost() -> InputError:
 def workers_lost(error: BaseException) -> InputError:
     """Error for an executor that does nothing any more once one of its workers has died."""
     return InputError(
-        what=f"a worker of the executor died, and the others ended with it: {error}",
+        what=f"a worker of the executor died, and the others ended with it: {str(error).rstrip('.')}",
         where="survey",
         remedy="run the survey again with a new one, or without one: on Dask a recording that ends its worker is a row",
     )
