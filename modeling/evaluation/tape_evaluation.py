@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modeling.evaluation.half_angles import with_half_angles
 from modeling.evaluation.tape import NO_OPERAND, Operation, Tape
 
 Array = NDArray[np.float64]
@@ -127,7 +128,15 @@ class TapeEvaluation:
     @cached_property
     def _constants(self) -> list[Any]:
         """The constants as arrays ()."""
-        return [np.array(constant) for constant in self.tape.constants]
+        return [np.array(constant) for constant in self._evaluated.constants]
+
+    @cached_property
+    def _evaluated(self) -> Tape:
+        """The tape as it is evaluated: real angles of samples by their halves."""
+        if self.dtype is complex:
+            return self.tape
+        sampled = self.tape.inputs + (self.tape.parameters if self.varying else 0)
+        return with_half_angles(self.tape, self.tape.depending_on(range(sampled)))
 
     @cached_property
     def _schedules(self) -> dict[tuple[Levels, bool], Schedule]:
@@ -136,7 +145,7 @@ class TapeEvaluation:
     def _schedule(self, levels: Levels, *, single: bool) -> Schedule:
         """The schedule for parameters that change at these levels, or for a single set of them."""
         if (levels, single) not in self._schedules:
-            self._schedules[levels, single] = Schedule.of(self.tape, levels, single=single)
+            self._schedules[levels, single] = Schedule.of(self._evaluated, levels, single=single)
         return self._schedules[levels, single]
 
 
