@@ -15,7 +15,7 @@ from design.trajectories.trajectory import TrajectorySeries
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.errors import InputError

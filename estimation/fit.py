@@ -110,6 +110,10 @@ class Fit(Estimates):
         """Whitened residual and derivative at the estimate."""
         return self.problem.linearised(self.theta)
 
+    def whitened_residual(self) -> Array:
+        """Whitened residual at the estimate, (rows,) of all recordings, one after the other."""
+        return self.problem.residual(self.theta)
+
     def remarks(self) -> list[str]:
         """Remarks on the estimate, and whether a body can have it."""
         from estimation.least_squares.physical_consistency import impossible_body  # SymPy
@@ -136,7 +140,7 @@ class Fit(Estimates):
         """
         if all(noise.source is NoiseSource.RESIDUAL for noise in self.noise):
             return None
-        whitened, start, squares, excited = self.linearised().residual, 0, 0.0, 0
+        whitened, start, squares, excited = self.whitened_residual(), 0, 0.0, 0
         for noise in self.noise:
             if noise.source is not NoiseSource.RESIDUAL:
                 rows = whitened[start : start + noise.whitener.periodic_rows]

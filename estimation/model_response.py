@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.derivatives.differentiation import spline_derivatives
+from estimation.model_signals import model_signals
 from estimation.recordings.motion_in_readings import is_separated, varying_channels
 from estimation.recordings.recording import OwnMotion, Recording
 from modeling.chain.model import WrenchModel
@@ -56,24 +56,8 @@ class ModelResponse:
         return tiled
 
 
-_SIGNALS: WeakKeyDictionary[Recording, Mapping[str, Array]] = WeakKeyDictionary()
 _OWN_MOTIONS: WeakKeyDictionary[Recording, dict[WrenchModel, OwnMotion | None]] = WeakKeyDictionary()
-"""Of each recording as long as it lives; the second by the base model."""
-
-
-def model_signals(recording: Recording) -> Mapping[str, Array]:
-    """The recording's signals, auxiliary ones smoothed, and `progress`, -1 to 1 over the record."""
-    if recording not in _SIGNALS:
-        _SIGNALS[recording] = _model_signals(recording)
-    return _SIGNALS[recording]
-
-
-def _model_signals(recording: Recording) -> Mapping[str, Array]:
-    signals = dict(recording.signals)
-    if recording.dt is not None:
-        for name in (name for name in recording.auxiliary if np.ptp(signals[name]) > 0):
-            signals[name] = spline_derivatives(signals[name][:, None], recording.dt).value[:, 0]
-    return signals | {"progress": np.linspace(-1.0, 1.0, recording.samples)}
+"""Of each recording as long as it lives, by the base model."""
 
 
 def missing_inputs(model: WrenchModel, recording: Recording) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.contact.contact_wrench import compensate
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from estimation.recordings.reading import read
 from modeling import effects
 from modeling.chain.chain import Chain, Stage

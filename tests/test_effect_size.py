@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.fit import fit
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from modeling.chain.model import planar
 from modeling.effects import named
 from tests.test_given_effects import simulated

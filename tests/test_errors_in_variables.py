@@ -22,7 +22,7 @@ from estimation.errors_in_variables.error_propagation import ErrorPropagation
 from estimation.errors_in_variables.errors_in_variables_fit import ErrorsInVariables, errors_in_variables_fit
 from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import fit
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.reading import from_columns

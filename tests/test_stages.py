@@ -17,7 +17,8 @@ from estimation.contact.calibrated_model import CalibratedModel
 from estimation.contact.contact_filter import ContactFilter
 from estimation.contact.local_polynomial import LocalPolynomial
 from estimation.fit import fit
-from estimation.model_response import model_response, model_signals
+from estimation.model_response import model_response
+from estimation.model_signals import model_signals
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, with_readings
 from modeling import effects

@@ -148,12 +148,12 @@ class AcceptanceEvidence:
 
 def _cost(fitted: Fit, noise: Sequence[RecordingNoise]) -> float:
     """Whitened chi-square of a fit in the rows of a noise."""
-    return replace(fitted, noise=tuple(noise)).linearised().cost
+    return replace(fitted.problem, noise=tuple(noise)).chi_square(fitted.theta)
 
 
 def _excited_cost(fitted: Fit) -> float:
     """Whitened chi-square of the first recording's excited lines."""
-    rows = fitted.linearised().residual[: fitted.noise[0].whitener.periodic_rows]
+    rows = fitted.whitened_residual()[: fitted.noise[0].whitener.periodic_rows]
     return float(rows @ rows)
 
 

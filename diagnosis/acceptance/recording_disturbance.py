@@ -118,7 +118,7 @@ def _significant(non_excited: Fit, effects: Sequence[Effect], cache: ScreeningCa
 
 
 def _criterion(non_excited: Fit, candidates: int) -> float:
-    return non_excited.linearised().cost + chi_square_penalty(non_excited.model, candidates)
+    return non_excited.problem.chi_square(non_excited.theta) + chi_square_penalty(non_excited.model, candidates)
 
 
 def disturbances_of(held_out: HeldOut, fit: Fit) -> tuple[RecordingDisturbance, ...]:

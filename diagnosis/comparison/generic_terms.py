@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimation.distributions import chi2_sf
 from estimation.fit import Fit
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.recording import Recording
 from estimation.recordings.sensor_frame import in_sensor_frame

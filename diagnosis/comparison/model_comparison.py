@@ -56,7 +56,7 @@ class ModelOnRecording:
         """The whitened residual."""
         ends = np.cumsum([noise.whitener.rows for noise in self.fit.noise])
         own = self.fit.noise[self.number].whitener.rows
-        return np.asarray(self.fit.linearised().residual[ends[self.number] - own : ends[self.number]])
+        return np.asarray(self.fit.whitened_residual()[ends[self.number] - own : ends[self.number]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.generic_terms import gravity_direction
 from estimation.distributions import student_isf, student_sf
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from estimation.multiplicity import false_discovery_rates
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError, quoted, suggestion

@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 
 from diagnosis.screening.null_model import NullModel
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from estimation.noise.disturbances.tones import NonperiodicResidual
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.row_selection import RowChoice, RowSet
-from estimation.model_response import model_response, model_signals, motion_record, signals_are_periodic
+from estimation.model_response import model_response, motion_record, signals_are_periodic
+from estimation.model_signals import model_signals
 from estimation.noise.whitening import FourierLineWhitener, Whitener
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording

@@ -165,6 +165,6 @@ def alias_of(target: WhitenedModel, alternative: AliasCandidate) -> Alias | None
         return None
     if not np.isfinite(best.noncentrality):
         return None
-    difference, _ = problem.evaluate(best.theta)
+    difference = problem.residual(best.theta)
     excess = float(difference @ difference + 2 * (target.residual @ difference))
     return Alias(screening.effect, best.noncentrality, excess, best.converged)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from estimation.errors_in_variables.error_propagation import ErrorPropagation
 from estimation.errors_in_variables.input_noise import InputNoise
 from estimation.fit import Fit, WhitenedProblem
-from estimation.model_response import ModelResponse, model_signals, signals_are_periodic
+from estimation.model_response import ModelResponse, signals_are_periodic
+from estimation.model_signals import model_signals
 from estimation.noise.leakage import without_leakage
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener

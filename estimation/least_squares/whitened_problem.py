@@ -84,15 +84,19 @@ class WhitenedProblem:
         """Whitened readings of each recording, (rows,)."""
         return tuple(n.readings(r) for n, r in zip(self.noise, self.recordings, strict=True))
 
-    def chi_square(self, theta: Array) -> float:
-        """Whitened chi-square at theta (k,), without a derivative."""
-        total = 0.0
+    def residual(self, theta: Array) -> Array:
+        """Whitened residual at theta (k,), (rows,), measured minus predicted; without a derivative."""
+        parts = []
         for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
             model, values = self.layout.models[number], theta[self.layout.index[number]]
             predicted = noise.whitener.response(model_response(model, recording, values, derivative=False))[0]
-            residual = self.measured[number] - predicted
-            total += float(residual @ residual)
-        return total
+            parts.append(self.measured[number] - predicted)
+        return _joined(parts)
+
+    def chi_square(self, theta: Array) -> float:
+        """Whitened chi-square at theta (k,)."""
+        residual = self.residual(theta)
+        return float(residual @ residual)
 
     def linearised(self, theta: Array) -> LinearisedRows:
         """The whitened rows about theta (k,)."""

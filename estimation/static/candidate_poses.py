@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm

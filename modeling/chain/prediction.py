@@ -90,7 +90,7 @@ class DeflectedLoad:
         """The load along a record: periodic steady state for a periodic motion, from rest in every single run."""
         periodic = record.repeating(self.inputs)
         samples = record.samples(periodic=periodic)
-        runs = {name: record.runs(values[:samples]) for name, values in record.signals.items()}
+        runs = {name: record.runs(record.signals[name][:samples]) for name in self.inputs}
         several = [dict(zip(runs, run, strict=True)) for run in zip(*runs.values(), strict=True)]
         each, wanted = samples // len(several), record.derivative
         parts = [

@@ -12,7 +12,8 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
-from estimation.model_response import model_response, model_signals, predicted_readings
+from estimation.model_response import model_response, predicted_readings
+from estimation.model_signals import model_signals
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from modeling.chain.chain import Chain

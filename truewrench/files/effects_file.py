@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from modeling.errors import InputError, quoted
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.formulas.custom_effects.effect_check import require_finite

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from diagnosis.study import Study
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.custom_effects.custom_effect import CustomEffect
 from modeling.formulas.custom_effects.effect_check import require_finite

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Collection, Mapping
 
 from diagnosis.study import Study
-from estimation.model_response import model_signals
+from estimation.model_signals import model_signals
 from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.custom_effects.vocabulary import signal_units, tip_units
 from modeling.formulas.functions import FORMULA_FUNCTIONS
