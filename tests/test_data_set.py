@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
+from time import sleep
+from typing import Any
 
 import numpy as np
 import pytest
 
+from estimation.logs.log_reading import read_with_rig
+from estimation.recordings.recording import Recording
 from modeling.errors import InputError
+from truewrench.files import data_set
 from truewrench.files.data_set import DataSet
 from truewrench.simulated_rig import SpatialRig, simulate, write_recording
 
@@ -36,6 +43,33 @@ def test_processes_read_what_one_reads(files: list[str]) -> None:
         np.testing.assert_array_equal(here.wrench, there.wrench)
         for name, signal in here.signals.items():
             np.testing.assert_array_equal(signal, there.signals[name])
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are forked on Linux alone")
+def test_a_single_file_is_read_while_this_process_does_something_else(
+    files: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    readers = tmp_path / "readers"
+
+    def read(*given: Any, **how: Any) -> Recording:
+        with readers.open("a", encoding="utf-8") as file:
+            file.write(f"{os.getpid()}\n")
+        return read_with_rig(*given, **how)
+
+    monkeypatch.setattr(data_set, "read_with_rig", read)
+
+    def wait_for_reader() -> None:
+        for _ in range(3000):
+            if readers.exists():
+                return
+            sleep(0.01)
+
+    (found,) = DataSet.read(files[:1], workers=2, meanwhile=wait_for_reader).training
+    (reader,) = readers.read_text().split()
+    assert int(reader) != os.getpid()
+    (expected,) = DataSet.read(files[:1]).training
+    np.testing.assert_array_equal(found.wrench, expected.wrench)
+    assert "signals" in vars(found)  # not to be derived again
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])

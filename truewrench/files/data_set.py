@@ -95,7 +95,7 @@ def read_recordings(
     """Recordings of one sensor, each under its file's label; with `one_run` no repeats are looked for.
 
     `periods` (s) of the files' motion cut them into repeats; by default, and where None, as `read` does. Each of
-    `workers` processes reads the next file, this one after it has called `meanwhile`.
+    `workers` processes reads the next file and differentiates its motion, this one after it has called `meanwhile`.
 
     Raises InputError for a file that cannot be used, one given twice, and recordings of different sensors.
     """
@@ -103,16 +103,24 @@ def read_recordings(
     require_different(paths, "the recording is given twice")
     sources = list(zip(paths, file_labels(paths), periods or [None] * len(paths), strict=True))
 
-    def recording(source: tuple[Path, str, float | None]) -> Recording:
+    def recording(source: tuple[Path, str, float | None] | None) -> Recording | None:
+        if source is None:
+            return None
         path, name, period = source
-        return replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
+        found = replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
+        found.signals  # noqa: B018  its motion is differentiated by the process that reads it
+        return found
+
+    # A single item is not shared out: beside one file there is an empty one, which this process takes.
+    batch = sources if len(sources) > 1 else [*sources, None]
 
     def program(team: Workers) -> list[Recording]:
         if team.rank == 0:
             meanwhile()
-        return team.map(recording, sources, shared=[] if rig is None else [rig, rig.arm], last=True)
+        read = team.map(recording, batch, shared=[] if rig is None else [rig, rig.arm], last=True)
+        return [found for found in read if found is not None]
 
-    recordings = run_spmd(min(workers, len(sources)), program)
+    recordings = run_spmd(min(workers, len(batch)), program)
     require_different_readings(recordings, "REC")
     return recordings
 
