@@ -98,9 +98,11 @@ def _basis_of_degrees(place: Array, knots: Array, degree: int, lowest: int) -> t
 
 def weighted_sum(first: NDArray[np.intp], basis: Array, coefficients: Array) -> Array:
     """B c (n, k) of coefficients (m, k), B as `basis_values` gives it."""
-    total = np.zeros((len(first), coefficients.shape[1]))
+    total, part = np.zeros((2, len(first), coefficients.shape[1]))
     for j, values in enumerate(basis):
-        total += values[:, None] * coefficients[first + j]
+        np.take(coefficients, first + j, axis=0, out=part, mode="clip")  # with another mode NumPy copies
+        part *= values[:, None]
+        total += part
     return total
 
 
