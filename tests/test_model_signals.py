@@ -1,0 +1,80 @@
+"""Signals of a model: auxiliary ones are smoothed, only those that are used, and once."""
+
+from __future__ import annotations
+
+import gc
+from dataclasses import replace
+from weakref import ref
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimation import model_signals as module
+from estimation.model_signals import model_signals
+from estimation.recordings.derivatives.differentiation import spline_derivatives
+from estimation.recordings.derivatives.series_derivatives import Derivatives
+from estimation.recordings.reading import from_columns
+from estimation.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+SAMPLES, STEP = 400, 0.01
+
+
+def warming() -> Recording:
+    """A planar motion, a noisy temperature and a voltage that stays as it is."""
+    rng = np.random.default_rng(0)
+    time = STEP * np.arange(SAMPLES, dtype=np.float64)
+    columns = {name: np.sin(3 * time) for name in ("phi", "dphi", "ddphi", "ax", "ay", "fx", "fy", "tau")}
+    temperature = 20 + time / 4 + 0.01 * rng.standard_normal(SAMPLES)
+    return from_columns(columns | {"time": time, "temperature": temperature, "voltage": np.full(SAMPLES, 24.0)})
+
+
+@pytest.fixture
+def smoothed(monkeypatch: pytest.MonkeyPatch) -> list[Array]:
+    """The series that were smoothed."""
+    found: list[Array] = []
+
+    def smooth(series: Array, dt: float) -> Derivatives:
+        found.append(series[:, 0])
+        return spline_derivatives(series, dt)
+
+    monkeypatch.setattr(module, "spline_derivatives", smooth)
+    return found
+
+
+def test_an_auxiliary_signal_is_smoothed_once_and_with_its_first_use(smoothed: list[Array]) -> None:
+    recording = warming()
+    signals = model_signals(recording)
+    assert [*signals] == [*recording.signals, "progress"]
+    assert len(signals) == len(recording.signals) + 1
+    assert "temperature" in signals
+    assert "humidity" not in signals
+    np.testing.assert_array_equal(signals["phi"], recording.signals["phi"])
+    np.testing.assert_array_equal(signals["voltage"], 24.0)
+    np.testing.assert_array_equal(signals["progress"], np.linspace(-1, 1, SAMPLES))
+    assert not smoothed
+    first, again = signals["temperature"], model_signals(recording)["temperature"]
+    assert again is first
+    (series,) = smoothed
+    np.testing.assert_array_equal(series, recording.columns["temperature"])
+    np.testing.assert_array_equal(first, spline_derivatives(series[:, None], STEP).value[:, 0])
+    with pytest.raises(KeyError, match="humidity"):
+        signals["humidity"]
+
+
+def test_static_poses_have_nothing_to_smooth(smoothed: list[Array]) -> None:
+    poses = replace(warming(), time=None)
+    assert poses.dt is None
+    np.testing.assert_array_equal(model_signals(poses)["temperature"], poses.columns["temperature"])
+    assert not smoothed
+
+
+def test_signals_live_as_long_as_the_recording() -> None:
+    recording = warming()
+    gone = ref(recording)
+    model_signals(recording)["temperature"]
+    del recording
+    gc.collect()
+    assert gone() is None
