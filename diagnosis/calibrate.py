@@ -164,7 +164,7 @@ def _diagnosed(source: _Source, number: int) -> tuple[str, tuple[str, ...]]:
     fit = source.fit
     try:
         found = diagnose(
-            fit.model, source.surrogate(fit.response().value, (0, number)), effects=source.candidates or None
+            fit.model, source.surrogate(fit.predicted_readings(), (0, number)), effects=source.candidates or None
         )
     except InputError:
         return REFUSED, ()
@@ -205,7 +205,7 @@ class _HiddenEffect:
         values[name] = nominal[name] + amount if np.isfinite(nominal[name]) else amount
         model, recording = fit.model + test.effect, fit.recordings[0]
         theta = np.array([(values | dict(fit.values))[p.name] for p in model.parameters])
-        return cls(test, own[name], predicted_readings(model, recording, theta), fit.response().value)
+        return cls(test, own[name], predicted_readings(model, recording, theta), fit.predicted_readings())
 
     @property
     def changes_readings(self) -> bool:

@@ -170,6 +170,11 @@ class Fit(Estimates):
         own = self.layout.models[number]
         return model_response(own, self.recordings[number], self.theta[self.layout.index[number]])
 
+    def predicted_readings(self, number: int = 0) -> Array:
+        """Predicted readings of one of the recordings, (n, p) in the channels' units; without a derivative."""
+        own = self.layout.models[number]
+        return predicted_readings(own, self.recordings[number], self.theta[self.layout.index[number]])
+
     @property
     def params(self) -> pd.DataFrame:
         """Value, std, its degrees of freedom, 95 % interval and unit of every parameter, by name, as a data frame.
@@ -199,14 +204,13 @@ class Fit(Estimates):
         require_recording(recording, "predict")
         number = next((i for i, r in enumerate(self.recordings) if r is recording), None)
         if recording is None or number is not None:
-            return reading_frame(self.recordings[number or 0], self.response(number or 0).value)
+            return reading_frame(self.recordings[number or 0], self.predicted_readings(number or 0))
         return predicted_frame(self.model, self.values, recording)
 
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
         """Measured minus predicted of each recording, (n, p) in the channels' units."""
-        parts = zip(self.layout.models, self.recordings, self.layout.index, strict=True)
-        return tuple(r.wrench - model_response(own, r, self.theta[i], derivative=False).value for own, r, i in parts)
+        return tuple(r.wrench - self.predicted_readings(number) for number, r in enumerate(self.recordings))
 
 
 def require_recording(given: object, where: str) -> None:

@@ -64,12 +64,15 @@ def test_a_single_file_is_read_while_this_process_does_something_else(
                 return
             sleep(0.01)
 
-    (found,) = DataSet.read(files[:1], workers=2, meanwhile=wait_for_reader).training
+    (found,) = data_set.read_recordings(files[:1], rig=None, workers=2, meanwhile=wait_for_reader)
     (reader,) = readers.read_text().split()
     assert int(reader) != os.getpid()
     (expected,) = DataSet.read(files[:1]).training
     np.testing.assert_array_equal(found.wrench, expected.wrench)
     assert "signals" in vars(found)  # not to be derived again
+    monkeypatch.setattr(data_set, "DIFFERENTIATED_SAMPLES", 10)
+    (long,) = data_set.read_recordings(files[:1], rig=None, workers=2)
+    assert "signals" not in vars(long)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])

@@ -20,7 +20,12 @@ from diagnosis.diagnosis import diagnose
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.contact.contact_wrench import compensate
 from estimation.fit import Fit, fit
-from estimation.gravity.gravity_direction import MountedCase, with_fitted_tilt, with_gravity_direction
+from estimation.gravity.gravity_direction import (
+    MountedCase,
+    mounted_recording,
+    with_fitted_tilt,
+    with_gravity_direction,
+)
 from estimation.gravity.weight_moments import WeightMoments
 from estimation.logs.log_reading import imported
 from estimation.logs.motion_evidence import motion_evidence
@@ -291,6 +296,20 @@ def test_the_world_is_the_base_with_gravity_down() -> None:
         np.testing.assert_allclose(
             [np.cos(b) * flat[0] + np.sin(b) * flat[1], -np.sin(b) * flat[0] + np.cos(b) * flat[1]], [0, -1], atol=1e-12
         )
+
+
+def test_a_mounted_recording_is_not_differentiated_again() -> None:
+    down = (0.6, 0.0, 0.8)
+    recording = run(MountedTool(down=down), 3, (), repeats=1)
+    assert recording.signals
+    mounted = mounted_recording(recording, down)
+    assert mounted.derivatives is recording.derivatives
+    assert mounted.derivatives
+    stated = replace(recording, rig=Rig(gravity_direction=down))
+    assert not stated.derivatives
+    for name, expected in stated.signals.items():
+        np.testing.assert_array_equal(mounted.signals[name], expected)
+    assert np.abs(mounted.signals["apx"] - recording.signals["apx"]).max() > 0.1
 
 
 def test_advised_poses_are_commands_in_base_axes() -> None:

@@ -257,3 +257,10 @@ def test_missing_input_is_named() -> None:
     assert set(missing_inputs(model, recording)) == {"temperature", "px", "py"}
     with pytest.raises(InputError, match=r"temperature|px|py"):
         model_response(model, recording, np.zeros(len(model.parameters)))
+
+
+def test_missing_input_of_a_deflected_model_is_named() -> None:
+    model = planar() + effects.viscous_drag() + effects.tip_flexibility()
+    theta = np.array([0.3 if p.nominal is None or not np.isfinite(p.nominal) else p.nominal for p in model.parameters])
+    with pytest.raises(InputError, match="the model needs the signal 'v"):
+        model_response(model, recording_of(np.zeros(50), 0.02), theta)

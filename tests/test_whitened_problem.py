@@ -1,4 +1,7 @@
-"""The whitened residual without a derivative is the one with it, for every effect and kind of whitening."""
+"""The whitened residual without a derivative is the one with it: of every effect, on Fourier lines and in a single run.
+
+Repeats with motions of their own are in `tests/test_repeat_motion.py`.
+"""
 
 from __future__ import annotations
 

@@ -88,9 +88,10 @@ def _relative_change(effect: Effect, first: Fit, second: Fit) -> float:
     own = effect.qualified(model.space)
     changed = [{}, {p.name: first.values[p.name] for p in own}, {p.name: p.nominal for p in own if not p.nuisance}]
     unchanged, swapped, absent = (second.layout.values_of(number, {**second.values, **new}) for new in changed)
-    rows = [noise.whitener.response(model_response(model, recording, theta)) for theta in (unchanged, swapped, absent)]
-    size = model.base_size
-    basis = orthonormal_basis(rows[2][1][:, :size])
-    with_it, with_other, without = (r[0] - basis @ (basis.T @ r[0]) for r in rows)
+    without, derivative = noise.whitener.response(model_response(model, recording, absent))
+    responses = [model_response(model, recording, theta, derivative=False) for theta in (unchanged, swapped)]
+    basis = orthonormal_basis(derivative[:, : model.base_size])
+    rows = [*(noise.whitener.response(response)[0] for response in responses), without]
+    with_it, with_other, without = (own - basis @ (basis.T @ own) for own in rows)
     size_of_effect = float(np.linalg.norm(with_it - without))
     return float(np.linalg.norm(with_it - with_other)) / max(size_of_effect, 1e-300)

@@ -51,7 +51,7 @@ class DrawnMotion:
 def _at_drawn_motion(fit: Fit, rng: np.random.Generator) -> Fit:
     drawn = []
     for number, (recording, noise) in enumerate(zip(fit.recordings, fit.noise, strict=True)):
-        predicted = replace(recording, wrench=fit.response(number).value)
+        predicted = replace(recording, wrench=fit.predicted_readings(number))
         predicted.derivatives.update(recording.derivatives)
         drawn.append(predicted if noise.motion is None else predicted.drawn_motions(rng, 1))
     return replace(fit, recordings=tuple(drawn))

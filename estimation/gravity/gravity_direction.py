@@ -76,7 +76,9 @@ def mounted_recording(recording: Recording, direction: Direction | None) -> Reco
     rig = recording.rig or Rig()
     if direction is None or rig.gravity_direction is not None or len(direction) != recording.dimension:
         return recording
-    return replace(recording, rig=replace(rig, gravity_direction=direction))
+    mounted = replace(recording, rig=replace(rig, gravity_direction=direction))
+    vars(mounted).update(derivatives=recording.derivatives)  # of the columns, whatever the base stands on
+    return mounted
 
 
 def _mounted(model: WrenchModel, direction: Direction) -> WrenchModel:

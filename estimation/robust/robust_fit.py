@@ -173,7 +173,7 @@ def _outliers(
     """Outliers of every recording about a fit, the noise spectrum `held` from `before` where asked."""
     found = []
     for number, (recording, noise) in enumerate(zip(plain.recordings, plain.noise, strict=True)):
-        residual = recording.wrench - fitted.response(number).value
+        residual = recording.wrench - fitted.predicted_readings(number)
         earlier = None if before is None else before[number]
         known = noise.floor if noise.source is NoiseSource.RIG else None
         found.append(separate_outliers(recording, residual, loss, before=earlier, held=held, known=known))

@@ -90,7 +90,8 @@ class DeflectedLoad:
         """The load along a record: periodic steady state for a periodic motion, from rest in every single run."""
         periodic = record.repeating(self.inputs)
         samples = record.samples(periodic=periodic)
-        runs = {name: record.runs(record.signals[name][:samples]) for name in self.inputs}
+        columns = self.load.columns(record.signals, samples)
+        runs = {name: record.runs(values) for name, values in zip(self.inputs, columns, strict=True)}
         several = [dict(zip(runs, run, strict=True)) for run in zip(*runs.values(), strict=True)]
         each, wanted = samples // len(several), record.derivative
         parts = [

@@ -27,6 +27,10 @@ from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel, planar, spatial
 from modeling.errors import InputError
 from modeling.rig.rig import Convention, Rig
 
+DIFFERENTIATED_SAMPLES = 100_000
+"""Samples of a recording up to which the process that reads it differentiates its motion too: a hundred columns, which
+that process sends, and which both hold meanwhile."""
+
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
@@ -108,7 +112,8 @@ def read_recordings(
             return None
         path, name, period = source
         found = replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
-        found.signals  # noqa: B018  its motion is differentiated by the process that reads it
+        if found.samples <= DIFFERENTIATED_SAMPLES:
+            found.signals  # noqa: B018  its motion is differentiated by the process that reads it
         return found
 
     # A single item is not shared out: beside one file there is an empty one, which this process takes.
