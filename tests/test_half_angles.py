@@ -72,18 +72,7 @@ def test_a_tape_of_several_angles_gives_what_casadi_gives() -> None:
 
 def test_only_angles_with_both_and_only_those_named() -> None:
     tape = Tape(2, 0, (), (("sin", 0, -1), ("cos", 1, -1), ("sin", 1, -1), ("add", 2, 3)), (4, 5))
-    assert names(with_half_angles(tape, {0, 1})) == [
-        "sin",
-        "mul",
-        "tan",
-        "sq",
-        "add",
-        "sub",
-        "div",
-        "twice",
-        "div",
-        "add",
-    ]
+    assert " ".join(names(with_half_angles(tape, {0, 1}))) == "sin mul tan sq add sub div twice div add"
     assert with_half_angles(tape, {0}) is tape
     assert with_half_angles(Tape(1, 0, (), (("sin", 0, -1),), (1,)), {0}).operations == (("sin", 0, -1),)
 

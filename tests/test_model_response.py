@@ -261,6 +261,6 @@ def test_missing_input_is_named() -> None:
 
 def test_missing_input_of_a_deflected_model_is_named() -> None:
     model = planar() + effects.viscous_drag() + effects.tip_flexibility()
-    theta = np.array([0.3 if p.nominal is None or not np.isfinite(p.nominal) else p.nominal for p in model.parameters])
+    theta = np.array([p.nominal if np.isfinite(p.nominal) else 50.0 for p in model.parameters])
     with pytest.raises(InputError, match="the model needs the signal 'v"):
         model_response(model, recording_of(np.zeros(50), 0.02), theta)

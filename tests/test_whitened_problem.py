@@ -20,7 +20,7 @@ from modeling.space import Space
 from tests.effects.cases import CASES, Case
 
 ROUNDING = 1e-9
-"""Of the residual's length: a deflection is solved by iteration, to 1e-10 of itself."""
+"""Of the residual's length: a deflection is solved by iteration, to 1e-11 of itself."""
 
 
 @cache
