@@ -52,7 +52,7 @@ EXIT_CODES = (
 COMPLETED_BY = 'eval "$(register-python-argcomplete truewrench)" completes commands, options and effects in the shell.'
 COMPLETION = "_ARGCOMPLETE"
 """Variable of the environment in which a shell asks for completions."""
-GC_THRESHOLDS = (50_000, 20, 50)
+GC_THRESHOLDS = (200_000, 20, 50)
 """Of the garbage collector: a command's objects live until it ends, and collections take a thirtieth of its time."""
 
 
