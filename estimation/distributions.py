@@ -49,20 +49,22 @@ def f_isf(probability: Numbers, above: Numbers, below: Numbers) -> Numbers:
     return below * (1.0 / np.maximum(share, np.finfo(float).tiny) - 1.0) / above
 
 
-def f_noncentrality(ratio: Array, above: float, below: Array, probability: float) -> Array:
-    """The noncentrality (n,) with which noncentral F (`below` (n,)) exceeds each `ratio` (n,) with that probability.
+def f_noncentrality(ratio: Array, above: Array, below: Array, probability: float) -> Array:
+    """The noncentrality (t, n) with which noncentral F exceeds each `ratio` (t, n) with that probability.
 
-    Averaged over quantiles of the denominator; the numerator, noncentral chi-square, by the cube root that is nearly
-    normal (Abdel-Aty, Biometrika 41, 1954), which holds at any noncentrality.
+    The numerator has `above` (t, 1) degrees of freedom, one for each of t tests, the denominator `below` (n,). Averaged
+    over quantiles of the denominator; the numerator, noncentral chi-square, by the cube root that is nearly normal
+    (Abdel-Aty, Biometrika 41, 1954), which holds at any noncentrality.
     """
     middles = (np.arange(QUANTILES) + 0.5) / QUANTILES
-    needed = above * ratio[:, None] * 2 * scipy.special.gammaincinv(below[:, None] / 2, middles) / below[:, None]
-    low, high = np.full(len(ratio), -10.0), np.log(above * ratio + above) + 10.0
+    quantiles = 2 * scipy.special.gammaincinv(below[:, None] / 2, middles) / below[:, None]
+    needed, above = (above * ratio)[..., None] * quantiles, above[..., None]
+    low, high = np.full(ratio.shape, -10.0), np.log(above[..., 0] * (ratio + 1)) + 10.0
     while (high - low).max() > NONCENTRALITY_TOLERANCE:
         middle = (low + high) / 2
-        mean = above + np.exp(middle)[:, None]
+        mean = above + np.exp(middle)[..., None]
         spread = 2 * (2 * mean - above) / (9 * mean**2)
-        power = scipy.special.ndtr((1 - spread - np.cbrt(needed / mean)) / np.sqrt(spread)).mean(axis=1)
+        power = scipy.special.ndtr((1 - spread - np.cbrt(needed / mean)) / np.sqrt(spread)).mean(axis=-1)
         low, high = np.where(power < probability, middle, low), np.where(power < probability, high, middle)
     return np.asarray(np.exp((low + high) / 2))
 

@@ -60,17 +60,19 @@ def bonferroni_threshold(parameters: int, candidates: int) -> float:
     return float(chi2_isf(bonferroni_level(candidates), parameters))
 
 
-def detectable_noncentrality(freedom: int, significance: float, log_power_variance: Array) -> Array:
-    """Noncentrality (n,) that a score test of these degrees of freedom and significance detects with 80 % power.
+def detectable_noncentrality(freedom: Sequence[int], significance: Sequence[float], log_power_variance: Array) -> Array:
+    """Noncentrality (t, n) that each of t score tests detects with 80 % power.
 
-    The test is `chi_square_p_value`: chi-square where the noise is known (`log_power_variance` (n,) zero), else F.
+    The tests have so many degrees of freedom and these significance levels, (t,). Such a test is `chi_square_p_value`:
+    chi-square where the noise is known (`log_power_variance` (n,) zero), else F.
     """
+    above, level = np.array(freedom, dtype=np.float64)[:, None], np.array(significance)[:, None]
     known = log_power_variance <= 0
-    found = np.full(len(known), float(noncentrality(chi2_isf(significance, freedom), freedom, LEVELS.power)))
+    found = np.tile(noncentrality(chi2_isf(level, above), above, LEVELS.power), (1, len(known)))
     if not known.all():
         below = np.array([2 * inverse_trigamma(float(v)) for v in log_power_variance[~known]])
-        found[~known] = f_noncentrality(f_isf(significance, freedom, below), freedom, below, LEVELS.power)
-    return found
+        found[:, ~known] = f_noncentrality(f_isf(level, above, below), above, below, LEVELS.power)
+    return np.asarray(found)
 
 
 def effective_number_of_tests(noise_scores: Array, rank: int) -> float:

@@ -37,7 +37,7 @@ def test_noncentrality_of_f_gives_the_power(above: int, below: float) -> None:
     """Against SciPy's noncentral F; within the error of the cube-root approximation, 1 % of power."""
     limit = f_isf(0.01, above, below)
     np.testing.assert_allclose(limit, f.isf(0.01, above, below), rtol=1e-9)
-    needed = f_noncentrality(np.array([limit]), above, np.array([below]), 0.8)
+    needed = f_noncentrality(np.array([[limit]]), np.array([[above]]), np.array([below]), 0.8)[0]
     np.testing.assert_allclose(ncf.sf(limit, above, below, needed), 0.8, atol=0.015)
 
 

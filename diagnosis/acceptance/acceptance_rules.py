@@ -12,7 +12,7 @@ import numpy as np
 from diagnosis.acceptance.coefficient_consistency import inconsistent_effect
 from diagnosis.acceptance.foreign_residual import effect_of_foreign_residual
 from diagnosis.acceptance.held_out import HeldOut
-from diagnosis.comparison.comparison import comparison_of, noise_from_residual
+from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.data_split import half_splits
 from diagnosis.comparison.removed_share import remaining_power, removed_power
 from diagnosis.selection.subset_search import CandidateModel
@@ -87,7 +87,7 @@ class AcceptanceEvidence:
         return (
             not noise_from_residual(fit)
             and self.candidate.adequate
-            and all(comparison_of(h.validation_fit(fit), 0).lack_of_fit >= LEVELS.held_out for h in tested)
+            and all(h.comparison(fit).lack_of_fit >= LEVELS.held_out for h in tested)
         )
 
     @cached_property

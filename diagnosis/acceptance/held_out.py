@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.data_split import non_excited_noise
 from diagnosis.comparison.validation import validation_fit
 from diagnosis.selection.noise_reestimation import residual_with_tones
@@ -27,12 +28,19 @@ class HeldOut:
     disturbances: tuple[Effect, ...] = ()
     start: NuisanceValues = field(default_factory=dict)
     _validation_fits: dict[Fit, Fit] = field(default_factory=dict, init=False, repr=False)
+    _comparisons: dict[Fit, Comparison] = field(default_factory=dict, init=False, repr=False)
 
     def validation_fit(self, fit: Fit) -> Fit:
         """Validation fit to this recording: its biases and its disturbances estimated here."""
         if fit not in self._validation_fits:
             self._validation_fits[fit] = validation_fit(fit, self.recording, self.noise, self.disturbances, self.start)
         return self._validation_fits[fit]
+
+    def comparison(self, fit: Fit) -> Comparison:
+        """This recording with the prediction of the validation fit."""
+        if fit not in self._comparisons:
+            self._comparisons[fit] = comparison_of(self.validation_fit(fit), 0)
+        return self._comparisons[fit]
 
     @property
     def disturbances_identifiable(self) -> bool:

@@ -74,9 +74,9 @@ class PointTest:
     def detectable_noncentrality(self, level: float) -> Array:
         """Noncentrality (a,) that one of the tests at this level detects with 80 % power."""
         if self.alone is None:
-            return detectable_noncentrality(self.score.rank, level, self.variance)
-        together = detectable_noncentrality(self.score.rank, level / 2, self.variance)
-        return np.minimum(together, detectable_noncentrality(1, level / 2 / self.alone.amplitudes, self.variance))
+            return np.asarray(detectable_noncentrality([self.score.rank], [level], self.variance)[0])
+        levels = [level / 2, level / 2 / self.alone.amplitudes]
+        return np.asarray(detectable_noncentrality([self.score.rank, 1], levels, self.variance).min(axis=0))
 
 
 def _less(score: float, other: float) -> float:

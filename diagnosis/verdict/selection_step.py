@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.compared_step import ComparedFit
-from diagnosis.comparison.comparison import Comparison, comparison_of
+from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.generic_terms import cross_validated_gain
 from diagnosis.comparison.removed_share import removed_share
 from diagnosis.comparison.slow_residual import Part, SlowResidual
@@ -73,7 +73,7 @@ def selection_steps(
 
 def _selection_step(effect: str | None, candidate: CandidateModel, held_out: Sequence[HeldOut]) -> SelectionStep:
     reported = candidate.reported_fit
-    validation = tuple(comparison_of(o.validation_fit(reported), 0) for o in held_out)
+    validation = tuple(o.comparison(reported) for o in held_out)
     return SelectionStep(effect, reported, candidate.fit, candidate.reported, validation)
 
 

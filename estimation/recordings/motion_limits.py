@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
+from estimation.recordings.sensor_frame import to_sensor_frame
 
 Array = NDArray[np.float64]
 
@@ -33,10 +34,7 @@ def motion_limits(recording: Recording) -> tuple[str, ...]:
 
 def world_axes(recording: Recording) -> Array:
     """The world's axes in those of the sensor, (n, 3, 3) with an axis in each column, of a recorded orientation."""
-    from scipy.spatial.transform import Rotation
-
-    turns = Rotation.from_quat(np.column_stack([recording.world_columns[name] for name in QUATERNION]))
-    return np.asarray(turns.inv().as_matrix())
+    return to_sensor_frame(np.column_stack([recording.world_columns[name] for name in QUATERNION]))
 
 
 def acceleration_is_recorded(recording: Recording) -> bool:
