@@ -308,7 +308,7 @@ def _diagnosed(
     acceptance = accept(chosen, selection.base, held_out, candidates)
     final, reasons = acceptance.candidate, dict(acceptance.reasons)
     known = acceptance.held_out
-    steps = selection_steps(selection, final, known)
+    steps = selection_steps(selection, final, known, final.screened(candidates))
     tolerance, _ = channel_tolerance(steps[-1].fit)
     power = explainable_power_by_step(steps)
     verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance))
@@ -318,7 +318,7 @@ def _diagnosed(
             selection.base,
             tuple(with_disturbances(h, selection.base.fit, candidates, cache) for h in held_out),
         )
-        steps = selection_steps(selection, final, known)
+        steps = selection_steps(selection, final, known, final.screened(candidates))
         tolerance, power = channel_tolerance(steps[-1].fit)[0], power[:1]
     require_positive_fitted_mass(steps[-1].fit)
     progress("verdict, upper limit and aliases of every effect")

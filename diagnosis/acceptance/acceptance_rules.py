@@ -15,6 +15,7 @@ from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.data_split import half_splits
 from diagnosis.comparison.removed_share import remaining_power, removed_power
+from diagnosis.selection.reported_models import report_by_all
 from diagnosis.selection.subset_search import CandidateModel
 from diagnosis.verdict_rule import VerdictRule
 from estimation.fit import Fit, refit
@@ -87,7 +88,7 @@ class AcceptanceEvidence:
         return (
             not noise_from_residual(fit)
             and self.candidate.adequate
-            and all(h.comparison(fit).lack_of_fit >= LEVELS.held_out for h in tested)
+            and all(h.prediction(fit).comparison.lack_of_fit >= LEVELS.held_out for h in tested)
         )
 
     @cached_property
@@ -130,6 +131,7 @@ class AcceptanceEvidence:
         if not remains:
             return None
         smaller = self.candidate.without_each()
+        report_by_all([self.base, *smaller.values()])
         removed = {i: removed_power(without.reported, whole) for i, without in smaller.items()}
         least = min(removed, key=lambda effect_id: removed[effect_id])
         limit = min(remains, LEAST_SHARE * (removed_power(self.base.reported, whole) + remains))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.data_split import non_excited_noise
@@ -27,20 +28,15 @@ class HeldOut:
     noise: RecordingNoise
     disturbances: tuple[Effect, ...] = ()
     start: NuisanceValues = field(default_factory=dict)
-    _validation_fits: dict[Fit, Fit] = field(default_factory=dict, init=False, repr=False)
-    _comparisons: dict[Fit, Comparison] = field(default_factory=dict, init=False, repr=False)
+    _predictions: dict[Fit, HeldOutPrediction] = field(default_factory=dict, init=False, repr=False)
+
+    def prediction(self, fit: Fit) -> HeldOutPrediction:
+        """The prediction of this recording by a fit."""
+        return self._predictions.setdefault(fit, HeldOutPrediction(self, fit))
 
     def validation_fit(self, fit: Fit) -> Fit:
         """Validation fit to this recording: its biases and its disturbances estimated here."""
-        if fit not in self._validation_fits:
-            self._validation_fits[fit] = validation_fit(fit, self.recording, self.noise, self.disturbances, self.start)
-        return self._validation_fits[fit]
-
-    def comparison(self, fit: Fit) -> Comparison:
-        """This recording with the prediction of the validation fit."""
-        if fit not in self._comparisons:
-            self._comparisons[fit] = comparison_of(self.validation_fit(fit), 0)
-        return self._comparisons[fit]
+        return self.prediction(fit).validation_fit
 
     @property
     def disturbances_identifiable(self) -> bool:
@@ -58,3 +54,22 @@ class HeldOut:
         repeats = self.noise.source is NoiseSource.REPEATS
         noise = estimate_noise(self.recording, residual_with_tones(carried, 0)) if repeats else self.noise
         return replace(self, noise=noise, start=start)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutPrediction:
+    """A held-out recording as a fit to other recordings predicts it."""
+
+    held_out: HeldOut
+    fit: Fit
+
+    @cached_property
+    def validation_fit(self) -> Fit:
+        """The fit with the biases and the disturbances estimated on the held-out recording."""
+        own = self.held_out
+        return validation_fit(self.fit, own.recording, own.noise, own.disturbances, own.start)
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The recording with that prediction."""
+        return comparison_of(self.validation_fit, 0)

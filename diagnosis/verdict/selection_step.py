@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.acceptance.held_out import HeldOut
+from diagnosis.acceptance.held_out import HeldOut, HeldOutPrediction
 from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.generic_terms import cross_validated_gain
 from diagnosis.comparison.removed_share import removed_share
 from diagnosis.comparison.slow_residual import Part, SlowResidual
+from diagnosis.parallel.cached_values import CachedValue
+from diagnosis.screening.score_test import ScoreTest
+from diagnosis.selection.reported_models import report_by_all
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from estimation.fit import Fit
 from estimation.noise.recording_noise import NoiseSource
@@ -60,21 +63,35 @@ def _optional(values: Mapping[str, float] | None) -> dict[str, float] | None:
 
 
 def selection_steps(
-    selection: SubsetSearch, final: CandidateModel, held_out: Sequence[HeldOut]
+    selection: SubsetSearch, final: CandidateModel, held_out: Sequence[HeldOut], tested: Sequence[ScoreTest] = ()
 ) -> tuple[SelectionStep, ...]:
-    """The models from the base model to the last effect added, each refitted."""
-    steps = [_selection_step(None, selection.base, held_out)]
+    """The models from the base model to the last effect added, each refitted.
+
+    Their comparisons are shared out among the workers, and with them what the test of each of the `tested` effects
+    detects.
+    """
     effects = final.added
+    models = [selection.base]
     for count in range(1, len(effects) + 1):
-        partial = final if count == len(effects) else selection.refitted(final, effects[:count])
-        steps.append(_selection_step(effects[count - 1].id, partial, held_out))
-    return tuple(steps)
+        models.append(final if count == len(effects) else selection.refitted(final, effects[:count]))
 
+    def predictions(model: CandidateModel) -> list[HeldOutPrediction]:
+        return [h.prediction(model.reported_fit) for h in held_out]
 
-def _selection_step(effect: str | None, candidate: CandidateModel, held_out: Sequence[HeldOut]) -> SelectionStep:
-    reported = candidate.reported_fit
-    validation = tuple(o.comparison(reported) for o in held_out)
-    return SelectionStep(effect, reported, candidate.fit, candidate.reported, validation)
+    def beside_comparisons() -> list[CachedValue]:
+        held_out_ones = [p for model in models for p in predictions(model)]
+        return [
+            *(CachedValue(f"held-out {number}", p, "comparison") for number, p in enumerate(held_out_ones)),
+            *(CachedValue(t.effect.id, t, "detectable") for t in tested),
+        ]
+
+    shared = [part for h in held_out for part in (h.recording, h.recording.rig, h.noise)]
+    report_by_all(models, beside_comparisons, shared)
+    ids = (None, *(effect.id for effect in effects))
+    return tuple(
+        SelectionStep(i, m.reported_fit, m.fit, m.reported, tuple(p.comparison for p in predictions(m)))
+        for i, m in zip(ids, models, strict=True)
+    )
 
 
 def explainable_power_by_step(steps: Sequence[SelectionStep]) -> Array:
