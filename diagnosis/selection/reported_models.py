@@ -22,13 +22,14 @@ def report_by_all(
     """
     workers = models[0].cache.workers
     if any(noise_from_residual(m.fit) for m in models):  # a refit each; else hardly any work
-        compute_by_all(workers, _of_each(models, "reported_fit"), shared=_objects([m.fit for m in models]))
-    values = [*others(), *_of_each(models, "reported")]
+        fits = [CachedValue(f"reported fit {number}", m, "reported_fit") for number, m in enumerate(models)]
+        compute_by_all(workers, fits, shared=_objects([m.fit for m in models]))
+    compared = [
+        CachedValue(f"comparison {number}", m, "comparisons" if m.reported_fit is m.fit else "reported")
+        for number, m in enumerate(models)
+    ]
+    values = [*others(), *compared]
     compute_by_all(workers, values, shared=[*shared, *_objects([m.reported_fit for m in models])])
-
-
-def _of_each(models: Sequence[CandidateModel], name: str) -> list[CachedValue]:
-    return [CachedValue(f"{name} {number}", model, name) for number, model in enumerate(models)]
 
 
 def _objects(fits: Sequence[Fit]) -> list[object]:
