@@ -55,6 +55,16 @@ class ModelResponse:
             tiled[:, :, slice(None) if self.columns is None else list(self.columns)] += self.whole[1]
         return tiled
 
+    def in_columns(self, kept: NDArray[np.intp]) -> ModelResponse:
+        """The response with the derivative to the parameters at these positions (m,) alone, in their order."""
+        value, derivative = self.periodic
+        whole, columns = self.whole, self.columns
+        if whole is not None:
+            known = list(range(derivative.shape[-1]) if columns is None else columns)
+            columns = tuple(place for place, position in enumerate(kept.tolist()) if position in known)
+            whole = whole[0], whole[1][..., [known.index(kept[place]) for place in columns]]
+        return replace(self, periodic=(value, derivative[..., kept]), whole=whole, columns=columns)
+
 
 _OWN_MOTIONS: WeakKeyDictionary[Recording, dict[WrenchModel, OwnMotion | None]] = WeakKeyDictionary()
 """Of each recording as long as it lives, by the base model."""

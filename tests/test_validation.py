@@ -18,6 +18,7 @@ from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.acceptance.recording_disturbance import disturbances_of, with_disturbances
 from diagnosis.comparison.comparison import comparison_of
 from diagnosis.comparison.data_split import non_excited_noise
+from diagnosis.comparison.validation import PartiallyFixedProblem
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.fit import Fit, WhitenedProblem, fit, initial_noise
@@ -205,6 +206,14 @@ def test_between_the_lines_nothing_that_repeats_is_seen() -> None:
     assert np.linalg.norm(noise.whitener.series(periodic)) < 1e-10 * size  # rounding of a transform of 1000 samples
 
 
+def test_prediction_of_a_held_out_recording_is_made_once() -> None:
+    other = held_out(recorded("other.csv", 501))
+    first = other.prediction(trained())
+    assert other.prediction(trained()).comparison is first.comparison
+    assert other.validation_fit(trained()) is first.validation_fit
+    assert replace(other, disturbances=(DriftEffect(),)).prediction(trained()) is not first
+
+
 def test_validation_fit_moves_zero_and_disturbances_only() -> None:
     other = replace(held_out(recorded("other.csv", 501, DRIFT)), disturbances=(DriftEffect(),))
     carried = other.validation_fit(trained())
@@ -224,6 +233,20 @@ def test_own_drift_is_a_least_squares_minimum_between_the_lines() -> None:
     columns = derivative[:, [n.startswith("bias_drift") for n in passing.values]]
     along = columns.T @ residual / np.linalg.norm(columns, axis=0)
     np.testing.assert_allclose(along, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("drifting", [False, True])
+def test_derivative_is_taken_to_the_free_unknowns_alone(drifting: bool) -> None:
+    """Beside a drift the response has a part over the whole record, in whose columns others than its own are zero."""
+    other = replace(held_out(recorded("other.csv", 501, DRIFT)), disturbances=(DriftEffect(),) if drifting else ())
+    carried = other.validation_fit(trained())
+    free = np.array([name.startswith(("bias_fx", "bias_drift.fy")) for name in carried.values])
+    problem = PartiallyFixedProblem(carried.layout, carried.recordings, carried.noise, free)
+    found, whole = problem.evaluate(carried.theta), carried.problem.evaluate(carried.theta)
+    assert (free.sum() > 1) == drifting
+    np.testing.assert_allclose(found[0], whole[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found[1], whole[1] * free, rtol=0, atol=1e-9 * np.abs(whole[1]).max())
+    assert not found[1][:, ~free].any()
 
 
 @dataclass(frozen=True)

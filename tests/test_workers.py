@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from itertools import pairwise
 from math import inf
 from multiprocessing import active_children, get_context
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from diagnosis.parallel.cached_values import CachedValue, compute_by_all
 from diagnosis.parallel.workers import MAX_BATCH, Workers, WorkItem, run_spmd
 
 MANY = list(range(40))
@@ -499,3 +501,44 @@ def test_where_no_copy_can_be_made_one_process_does_all(
     assert not active_children()
     if place is socket:  # multiprocessing leaves four pipe ends of its own open where it cannot fork
         assert set(os.listdir("/proc/self/fd")) == descriptors
+
+
+class Counted:
+    """An object whose cached property says which process computed it, and how often it did."""
+
+    def __init__(self) -> None:
+        self.computed = 0
+
+    @cached_property
+    def value(self) -> tuple[int, int]:
+        self.computed += 1
+        return os.getpid(), self.computed
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_cached_values_are_computed_once_in_all_and_every_process_has_them(count: int) -> None:
+    """Two processes may both take one item at one instant: each then keeps its own, so that `get` alone counts."""
+
+    def program(team: Workers) -> list[tuple[int, int]]:
+        owners = [Counted() for _ in MANY]
+        compute_by_all(team, [CachedValue(str(i), owner, "value") for i, owner in enumerate(owners)])
+        assert all("value" in vars(owner) for owner in owners)
+        assert all(owner.computed <= 1 for owner in owners)
+        return [owner.value for owner in owners]
+
+    found = run_spmd(count, program)
+    assert len(found) == len(MANY)
+    assert {often for _, often in found} == {1}
+
+
+def test_known_cached_values_stay_as_they_are() -> None:
+    """A process that has a value already gives that one, and the others take it."""
+
+    def program(team: Workers) -> list[tuple[int, int]]:
+        owners = [Counted() for _ in MANY]
+        known = [owner.value for owner in owners]
+        compute_by_all(team, [CachedValue(str(i), owner, "value") for i, owner in enumerate(owners)])
+        assert all(owner.computed == 1 for owner in owners)
+        return known
+
+    assert len(run_spmd(2, program)) == len(MANY)

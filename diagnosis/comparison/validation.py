@@ -14,7 +14,7 @@ from estimation.fit import Fit, initial_noise, initial_values
 from estimation.gravity.gravity_direction import mounted_recording
 from estimation.least_squares.estimates import Estimate
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
-from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
+from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
@@ -44,10 +44,10 @@ class PartiallyFixedProblem(WhitenedProblem):
 
     free: NDArray[np.bool_]
 
-    def linearised(self, theta: Array) -> LinearisedRows:
-        """The whitened rows; their derivative is zero in the fixed unknowns."""
-        whole = super().linearised(theta)
-        return replace(whole, derivative=whole.derivative * self.free)
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """All unknowns but those that are free."""
+        return ~self.free
 
     def minimise(self, start: Array, far: float = np.inf) -> LeastSquaresMinimum:
         """The least-squares minimum in the free unknowns; the fixed ones are returned unchanged, bit by bit."""

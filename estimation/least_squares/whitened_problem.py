@@ -84,6 +84,11 @@ class WhitenedProblem:
         """Whitened readings of each recording, (rows,)."""
         return tuple(n.readings(r) for n, r in zip(self.noise, self.recordings, strict=True))
 
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """The unknowns (k,) to which no derivative is taken."""
+        return np.zeros(self.layout.size, dtype=bool)
+
     def residual(self, theta: Array) -> Array:
         """Whitened residual at theta (k,), (rows,), measured minus predicted; without a derivative."""
         parts = []
@@ -99,11 +104,14 @@ class WhitenedProblem:
         return float(residual @ residual)
 
     def linearised(self, theta: Array) -> LinearisedRows:
-        """The whitened rows about theta (k,)."""
+        """The whitened rows about theta (k,); their derivative is zero in the fixed unknowns."""
         residuals, parts, reached, start = [], [], [], 0
         for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
             index = self.layout.index[number]
             response = model_response(self.layout.models[number], recording, theta[index])
+            if self.fixed[index].any():
+                free = np.flatnonzero(~self.fixed[index])
+                response, index = response.in_columns(free), index[free]
             rows = noise.whitener.nonzero_rows(response)
             residual = self.measured[number].copy()
             if response.own_motion is not None:
