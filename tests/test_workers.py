@@ -97,11 +97,16 @@ def test_large_arrays_arrive_as_they_were_made() -> None:
 
 
 def test_a_process_has_the_items_of_a_label_again() -> None:
-    """Two items that each wait for the other, and change places: whoever made one makes it again."""
+    """Two items that each wait for the other, and change places: whoever made one makes it again.
+
+    Who comes first waits, and its item takes that much longer: less than five times as long as the other's, or that
+    process takes both. It fails where one of two processes begins 0.8 s after the other.
+    """
     barrier = get_context("fork").Barrier(2)
 
     def meet(_label: str) -> int:
         barrier.wait(timeout=60)
+        time.sleep(0.2)
         return os.getpid()
 
     def program(team: Workers) -> tuple[list[int], list[int]]:
