@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -63,6 +64,20 @@ def test_residual_of_drawn_motions_is_their_noise() -> None:
     counted = np.sqrt(np.mean(found.noise[0].motion.errors ** 2, axis=(0, 1)))  # type: ignore[union-attr]
     assert size == pytest.approx(counted, rel=0.25)
     assert drawn.largest_power < NullModel.of(found, ScreeningCache()).cost
+
+
+def test_all_fits_to_the_same_recordings_are_judged_at_the_same_motions() -> None:
+    """Drawn once; another fit has its own predictions there, those of a fit with motions drawn for it alone."""
+    found, cache = fitted(0), ScreeningCache()
+    other = replace(found, theta=found.theta * 1.1)
+    first, second, alone = DrawnMotion.of(found, cache), DrawnMotion.of(other, cache), DrawnMotion.of(other)
+    assert first is not None
+    assert second is not None
+    assert alone is not None
+    for one, two, own in zip(first.fits, second.fits, alone.fits, strict=True):
+        assert one.recordings[0].derivatives is two.recordings[0].derivatives
+        assert np.ptp(one.recordings[0].wrench - two.recordings[0].wrench) > 0
+        np.testing.assert_array_equal(two.whitened_residual(), own.whitened_residual())
 
 
 class _CountedWorkers(Workers):

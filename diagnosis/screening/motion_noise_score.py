@@ -6,6 +6,7 @@ columns. The two are correlated, so that an effect that is not there may have a 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,6 +15,7 @@ import numpy as np
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Fit
+from estimation.recordings.recording import Recording, with_readings
 
 DRAWS = 4
 """Of the motion: the largest of as many scores bounds that of the motion's noise."""
@@ -35,11 +37,12 @@ class DrawnMotion:
 
         The workers of the `cache` share out the score tests of all fits: each must screen the same fits in one order.
         """
-        if all(noise.motion is None for noise in fit.noise):
+        noisy = tuple(noise.motion is not None for noise in fit.noise)
+        if not any(noisy):
             return None
-        rng = np.random.default_rng(0)
-        fits = tuple(_at_drawn_motion(fit, rng) for _ in range(DRAWS))
-        return cls(fits, ScreeningCache() if cache is None else cache.in_other_noise())
+        cache = ScreeningCache() if cache is None else cache
+        motions = cache.motions((fit.recordings, noisy), lambda: _drawn_motions(fit.recordings, noisy))
+        return cls(tuple(_at_motion(fit, motion) for motion in motions), cache.in_other_noise())
 
     @cached_property
     def largest_power(self) -> float:
@@ -48,10 +51,15 @@ class DrawnMotion:
         return max(float(rows @ rows) for rows in powers)
 
 
-def _at_drawn_motion(fit: Fit, rng: np.random.Generator) -> Fit:
-    drawn = []
-    for number, (recording, noise) in enumerate(zip(fit.recordings, fit.noise, strict=True)):
-        predicted = replace(recording, wrench=fit.predicted_readings(number))
-        predicted.derivatives.update(recording.derivatives)
-        drawn.append(predicted if noise.motion is None else predicted.drawn_motions(rng, 1))
-    return replace(fit, recordings=tuple(drawn))
+def _drawn_motions(recordings: Sequence[Recording], noisy: Sequence[bool]) -> list[tuple[Recording, ...]]:
+    """DRAWS times the recordings, those whose motion is noisy with another one, and with their signals derived."""
+    rng, drawn = np.random.default_rng(0), []
+    for _ in range(DRAWS):
+        drawn.append(tuple(r.drawn_motions(rng, 1) if n else r for r, n in zip(recordings, noisy, strict=True)))
+    return drawn
+
+
+def _at_motion(fit: Fit, motion: Sequence[Recording]) -> Fit:
+    """The fit to what it predicts for its own recordings, as readings at another motion."""
+    readings = [fit.predicted_readings(number) for number in range(len(fit.recordings))]
+    return replace(fit, recordings=tuple(with_readings(r, w) for r, w in zip(motion, readings, strict=True)))

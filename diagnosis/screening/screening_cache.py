@@ -48,16 +48,17 @@ class ScreeningCache:
     _null_models: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
     _found: dict[Hashable, object] = field(default_factory=dict)
     _drawn_motions: dict[Hashable, Any] = field(default_factory=dict)
+    _motions: dict[Hashable, Any] = field(default_factory=dict)
 
     def forget(self) -> None:
         """Empty the cache but for the noise draws: null models and their cache refer to each other, and are large."""
-        for cache in (self._sensitivities, self._null_models, self._found, self._drawn_motions):
+        for cache in (self._sensitivities, self._null_models, self._found, self._drawn_motions, self._motions):
             cache.clear()
         fit_column_space.cache_clear()
 
     def in_other_noise(self) -> ScreeningCache:
-        """An empty cache for score tests in another noise, with the same workers and noise draws."""
-        return ScreeningCache(self.workers, self.noise_draws)
+        """An empty cache for score tests in another noise, with the same workers, noise draws and drawn motions."""
+        return ScreeningCache(self.workers, self.noise_draws, _motions=self._motions)
 
     def contains(self, key: Hashable) -> bool:
         """Whether the result of a key is cached."""
@@ -79,6 +80,14 @@ class ScreeningCache:
             self._drawn_motions.clear()
             self._drawn_motions[fit] = make()
         found: Result = self._drawn_motions[fit]
+        return found
+
+    def motions(self, recordings: Hashable, make: Callable[[], Result]) -> Result:
+        """Motions drawn for recordings, whatever is fitted to them; those drawn last are cached."""
+        if recordings not in self._motions:
+            self._motions.clear()
+            self._motions[recordings] = make()
+        found: Result = self._motions[recordings]
         return found
 
     def draws(self, noise: Sequence[RecordingNoise]) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from estimation.distributions import student_isf
 from estimation.model_response import model_response
-from estimation.noise.disturbances.transient_windows import Window, Windows, inside
+from estimation.noise.disturbances.transient_windows import Window, Windows, cumulative_sums, inside
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 
 BLOCKS_PER_RUN = 120
 """Blocks that a run is averaged into; an event lasts at least two of them."""
+SMALLEST_SINGULAR_VALUE = 1e-6
+"""Of the weighted regressor, over its largest, from which a direction of the tip's parameters is determined."""
+LEAST_SHARE_OUTSIDE = 1e-8
+"""Of a direction's information that the blocks outside a window must have for it to be a difference of sums."""
 COARSE_STEP = 6
 """Blocks between the ends of the windows that are tried first."""
 
@@ -60,8 +64,40 @@ class BlockAverages:
         target = (self.reading / self.scale)[used].ravel()
         length = np.linalg.norm(rows, axis=0)
         length[length == 0] = 1.0
-        solution = np.linalg.lstsq(rows / length, target, rcond=1e-6)[0] / length
+        solution = np.linalg.lstsq(rows / length, target, rcond=SMALLEST_SINGULAR_VALUE)[0] / length
         return np.asarray(self.reading - self.regressor @ solution)
+
+    def scaled_residuals_without(self, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+        """Residuals (w, b, p) over `scale`, each of a fit to all blocks but those from `first` to before `last` (w,).
+
+        With orthonormal columns U of the weighted regressor, of which U_w are the rows left out, the coordinates z of a
+        fit to the others solve (1 - U_w' U_w) z = U' y - U_w' y_w: sums over blocks, for all windows at once. Where the
+        other blocks hardly determine the tip, each window has a fit of its own.
+        """
+        count, p = self.reading.shape
+        target = (self.reading / self.scale).reshape(count, p)
+        basis = self._orthonormal_columns.reshape(count, p, -1)
+        squares = cumulative_sums(np.einsum("bpi,bpj->bij", basis, basis))
+        products = cumulative_sums(np.einsum("bpi,bp->bi", basis, target))
+        information = np.eye(basis.shape[2]) - (squares[last] - squares[first])
+        right = products[-1] - (products[last] - products[first])
+        try:
+            determined = np.linalg.cholesky(information).diagonal(axis1=1, axis2=2).min() ** 2 > LEAST_SHARE_OUTSIDE
+        except np.linalg.LinAlgError:
+            determined = False
+        if determined:
+            coordinates = np.linalg.solve(information, right[:, :, None])[:, :, 0]
+            return np.asarray(target - np.einsum("bpi,wi->wbp", basis, coordinates, optimize=True))
+        left_out = [inside([window], count) for window in zip(first.tolist(), last.tolist(), strict=True)]
+        return np.array([self.residual_without(window) for window in left_out]) / self.scale
+
+    @cached_property
+    def _orthonormal_columns(self) -> Array:
+        """Of the weighted regressor, (b p, r), r its rank."""
+        rows = (self.regressor / self.scale[:, :, None]).reshape(-1, self.unknowns.size)
+        length = np.linalg.norm(rows, axis=0)
+        left, values, _ = np.linalg.svd(rows / np.where(length > 0, length, 1.0), full_matrices=False)
+        return np.asarray(left[:, values > SMALLEST_SINGULAR_VALUE * values[0]])
 
     def constant_wrench(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
         """A constant wrench (p,) in a window, estimated together with the tip, and the inflation of its std (p,).
@@ -138,19 +174,19 @@ def _log_likelihoods(averages: BlockAverages, in_run: NDArray[np.intp], windows:
 
     Inside the window its likelihood counts as that of the whole run's residual.
     """
-
-    def surprise(left_out: NDArray[np.bool_]) -> float:
-        residual = (averages.residual_without(left_out) / averages.scale)[in_run][~left_out[in_run]]
-        return float(np.log((residual**2).mean(axis=0) + 1e-12).sum())
-
-    found, blocks = np.full(len(windows), -np.inf), len(averages.owner)
-    per_block = surprise(np.zeros(blocks, dtype=bool))
-    for number, (first, last) in enumerate(zip(windows.first, windows.last, strict=True)):
-        count = BLOCKS_PER_RUN - (last - first)
-        if count >= BLOCKS_PER_RUN // 5:
-            event = inside([(in_run[0] + first, in_run[0] + last)], blocks)
-            found[number] = -count * surprise(event) - (last - first) * per_block
-    return found
+    whole = Windows(np.append(windows.first, 0), np.append(windows.last, 0))  # and one of nothing
+    inside_count = whole.last - whole.first
+    fitted = np.flatnonzero(BLOCKS_PER_RUN - inside_count >= BLOCKS_PER_RUN // 5)
+    first, last, inside_count = whole.first[fitted], whole.last[fitted], inside_count[fitted]
+    power = averages.scaled_residuals_without(in_run[0] + first, in_run[0] + last)[:, in_run] ** 2
+    block = np.arange(BLOCKS_PER_RUN)
+    outside = (block < first[:, None]) | (block >= last[:, None])
+    outside_count = BLOCKS_PER_RUN - inside_count
+    mean = np.einsum("wbp,wb->wp", power, outside) / outside_count[:, None]
+    surprise = np.log(mean + 1e-12).sum(axis=1)
+    found = np.full(len(whole), -np.inf)
+    found[fitted] = -outside_count * surprise - inside_count * surprise[-1]
+    return found[:-1]
 
 
 def _is_significant(wrench: Array, inflation: Array, outside: Array, raw_spread: Array, windows: int) -> bool:
