@@ -80,6 +80,15 @@ def test_all_fits_to_the_same_recordings_are_judged_at_the_same_motions() -> Non
         np.testing.assert_array_equal(two.whitened_residual(), own.whitened_residual())
 
 
+def test_motions_are_drawn_of_recordings_that_nothing_was_derived_from_yet() -> None:
+    found = fitted(0)
+    fresh = replace(found, recordings=tuple(replace(r) for r in found.recordings))
+    drawn, again = DrawnMotion.of(found), DrawnMotion.of(fresh)
+    assert drawn is not None
+    assert again is not None
+    assert again.largest_power == pytest.approx(drawn.largest_power, rel=1e-9) != 0.0
+
+
 class _CountedWorkers(Workers):
     """One process that notes how many items each batch has."""
 

@@ -25,9 +25,9 @@ class CachedValue:
 def compute_by_all(workers: Workers, values: Sequence[CachedValue], *, shared: Sequence[object] = ()) -> None:
     """Compute cached properties, shared out among the workers; every process has them cached then.
 
-    Which of them a process has already may differ between processes, so that all are items. `shared` as in
-    `Workers.map`, whose exceptions are raised.
+    Which of them a process has already may differ between processes, so that all are items; such a process keeps its
+    own. `shared` as in `Workers.map`, whose exceptions are raised.
     """
     found = workers.map(CachedValue.get, values, label=lambda value: value.label, shared=shared)
     for value, result in zip(values, found, strict=True):
-        vars(value.owner)[value.name] = result
+        vars(value.owner).setdefault(value.name, result)

@@ -52,8 +52,10 @@ class DrawnMotion:
 
 
 def _drawn_motions(recordings: Sequence[Recording], noisy: Sequence[bool]) -> list[tuple[Recording, ...]]:
-    """DRAWS times the recordings, those whose motion is noisy with another one, and with their signals derived."""
+    """DRAWS times the recordings, those whose motion is noisy with another one."""
     rng, drawn = np.random.default_rng(0), []
+    for recording in recordings:
+        recording.signals  # noqa: B018  motions are drawn from the splines of its signals
     for _ in range(DRAWS):
         drawn.append(tuple(r.drawn_motions(rng, 1) if n else r for r, n in zip(recordings, noisy, strict=True)))
     return drawn

@@ -48,6 +48,8 @@ def without_leakage(
 
 def _directions(columns: Array) -> Array:
     """Orthonormal directions (k, rows) of the span of columns (rows, k); NumPy's QR takes twice as long for them."""
+    if not columns.size:
+        return np.zeros((0, len(columns)))
     basis = scipy.linalg.qr(columns, mode="economic", overwrite_a=True, check_finite=False)[0]
     return np.ascontiguousarray(basis.T)
 

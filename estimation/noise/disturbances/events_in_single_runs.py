@@ -67,29 +67,33 @@ class BlockAverages:
         solution = np.linalg.lstsq(rows / length, target, rcond=SMALLEST_SINGULAR_VALUE)[0] / length
         return np.asarray(self.reading - self.regressor @ solution)
 
-    def scaled_residuals_without(self, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
-        """Residuals (w, b, p) over `scale`, each of a fit to all blocks but those from `first` to before `last` (w,).
+    def scaled_residuals_without(self, number: int, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+        """Residuals (w, b', p) over `scale` of one recording's b' blocks, of w fits to the blocks of all recordings.
 
-        With orthonormal columns U of the weighted regressor, of which U_w are the rows left out, the coordinates z of a
-        fit to the others solve (1 - U_w' U_w) z = U' y - U_w' y_w: sums over blocks, for all windows at once. Where the
-        other blocks hardly determine the tip, each window has a fit of its own.
+        Each fit leaves out that recording's blocks from `first` to before `last` (w,). With orthonormal columns U of
+        the weighted regressor, of which U_w are the rows left out, the coordinates z of a fit to the others solve
+        (1 - U_w' U_w) z = U' y - U_w' y_w: sums over blocks, for all windows at once. Where the other blocks hardly
+        determine the tip, each window has a fit of its own.
         """
-        count, p = self.reading.shape
-        target = (self.reading / self.scale).reshape(count, p)
-        basis = self._orthonormal_columns.reshape(count, p, -1)
-        squares = cumulative_sums(np.einsum("bpi,bpj->bij", basis, basis))
-        products = cumulative_sums(np.einsum("bpi,bp->bi", basis, target))
+        in_run = np.flatnonzero(self.owner == number)
+        target = self.reading / self.scale
+        basis = self._orthonormal_columns.reshape(*target.shape, -1)
+        own, measured = basis[in_run], target[in_run]
+        squares = cumulative_sums(np.einsum("bpi,bpj->bij", own, own))
+        products = cumulative_sums(np.einsum("bpi,bp->bi", own, measured))
         information = np.eye(basis.shape[2]) - (squares[last] - squares[first])
-        right = products[-1] - (products[last] - products[first])
+        right = np.einsum("bpi,bp->i", basis, target) - (products[last] - products[first])
         try:
-            determined = np.linalg.cholesky(information).diagonal(axis1=1, axis2=2).min() ** 2 > LEAST_SHARE_OUTSIDE
+            diagonals = np.linalg.cholesky(information).diagonal(axis1=1, axis2=2)
+            determined = diagonals.min(initial=1.0) ** 2 > LEAST_SHARE_OUTSIDE
         except np.linalg.LinAlgError:
             determined = False
         if determined:
             coordinates = np.linalg.solve(information, right[:, :, None])[:, :, 0]
-            return np.asarray(target - np.einsum("bpi,wi->wbp", basis, coordinates, optimize=True))
-        left_out = [inside([window], count) for window in zip(first.tolist(), last.tolist(), strict=True)]
-        return np.array([self.residual_without(window) for window in left_out]) / self.scale
+            return np.asarray(measured - np.einsum("bpi,wi->wbp", own, coordinates, optimize=True))
+        windows = zip((in_run[0] + first).tolist(), (in_run[0] + last).tolist(), strict=True)
+        fits = [self.residual_without(inside([window], len(self.owner)))[in_run] for window in windows]
+        return np.array(fits) / self.scale[in_run]
 
     @cached_property
     def _orthonormal_columns(self) -> Array:
@@ -158,9 +162,9 @@ def _block_averages(model: WrenchModel, recordings: Sequence[Recording]) -> Bloc
 def _event_window(averages: BlockAverages, number: int) -> Window | None:
     in_run = np.flatnonzero(averages.owner == number)
     coarse = Windows.of_lengths(np.arange(COARSE_STEP, BLOCKS_PER_RUN + 1, COARSE_STEP), BLOCKS_PER_RUN, COARSE_STEP)
-    best = coarse.best(_log_likelihoods(averages, in_run, coarse))
+    best = coarse.best(_log_likelihoods(averages, number, coarse))
     near = Windows.near(best, BLOCKS_PER_RUN, step=1, reach=COARSE_STEP - 1, shortest=2)
-    first, last = near.best(_log_likelihoods(averages, in_run, near))
+    first, last = near.best(_log_likelihoods(averages, number, near))
     event = inside([(in_run[0] + first, in_run[0] + last)], len(averages.owner))
     outside = averages.residual_without(event)[in_run][~event[in_run]]
     wrench, inflation = averages.constant_wrench(event)
@@ -169,7 +173,7 @@ def _event_window(averages: BlockAverages, number: int) -> Window | None:
     return (first, last) if _is_significant(wrench, inflation, outside, raw_spread, tried) else None
 
 
-def _log_likelihoods(averages: BlockAverages, in_run: NDArray[np.intp], windows: Windows) -> Array:
+def _log_likelihoods(averages: BlockAverages, number: int, windows: Windows) -> Array:
     """Log likelihood (w,) of the fit to the blocks outside each window, each block inside with a wrench of its own.
 
     Inside the window its likelihood counts as that of the whole run's residual.
@@ -178,7 +182,7 @@ def _log_likelihoods(averages: BlockAverages, in_run: NDArray[np.intp], windows:
     inside_count = whole.last - whole.first
     fitted = np.flatnonzero(BLOCKS_PER_RUN - inside_count >= BLOCKS_PER_RUN // 5)
     first, last, inside_count = whole.first[fitted], whole.last[fitted], inside_count[fitted]
-    power = averages.scaled_residuals_without(in_run[0] + first, in_run[0] + last)[:, in_run] ** 2
+    power = averages.scaled_residuals_without(number, first, last) ** 2
     block = np.arange(BLOCKS_PER_RUN)
     outside = (block < first[:, None]) | (block >= last[:, None])
     outside_count = BLOCKS_PER_RUN - inside_count
