@@ -76,19 +76,11 @@ class ScreeningCache:
 
     def drawn_motion(self, fit: Hashable, make: Callable[[], Result]) -> Result:
         """What was drawn of the motion of a fit; that of the last fit is cached."""
-        if fit not in self._drawn_motions:
-            self._drawn_motions.clear()
-            self._drawn_motions[fit] = make()
-        found: Result = self._drawn_motions[fit]
-        return found
+        return _last_made(self._drawn_motions, fit, make)
 
     def motions(self, recordings: Hashable, make: Callable[[], Result]) -> Result:
         """Motions drawn for recordings, whatever is fitted to them; those drawn last are cached."""
-        if recordings not in self._motions:
-            self._motions.clear()
-            self._motions[recordings] = make()
-        found: Result = self._motions[recordings]
-        return found
+        return _last_made(self._motions, recordings, make)
 
     def draws(self, noise: Sequence[RecordingNoise]) -> NDArray[np.float32]:
         """White noise (rows, NOISE_DRAWS) over all rows."""
@@ -124,3 +116,12 @@ class ScreeningCache:
         made = self.workers.map(make, new, label=label, guess=guess, shared=shared, announce=announce)
         self._found.update(zip(new, made, strict=True))
         return [self._found[key] for key in keys]  # type: ignore[misc]
+
+
+def _last_made(kept: dict[Hashable, Any], key: Hashable, make: Callable[[], Result]) -> Result:
+    """The result of a key, made unless it was the last one; only the last is kept."""
+    if key not in kept:
+        kept.clear()
+        kept[key] = make()
+    found: Result = kept[key]
+    return found

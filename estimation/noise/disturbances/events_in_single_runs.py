@@ -178,17 +178,17 @@ def _log_likelihoods(averages: BlockAverages, number: int, windows: Windows) -> 
 
     Inside the window its likelihood counts as that of the whole run's residual.
     """
-    whole = Windows(np.append(windows.first, 0), np.append(windows.last, 0))  # and one of nothing
-    inside_count = whole.last - whole.first
+    judged = Windows(np.append(windows.first, 0), np.append(windows.last, 0))  # the last one leaves no block out
+    inside_count = judged.last - judged.first
     fitted = np.flatnonzero(BLOCKS_PER_RUN - inside_count >= BLOCKS_PER_RUN // 5)
-    first, last, inside_count = whole.first[fitted], whole.last[fitted], inside_count[fitted]
+    first, last, inside_count = judged.first[fitted], judged.last[fitted], inside_count[fitted]
     power = averages.scaled_residuals_without(number, first, last) ** 2
     block = np.arange(BLOCKS_PER_RUN)
     outside = (block < first[:, None]) | (block >= last[:, None])
     outside_count = BLOCKS_PER_RUN - inside_count
     mean = np.einsum("wbp,wb->wp", power, outside) / outside_count[:, None]
     surprise = np.log(mean + 1e-12).sum(axis=1)
-    found = np.full(len(whole), -np.inf)
+    found = np.full(len(judged), -np.inf)
     found[fitted] = -outside_count * surprise - inside_count * surprise[-1]
     return found[:-1]
 
