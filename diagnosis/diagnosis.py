@@ -310,7 +310,7 @@ def _diagnosed(
     known = acceptance.held_out
     steps = selection_steps(selection, final, known, final.screened(candidates))
     tolerance, _ = channel_tolerance(steps[-1].fit)
-    power = explainable_power_by_step(steps)
+    power = explainable_power_by_step(steps, final)
     verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance))
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), reason)

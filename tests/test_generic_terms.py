@@ -1,46 +1,40 @@
-"""The cross-validated gain of generic terms: computed once for a fit, and anew for another one."""
+"""The cross-validated gain of generic terms: part of a comparison where the noise is taken from the residual."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from numpy.typing import NDArray
 
-from diagnosis.comparison import generic_terms
-from diagnosis.comparison.generic_terms import cross_validated_gain
-from estimation.fit import fit
+from diagnosis.comparison.comparison import comparison_of
+from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 
-Array = NDArray[np.float64]
 
-
-def single_run() -> Recording:
-    """A swinging arm, its readings noise."""
+def fitted(repeats: int = 1) -> Fit:
+    """The rigid tool of a swinging arm, its readings noise."""
     rng = np.random.default_rng(3)
-    time = 0.01 * np.arange(600, dtype=np.float64)
-    columns = {"phi": np.sin(3 * time), "dphi": 3 * np.cos(3 * time), "ddphi": -9 * np.sin(3 * time)}
-    columns |= {"ax": np.sin(5 * time), "ay": np.cos(4 * time), "time": time}
-    return from_columns(columns | {c: rng.standard_normal(600) for c in ("fx", "fy", "tau")})
+    time = 0.01 * np.arange(600 * repeats, dtype=np.float64)
+    phase = 2 * np.pi * time / 6
+    columns = {"phi": np.sin(3 * phase), "ax": np.sin(5 * phase), "ay": np.cos(4 * phase), "time": time}
+    columns |= {c: rng.standard_normal(len(time)) for c in ("fx", "fy", "tau")}
+    if repeats > 1:
+        columns["repeat"] = np.repeat(np.arange(repeats), 600)
+    return fit(planar(), from_columns(columns))
 
 
-def test_the_gain_of_a_fit_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Recording] = []
-    terms = generic_terms.generic_terms
+def test_the_gain_is_that_of_the_residual_compared() -> None:
+    """What is wrong by 0.1 of noise is predicted from other blocks: the gain rises, and the p-value falls."""
+    found = fitted()
+    right = comparison_of(found, 0)
+    wrong = comparison_of(replace(found, theta=found.theta + 0.1), 0)
+    assert right.gain is not None
+    assert wrong.gain is not None
+    assert wrong.gain.gain > right.gain.gain + 1
+    assert wrong.gain.p_value < right.gain.p_value
 
-    def counted(recording: Recording, load: Array) -> Mapping[str, Array]:
-        asked.append(recording)
-        return terms(recording, load)
 
-    monkeypatch.setattr(generic_terms, "generic_terms", counted)
-    found = fit(planar(), single_run())
-    first = cross_validated_gain(found, 0)
-    assert cross_validated_gain(found, 0) is first
-    assert len(asked) == 1
-    other = replace(found, theta=found.theta + 0.1)
-    assert cross_validated_gain(other, 0).gain > first.gain + 1  # what is wrong by 0.1 is predicted
-    assert len(asked) == 2
+def test_a_recording_with_repeats_has_no_gain() -> None:
+    """Its lack of fit is tested against the noise between the repeats."""
+    assert comparison_of(fitted(repeats=3), 0).gain is None

@@ -209,7 +209,7 @@ def test_noise_is_no_part_of_what_can_be_explained() -> None:
     steps = selection_steps(SubsetSearch(base, best), best, ())
     before, after = (s.training[0].rms for s in (steps[0], steps[-1]))
     assert all(after[c] > 0.9 * before[c] for c in before)
-    left = explainable_power_by_step(steps)
+    left = explainable_power_by_step(steps, best)
     assert left[-1] < left[0] / 2
 
 
@@ -235,7 +235,8 @@ def test_explainable_power_is_that_of_the_effect() -> None:
     basis = np.linalg.qr(taken / np.linalg.norm(taken, axis=0))[0]
     strength = float(np.sum((column - basis @ (basis.T @ column)) ** 2))
     rows = len(column)
-    measured = explainable_power_by_step(selection_steps(SubsetSearch(base, best), best, ()))[0] * rows / 3
+    steps = selection_steps(SubsetSearch(base, best), best, ())
+    measured = explainable_power_by_step(steps, best)[0] * rows / 3
     assert abs(measured - strength) < 4 * np.sqrt(2 * rows + 4 * strength)
 
 

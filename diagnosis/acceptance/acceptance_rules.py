@@ -126,12 +126,13 @@ class AcceptanceEvidence:
         """Of single runs alone the effect that removes least, if less than what remains and `LEAST_SHARE` of all."""
         if any(noise.source is not NoiseSource.RESIDUAL for noise in self.candidate.fit.noise):
             return None
+        report_by_all([self.candidate, self.base])
         whole = self.candidate.reported
         remains = remaining_power(whole)
         if not remains:
             return None
         smaller = self.candidate.without_each()
-        report_by_all([self.base, *smaller.values()])
+        report_by_all(list(smaller.values()))
         removed = {i: removed_power(without.reported, whole) for i, without in smaller.items()}
         least = min(removed, key=lambda effect_id: removed[effect_id])
         limit = min(remains, LEAST_SHARE * (removed_power(self.base.reported, whole) + remains))

@@ -10,7 +10,12 @@ from math import isclose
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.comparison.generic_terms import cross_validated_gain, event_mean_p_value, smallest_gain_p_value
+from diagnosis.comparison.generic_terms import (
+    CrossValidatedGain,
+    cross_validated_gain,
+    event_mean_p_value,
+    smallest_gain_p_value,
+)
 from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space
@@ -39,6 +44,7 @@ class Comparison(Tabular):
     misfit           reduced chi-square of the whitened residual; None where the noise is estimated from the residual
     lack_of_fit      p-value of "the residual is consistent with the noise"
     smallest_lack_of_fit  that its test can give: permutations are countable; 0 of the other tests
+    gain             cross-validated gain of generic terms on the residual; None unless the noise is estimated from it
     """
 
     recording: Recording
@@ -51,6 +57,7 @@ class Comparison(Tabular):
     misfit: float | None
     lack_of_fit: float
     smallest_lack_of_fit: float = 0.0
+    gain: CrossValidatedGain | None = None
 
     @property
     def lack_of_fit_cell(self) -> Cell:
@@ -127,7 +134,8 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
     channels = recording.channels
     power = (residual**2).mean(axis=0)
     explainable = explainable_power(recording, residual, noise) if noise.source is NoiseSource.REPEATS else None
-    misfit, p_value = lack_of_fit_test(fit, number)
+    gain = cross_validated_gain(fit, number) if noise.source is NoiseSource.RESIDUAL else None
+    misfit, p_value = lack_of_fit_test(fit, number, gain)
     return Comparison(
         recording=recording,
         residual=residual,
@@ -139,6 +147,7 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
         misfit=misfit,
         lack_of_fit=p_value,
         smallest_lack_of_fit=smallest_lack_of_fit(noise),
+        gain=gain,
     )
 
 
@@ -176,17 +185,17 @@ def _variance_of_means(levels: Array, recording: Recording) -> Array:
     return np.asarray(2 * (gain[:, None] * levels).sum(axis=0) / n * repeats / (repeats - 1))
 
 
-def lack_of_fit_test(fit: Fit, number: int) -> tuple[float | None, float]:
+def lack_of_fit_test(fit: Fit, number: int, gain: CrossValidatedGain | None) -> tuple[float | None, float]:
     """Reduced chi-square of one recording of a fit, and the p-value of its lack of fit.
 
     With a noise estimate independent of the residual, the whitened rows are tested in frequency bands (each against F,
     as the spectrum is itself estimated), and the smallest p-value is Bonferroni-corrected; of a stated std the power of
     a record differs by chance, the more the redder its noise is. Where the noise is estimated from the residual, the
-    test is the cross-validated prediction of the residual by generic terms of the inputs.
+    test is the `gain` of a cross-validated prediction of the residual by generic terms of the inputs.
     """
+    if gain is not None:
+        return None, bonferroni_p_value([gain.p_value, event_mean_p_value(fit, number)])
     noise = fit.noise[number]
-    if noise.source is NoiseSource.RESIDUAL:
-        return None, bonferroni_p_value([cross_validated_gain(fit, number).p_value, event_mean_p_value(fit, number)])
     rows, leverage = _rows_and_leverage(fit, number)
     excited = noise.whitener.periodic_rows
     total = (rows[:excited] ** 2).sum() / max(1.0, excited - leverage[:excited].sum())

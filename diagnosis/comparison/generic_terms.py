@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,10 +87,6 @@ class CrossValidatedGain:
     p_value: float
 
 
-_GAINS: WeakKeyDictionary[Fit, dict[int, CrossValidatedGain]] = WeakKeyDictionary()
-"""Of each fit as long as it lives, by recording: the test of fit and the power left ask for it."""
-
-
 def cross_validated_gain(fit: Fit, number: int) -> CrossValidatedGain:
     """Cross-validated gain of generic terms on the residual of a single run: each block predicted from all others.
 
@@ -102,14 +97,6 @@ def cross_validated_gain(fit: Fit, number: int) -> CrossValidatedGain:
     autoregression does not whiten: for the p-value the rows are flattened by their own spectrum. Less powerful than
     repeats: the autoregression absorbs part of the residual.
     """
-    known = _GAINS.setdefault(fit, {})
-    if number not in known:
-        known[number] = _cross_validated_gain(fit, number)
-    return known[number]
-
-
-def _cross_validated_gain(fit: Fit, number: int) -> CrossValidatedGain:
-    """`cross_validated_gain` of a fit for which nobody has asked before."""
     recording, whitener = fit.recordings[number], fit.noise[number].whitener
     assert isinstance(whitener, AutoregressiveWhitener), "the test is for a single run"
     load = recording.wrench - fit.residuals[number]

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from diagnosis.acceptance.held_out import HeldOut, HeldOutPrediction
 from diagnosis.comparison.compared_step import ComparedFit
-from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.generic_terms import cross_validated_gain
+from diagnosis.comparison.comparison import Comparison, noise_from_residual
 from diagnosis.comparison.removed_share import removed_share
 from diagnosis.comparison.slow_residual import Part, SlowResidual
 from diagnosis.parallel.cached_values import CachedValue
 from diagnosis.screening.score_test import ScoreTest
 from diagnosis.selection.reported_models import report_by_all
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
-from estimation.fit import Fit
+from estimation.fit import Fit, shared_objects
 from estimation.noise.recording_noise import NoiseSource
 
 Array = NDArray[np.float64]
@@ -67,8 +66,8 @@ def selection_steps(
 ) -> tuple[SelectionStep, ...]:
     """The models from the base model to the last effect added, each refitted.
 
-    Their comparisons are shared out among the workers, and with them what the test of each of the `tested` effects
-    detects.
+    Their comparisons are shared out among the workers, and with them that of the last in the noise of the search, which
+    `explainable_power_by_step` needs, and what the test of each of the `tested` effects detects.
     """
     effects = final.added
     models = [selection.base]
@@ -82,10 +81,12 @@ def selection_steps(
         held_out_ones = [p for model in models for p in predictions(model)]
         return [
             *(CachedValue(f"held-out {number}", p, "comparison") for number, p in enumerate(held_out_ones)),
+            *([CachedValue("last comparison", final, "comparisons")] if noise_from_residual(final.fit) else []),
             *(CachedValue(t.effect.id, t, "detectable") for t in tested),
         ]
 
-    shared = [part for h in held_out for part in (h.recording, h.recording.rig, h.noise)]
+    shared: list[object] = [part for h in held_out for part in (h.recording, h.recording.rig, h.noise)]
+    shared += shared_objects(final.fit)
     report_by_all(models, beside_comparisons, shared)
     ids = (None, *(effect.id for effect in effects))
     return tuple(
@@ -94,15 +95,15 @@ def selection_steps(
     )
 
 
-def explainable_power_by_step(steps: Sequence[SelectionStep]) -> Array:
+def explainable_power_by_step(steps: Sequence[SelectionStep], final: CandidateModel) -> Array:
     """Systematic power of the training residual after each step, relative to the noise power, over all recordings.
 
     With repeats it is the power that repeats. In a single run it is the power in excess of a stated noise; without one,
     the power in excess of the last step's residual, plus what of that residual is no noise: the cross-validated gain of
-    generic terms, or its slow part in the band of the motion.
+    generic terms, or its slow part in the band of the motion. `final` is the model of the last step.
     """
     powers = [
-        _single_run_power(steps, number) if last.explainable_rms is None else _repeating_power(steps, number)
+        _single_run_power(steps, final, number) if last.explainable_rms is None else _repeating_power(steps, number)
         for number, last in enumerate(steps[-1].training)
     ]
     return np.asarray(np.sum(powers, axis=0))
@@ -119,14 +120,15 @@ def _repeating_power(steps: Sequence[SelectionStep], number: int) -> Array:
     return _relative_to_noise(steps[-1].training[number], [{c: v**2 for c, v in size.items()} for size in sizes])
 
 
-def _single_run_power(steps: Sequence[SelectionStep], number: int) -> Array:
+def _single_run_power(steps: Sequence[SelectionStep], final: CandidateModel, number: int) -> Array:
     """Systematic power relative to the noise after each step, of a recording without repeats."""
-    last, fit = steps[-1].training[number], steps[-1].tested
+    last = steps[-1].training[number]
     power = [{c: v**2 for c, v in s.training[number].rms.items()} for s in steps]
     if last.noise.source is NoiseSource.RIG:
         return _relative_to_noise(last, [{c: v - last.noise_floor[c] ** 2 for c, v in p.items()} for p in power])
     removed = _relative_to_noise(last, [{c: v - power[-1][c] for c, v in p.items()} for p in power])
-    unexplained = cross_validated_gain(fit, number).gain * len(fit.model.channels) / fit.noise[number].whitener.rows
+    gain, rows = final.comparisons[number].gain, final.fit.noise[number].whitener.rows
+    unexplained = 0.0 if gain is None else gain.gain * len(final.fit.model.channels) / rows
     return removed + max(unexplained, _slow_power(last))
 
 
