@@ -47,8 +47,12 @@ class DrawnMotion:
     @cached_property
     def largest_power(self) -> float:
         """Upper limit of any score: the whitened chi-square of the residual itself."""
-        powers = (NullModel.of(fit, self.cache).residual for fit in self.fits)
-        return max(float(rows @ rows) for rows in powers)
+
+        def power(fit: Fit) -> float:
+            rows = NullModel.of(fit, self.cache).residual
+            return float(rows @ rows)
+
+        return max(self.cache.workers.map(power, self.fits))
 
 
 def _drawn_motions(recordings: Sequence[Recording], noisy: Sequence[bool]) -> list[tuple[Recording, ...]]:

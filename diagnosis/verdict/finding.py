@@ -169,7 +169,7 @@ def judge_effects(
     separated = {a.effect.id: (added_id, a) for added_id, of in evidence.aliases.items() for a in of if a.separated}
     screenings = final.screened(candidates)
     adjusted = adjusted_p_values(screenings)
-    unknown_excess = selection.base.adequate or noise_from_residual(final.fit)  # the latter fits that noise
+    unknown_excess = noise_from_residual(final.fit) or selection.base.adequate  # the former fits that noise
     excess = None if unknown_excess else selection.base.excess
     one_run = all(recording.repeats == 1 for recording in fit.recordings)
     others = []
