@@ -3,13 +3,16 @@
 Whole processes in turn, wall time, the median of the rounds. Two cores of a shared machine do less than twice the work
 of one, and by how much changes from hour to hour: each round also takes two diagnoses with one worker each, side by
 side, which share nothing. Their gain, twice the time alone over the time side by side, is what two workers could reach.
+
+Every second round takes the ways in reverse order, so that one worker never comes right after the two side by side: it
+would find their memory ready on a machine that gives freed memory back to its host.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -44,17 +47,15 @@ def walls_of(files: Files, report: Path, rounds: int) -> Walls:
     """The median wall time of each way; a first run, which derives the models, is not counted."""
     out = ("--out", str(report))
     wall_of(files, 1, out)
-    measured = [
-        {
-            ONE: wall_of(files, 1),
-            TWO: wall_of(files, 2),
-            ONE_REPORTED: wall_of(files, 1, out),
-            TWO_REPORTED: wall_of(files, 2, out),
-            PAIR: side_by_side(files),
-        }
-        for _ in range(rounds)
-    ]
-    return {way: median(found[way] for found in measured) for way in measured[0]}
+    ways: dict[str, Callable[[], float]] = {
+        ONE: partial(wall_of, files, 1),
+        TWO: partial(wall_of, files, 2),
+        ONE_REPORTED: partial(wall_of, files, 1, out),
+        TWO_REPORTED: partial(wall_of, files, 2, out),
+        PAIR: partial(side_by_side, files),
+    }
+    measured = [{way: ways[way]() for way in (ways, reversed(ways))[turn % 2]} for turn in range(rounds)]
+    return {way: median(found[way] for found in measured) for way in ways}
 
 
 def row(name: str, walls: Walls) -> tuple[str, ...]:
