@@ -27,14 +27,14 @@ def fitted(repeats: int = 1) -> Fit:
 def test_the_gain_is_that_of_the_residual_compared() -> None:
     """What is wrong by 0.1 of noise is predicted from other blocks: the gain rises, and the p-value falls."""
     found = fitted()
-    right = comparison_of(found, 0)
-    wrong = comparison_of(replace(found, theta=found.theta + 0.1), 0)
-    assert right.gain is not None
-    assert wrong.gain is not None
-    assert wrong.gain.gain > right.gain.gain + 1
-    assert wrong.gain.p_value < right.gain.p_value
+    right = comparison_of(found, 0).cross_validated_gain
+    wrong = comparison_of(replace(found, theta=found.theta + 0.1), 0).cross_validated_gain
+    assert right is not None
+    assert wrong is not None
+    assert wrong.gain > right.gain + 1
+    assert wrong.p_value < right.p_value
 
 
 def test_a_recording_with_repeats_has_no_gain() -> None:
     """Its lack of fit is tested against the noise between the repeats."""
-    assert comparison_of(fitted(repeats=3), 0).gain is None
+    assert comparison_of(fitted(repeats=3), 0).cross_validated_gain is None

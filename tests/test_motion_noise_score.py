@@ -102,7 +102,7 @@ class _CountedWorkers(Workers):
 
 
 def test_score_tests_at_drawn_motions_are_one_batch_of_the_workers() -> None:
-    """Those of all effects together, so that no process waits for the others' effects; before, the limit for each."""
+    """Those of all effects together, so that no process waits for the others' effects; after the limit for all."""
     workers = _CountedWorkers()
     effects = [named("sensor_hysteresis"), named("viscous_drag"), named("quadratic_drag")]
     screen(fitted(0, ViscousDrag(c=0.04)), effects, cache=ScreeningCache(workers))

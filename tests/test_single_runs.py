@@ -16,6 +16,8 @@ from scipy.stats import binom
 
 from benchmarks.single_run import SingleRun
 from diagnosis.acceptance.acceptance_rules import AcceptanceEvidence
+from diagnosis.comparison import comparison
+from diagnosis.comparison.generic_terms import CrossValidatedGain, cross_validated_gain
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening.score_test import ScoreTest, screen
@@ -29,7 +31,7 @@ from diagnosis.selection.subset_search import (
 )
 from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, selection_steps
 from diagnosis.verdict.verdict import RecordVerdict
-from estimation.fit import WhitenedProblem, fit
+from estimation.fit import Fit, WhitenedProblem, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
@@ -211,6 +213,31 @@ def test_noise_is_no_part_of_what_can_be_explained() -> None:
     assert all(after[c] > 0.9 * before[c] for c in before)
     left = explainable_power_by_step(steps, best)
     assert left[-1] < left[0] / 2
+
+
+def test_the_gain_of_each_fit_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a whole diagnosis: the test of fit and the power left are of the same one."""
+    asked: list[Fit] = []
+
+    def counted(whole: Fit, number: int) -> CrossValidatedGain:
+        asked.append(whole)
+        return cross_validated_gain(whole, number)
+
+    monkeypatch.setattr(comparison, "cross_validated_gain", counted)
+    recording = run(3000, ViscousDrag(c=0.6, d=0.12), noise=PinkNoise(tones=()))
+    found = diagnose(planar(RIG), recording, effects=FEW)
+    assert found.added == ("viscous_drag",)
+    assert len({id(whole) for whole in asked}) == len(asked) > 1
+
+
+def test_steps_bring_the_comparison_that_the_power_left_needs() -> None:
+    """Shared out with the others, as each process would make it by itself otherwise."""
+    base, best = with_drag(run(3000, ViscousDrag(c=0.3, d=0.12), noise=PinkNoise(tones=())))
+    fresh = CandidateModel(best.fit, best.candidates)
+    assert fresh.reported_fit is not fresh.fit  # whose comparisons would do otherwise
+    assert "comparisons" not in vars(fresh)
+    selection_steps(SubsetSearch(base, fresh), fresh, ())
+    assert "comparisons" in vars(fresh)
 
 
 def test_explainable_power_is_that_of_the_effect() -> None:

@@ -44,7 +44,7 @@ class Comparison(Tabular):
     misfit           reduced chi-square of the whitened residual; None where the noise is estimated from the residual
     lack_of_fit      p-value of "the residual is consistent with the noise"
     smallest_lack_of_fit  that its test can give: permutations are countable; 0 of the other tests
-    gain             cross-validated gain of generic terms on the residual; None unless the noise is estimated from it
+    cross_validated_gain  of generic terms on the residual; None unless the noise is estimated from it
     """
 
     recording: Recording
@@ -57,7 +57,7 @@ class Comparison(Tabular):
     misfit: float | None
     lack_of_fit: float
     smallest_lack_of_fit: float = 0.0
-    gain: CrossValidatedGain | None = None
+    cross_validated_gain: CrossValidatedGain | None = None
 
     @property
     def lack_of_fit_cell(self) -> Cell:
@@ -147,7 +147,7 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
         misfit=misfit,
         lack_of_fit=p_value,
         smallest_lack_of_fit=smallest_lack_of_fit(noise),
-        gain=gain,
+        cross_validated_gain=gain,
     )
 
 

@@ -127,8 +127,9 @@ def _single_run_power(steps: Sequence[SelectionStep], final: CandidateModel, num
     if last.noise.source is NoiseSource.RIG:
         return _relative_to_noise(last, [{c: v - last.noise_floor[c] ** 2 for c, v in p.items()} for p in power])
     removed = _relative_to_noise(last, [{c: v - power[-1][c] for c, v in p.items()} for p in power])
-    gain, rows = final.comparisons[number].gain, final.fit.noise[number].whitener.rows
-    unexplained = 0.0 if gain is None else gain.gain * len(final.fit.model.channels) / rows
+    found, rows = final.comparisons[number].cross_validated_gain, final.fit.noise[number].whitener.rows
+    assert found is not None, "the noise of a run that states none is estimated from its residual"
+    unexplained = found.gain * len(final.fit.model.channels) / rows
     return removed + max(unexplained, _slow_power(last))
 
 
