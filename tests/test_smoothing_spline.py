@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,6 +70,36 @@ def test_stated_uncertainty_is_that_of_the_error(motion: Motion) -> None:
 def drawn_derivatives(spline: SmoothingSpline, t: Array, rng: np.random.Generator, count: int) -> list[Array]:
     """The second derivative (n, k) of each of several draws."""
     return np.hsplit(spline.drawn(*(spline.innovations(rng) for _ in range(count))).derivative(t, 2), count)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+@pytest.mark.parametrize("count", [30, 700])
+def test_stated_uncertainty_is_that_of_the_dense_covariance(count: int, order: int) -> None:
+    """Through the whole factor in long doubles; rounding takes a millionth of a derivative at the most."""
+    t = 0.01 * np.linspace(0.0, 0.01 * (count - 1), count)
+    spline = SmoothingSpline.of(t, sines(t)[0] + 1e-4 * np.random.default_rng(6).standard_normal((count, 1)))
+    places = np.random.default_rng(7).uniform(t[0], t[-1], 50)
+    identity = replace(spline.spline, coefficients=np.eye(len(spline.spline.coefficients)))
+    solved = replace(spline, spline=identity).derivative(places, order).T.astype(np.longdouble)
+    for row in range(len(solved)):
+        for offset in range(1, min(row, len(spline.factor) - 1) + 1):
+            solved[row] -= spline.factor[offset, row - offset] * solved[row - offset]
+        solved[row] /= spline.factor[0, row]
+    expected = np.sqrt(spline.variance * (solved**2).sum(axis=0)).astype(float)
+    np.testing.assert_allclose(spline.std(places, order), expected, rtol=1e-6)
+
+
+def test_memory_of_the_uncertainty_grows_with_the_rows() -> None:
+    """Of a minute at 1 kHz: far below one matrix of all coefficients, and of a few vectors of the rows."""
+    t = np.linspace(0.0, 60.0, 60_000)
+    spline = SmoothingSpline.of(t, sines(t)[0] + 1e-4 * np.random.default_rng(6).standard_normal((60_000, 1)))
+    tracemalloc.start()
+    try:
+        spline.std(np.linspace(t[0], t[-1], 60), 2)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 100 * t.nbytes < len(spline.spline.coefficients) ** 2 * 8
 
 
 def test_draws_have_the_stated_uncertainty() -> None:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, solve_banded
 from scipy.linalg.blas import dsbmv
-from scipy.linalg.lapack import dpbtrf, dpbtrs
+from scipy.linalg.lapack import dpbtrf, dpbtrs, dtbtrs
 
 from estimation.recordings.derivatives.b_spline import (
     BasisRows,
@@ -61,6 +61,8 @@ ROUNDING = 64 * ROUNDING_UNIT
 """Of the largest sample: std of the sums over the splines, below which nothing is motion."""
 KNOTS_PER_SAMPLE = 2
 """At most: the motion between samples is open then, and its uncertainty not understated."""
+TIMES_AT_ONCE = 16
+"""Whose std is computed together: so many series of memory, and few calls."""
 FEWEST_PIECES = 512
 PIECES_PER_FREEDOM = 3.0
 """Knot intervals per effective parameter from which more knots change nothing."""
@@ -196,13 +198,24 @@ class SmoothingSpline:
         return np.asarray(np.sqrt(np.maximum(local / max(power.mean(), np.finfo(float).tiny) - 1, 0.0)))
 
     def std(self, times: Array, order: int) -> Array:
-        """Std (n,) of the error of a component's derivative at times (n,), s, per s^order."""
-        spline = replace(self.spline, coefficients=np.eye(len(self.spline.coefficients)))
-        for _ in range(order):
-            spline = spline.derivative()
-        rows = spline((times - self.start) * self.scale) * self.scale**order
-        solved = cho_solve_banded((self.factor, True), rows.T)
-        return np.asarray(np.sqrt(self.variance * np.sum(rows.T * solved, axis=0)))
+        """Std (n,) of the error of a component's derivative at times (n,), s, per s^order.
+
+        A derivative w'c of the coefficients c has the variance s² |L^-1 w|² with their Cholesky factor L. Solved for
+        few times at once, as each takes as much memory as a series; by the band of the inverse, which would take less
+        time for many, half the digits of the higher derivatives are lost where the motion is smooth.
+        """
+        rows = self.rows(times, order)
+        weights = rows.values[order]
+        for _ in range(order):  # of the slope's coefficients, c_j+1 - c_j as the knots are one apart
+            weights = np.pad(weights, ((1, 0), (0, 0))) - np.pad(weights, ((0, 1), (0, 0)))
+        variance = np.empty(len(times))
+        for begin in range(0, len(times), TIMES_AT_ONCE):
+            at = slice(begin, begin + TIMES_AT_ONCE)
+            first = rows.first[at]
+            right = np.zeros((self.factor.shape[1], len(first)), order="F")
+            right[first + np.arange(DEGREE + 1)[:, None], np.arange(len(first))] = weights[:, at]
+            variance[at] = np.sum(dtbtrs(self.factor, right, uplo="L", overwrite_b=1)[0] ** 2, axis=0)
+        return np.asarray(np.sqrt(self.variance * variance) * self.scale**order)
 
 
 @dataclass(frozen=True, eq=False)
