@@ -422,7 +422,7 @@ def _record_evidence(
         slow=any(s.above_noise for s in slow_residuals(steps[-1].training)),
         removed_share=removed_share_by_steps(steps),
         within_tolerance=all(
-            c.explainable_rms is not None and within_tolerance(c.explainable_rms, tolerance) for c in compared
+            c.beyond_parameters is not None and within_tolerance(c.beyond_parameters, tolerance) for c in compared
         ),
         power_share=float(power[-1] / max(power[0], 1e-300)),
         unrecorded_acceleration=any(lacks_acceleration(c, final.fit.model) for c in steps[-1].training),

@@ -19,8 +19,8 @@ class DecisionLevels:
     Family-wise per diagnosis: a false effect is a wrong statement about the rig, which somebody will look for. An
     effect that is as significant beside the final model, and is not in it, needs another reason than its p-value."""
     held_out: float = 0.001
-    """Lack of fit on each held-out recording: the residual there has the errors of the training estimates, too, which
-    the test does not count. A false alarm rejects a right model."""
+    """Lack of fit on each held-out recording, ten of which are as one fitted: a false alarm rejects a right model, and
+    the errors of the training estimates, which the test counts, are known to first order alone."""
     offset: float = 0.01
     """Point of application beside the tip axis (score test of x and y, each effect), given an effect on the axis. A
     false alarm costs two parameters with the std that they have; a miss leaves a point that is off by less than three

@@ -12,6 +12,7 @@ from math import inf
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import binom
 
 from benchmarks.single_run import SingleRun
@@ -219,9 +220,9 @@ def test_the_gain_of_each_fit_is_computed_once(monkeypatch: pytest.MonkeyPatch) 
     """In a whole diagnosis: the test of fit and the power left are of the same one."""
     asked: list[Fit] = []
 
-    def counted(whole: Fit, number: int) -> CrossValidatedGain:
+    def counted(whole: Fit, number: int, residual: NDArray[np.float64]) -> CrossValidatedGain:
         asked.append(whole)
-        return cross_validated_gain(whole, number)
+        return cross_validated_gain(whole, number, residual)
 
     monkeypatch.setattr(comparison, "cross_validated_gain", counted)
     recording = run(3000, ViscousDrag(c=0.6, d=0.12), noise=PinkNoise(tones=()))

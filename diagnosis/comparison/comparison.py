@@ -16,6 +16,7 @@ from diagnosis.comparison.generic_terms import (
     event_mean_p_value,
     smallest_gain_p_value,
 )
+from diagnosis.comparison.validation import StandardisedResidual, ValidationFit
 from estimation.distributions import chi_square_p_value
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space
@@ -41,7 +42,10 @@ class Comparison(Tabular):
     explainable_rms  systematic error: root of the residual power that repeats or is slower than the repeats; None
                      without repeats
     explainable_std  standard error of the systematic power (explainable_rms²), from the noise alone
-    misfit           reduced chi-square of the whitened residual; None where the noise is estimated from the residual
+    beyond_parameters  of a held-out recording the systematic error that errors of the estimates kept do not explain;
+                     of a fitted one explainable_rms
+    misfit           reduced chi-square of the whitened residual, of a held-out recording with the uncertainty of the
+                     estimates kept; None where the noise is estimated from the residual
     lack_of_fit      p-value of "the residual is consistent with the noise"
     smallest_lack_of_fit  that its test can give: permutations are countable; 0 of the other tests
     cross_validated_gain  of generic terms on the residual; None unless the noise is estimated from it
@@ -54,6 +58,7 @@ class Comparison(Tabular):
     rms: Mapping[str, float]
     explainable_rms: Mapping[str, float] | None
     explainable_std: Mapping[str, float] | None
+    beyond_parameters: Mapping[str, float] | None
     misfit: float | None
     lack_of_fit: float
     smallest_lack_of_fit: float = 0.0
@@ -133,9 +138,13 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
     recording, noise, residual = fit.recordings[number], fit.noise[number], fit.residuals[number]
     channels = recording.channels
     power = (residual**2).mean(axis=0)
-    explainable = explainable_power(recording, residual, noise) if noise.source is NoiseSource.REPEATS else None
-    gain = cross_validated_gain(fit, number) if noise.source is NoiseSource.RESIDUAL else None
-    misfit, p_value = lack_of_fit_test(fit, number, gain)
+    tested = standardised_residual(fit, number)
+    explainable, beyond = (
+        explainable_power(recording, r, noise) if noise.source is NoiseSource.REPEATS else None
+        for r in (residual, tested.readings)
+    )
+    gain = cross_validated_gain(fit, number, tested.readings) if noise.source is NoiseSource.RESIDUAL else None
+    misfit, p_value = lack_of_fit_test(fit, number, tested, gain)
     return Comparison(
         recording=recording,
         residual=residual,
@@ -144,6 +153,7 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
         rms=_by_channel(channels, np.sqrt(power)),
         explainable_rms=None if explainable is None else _by_channel(channels, np.sqrt(explainable[0])),
         explainable_std=None if explainable is None else _by_channel(channels, explainable[1]),
+        beyond_parameters=None if beyond is None else _by_channel(channels, np.sqrt(beyond[0])),
         misfit=misfit,
         lack_of_fit=p_value,
         smallest_lack_of_fit=smallest_lack_of_fit(noise),
@@ -185,7 +195,9 @@ def _variance_of_means(levels: Array, recording: Recording) -> Array:
     return np.asarray(2 * (gain[:, None] * levels).sum(axis=0) / n * repeats / (repeats - 1))
 
 
-def lack_of_fit_test(fit: Fit, number: int, gain: CrossValidatedGain | None) -> tuple[float | None, float]:
+def lack_of_fit_test(
+    fit: Fit, number: int, tested: StandardisedResidual, gain: CrossValidatedGain | None
+) -> tuple[float | None, float]:
     """Reduced chi-square of one recording of a fit, and the p-value of its lack of fit.
 
     With a noise estimate independent of the residual, the whitened rows are tested in frequency bands (each against F,
@@ -194,9 +206,9 @@ def lack_of_fit_test(fit: Fit, number: int, gain: CrossValidatedGain | None) -> 
     test is the `gain` of a cross-validated prediction of the residual by generic terms of the inputs.
     """
     if gain is not None:
-        return None, bonferroni_p_value([gain.p_value, event_mean_p_value(fit, number)])
+        return None, bonferroni_p_value([gain.p_value, event_mean_p_value(fit, number, tested.readings)])
     noise = fit.noise[number]
-    rows, leverage = _rows_and_leverage(fit, number)
+    rows, leverage = tested.rows, tested.leverage
     excited = noise.whitener.periodic_rows
     total = (rows[:excited] ** 2).sum() / max(1.0, excited - leverage[:excited].sum())
     p_values, coloured = [], _record_power_variance(fit, number)
@@ -232,12 +244,14 @@ def smallest_lack_of_fit(noise: RecordingNoise) -> float:
     return bonferroni_p_value([smallest_gain_p_value(whitener), 1.0])
 
 
-def _rows_and_leverage(fit: Fit, number: int) -> tuple[Array, Array]:
-    """Whitened residual rows of one recording, and their leverages."""
+def standardised_residual(fit: Fit, number: int) -> StandardisedResidual:
+    """The residual of one recording against all that is uncertain of it: every test of lack of fit is of this."""
+    if isinstance(fit, ValidationFit):
+        return fit.standardised_residual()
     column_space = fit_column_space(fit)
     start = sum(n.whitener.rows for n in fit.noise[:number])
     part = slice(start, start + fit.noise[number].whitener.rows)
-    return column_space.residual[part], column_space.leverage[part]
+    return StandardisedResidual(column_space.residual[part], column_space.leverage[part], fit.residuals[number])
 
 
 def frequency_bands(noise: RecordingNoise) -> list[NDArray[np.bool_]]:

@@ -87,8 +87,8 @@ class CrossValidatedGain:
     p_value: float
 
 
-def cross_validated_gain(fit: Fit, number: int) -> CrossValidatedGain:
-    """Cross-validated gain of generic terms on the residual of a single run: each block predicted from all others.
+def cross_validated_gain(fit: Fit, number: int, residual: Array) -> CrossValidatedGain:
+    """Cross-validated gain of generic terms on the residual (n, p) of a single run: each block by all others.
 
     The whitened residual of each channel is regressed (ridge) on a constant and the whitened terms; the gain of a
     held-out block is its residual times its prediction. The sum of the gains is a quadratic form in the blocks'
@@ -99,18 +99,18 @@ def cross_validated_gain(fit: Fit, number: int) -> CrossValidatedGain:
     """
     recording, whitener = fit.recordings[number], fit.noise[number].whitener
     assert isinstance(whitener, AutoregressiveWhitener), "the test is for a single run"
-    load = recording.wrench - fit.residuals[number]
+    load = recording.wrench - residual
     p = len(recording.channels)
     terms = generic_terms(recording, load)
     constant = np.ones((recording.samples, 1))
     columns = np.column_stack([constant, standardised_columns(terms)]) if terms else constant
-    residual = whitener.series(fit.residuals[number]).reshape(-1, p)
-    blocks = np.array_split(np.arange(len(residual)), min(FOLDS, len(residual)))
+    whitened = whitener.series(residual).reshape(-1, p)
+    blocks = np.array_split(np.arange(len(whitened)), min(FOLDS, len(whitened)))
     spectrum = run_spectrum(fit, number)
     pairs = np.zeros((len(blocks), len(blocks)))
     flat_pairs = pairs.copy()
     for channel in range(p):
-        white, rows = whitener.of_channel(channel).series(columns[:, None]), residual[:, channel]
+        white, rows = whitener.of_channel(channel).series(columns[:, None]), whitened[:, channel]
         pairs += _gain_of_pairs(white, rows, blocks)
         if spectrum is not None:
             flat_pairs += _gain_of_pairs(spectrum.flattened(white, channel), spectrum.flattened(rows, channel), blocks)
@@ -136,15 +136,15 @@ def _gain_of_pairs(white: Array, residual: Array, blocks: list[NDArray[np.intp]]
     return pairs
 
 
-def event_mean_p_value(fit: Fit, number: int) -> float:
-    """P-value that the residual within a run's events has zero mean, 1 without events.
+def event_mean_p_value(fit: Fit, number: int, residual: Array) -> float:
+    """P-value that the residual (n, p) within a run's events has zero mean, 1 without events.
 
     Each event's whitened rows, whitened with the residual's variance about its mean there, are summed per channel.
     """
     whitener = fit.noise[number].whitener
     if not isinstance(whitener, AutoregressiveWhitener) or not whitener.events:
         return 1.0
-    rows = whitener.series(fit.residuals[number]).reshape(-1, len(whitener.noise.covariance))
+    rows = whitener.series(residual).reshape(-1, len(whitener.noise.covariance))
     order = whitener.noise.order
     sums = [
         rows[max(0, s - order) : e - 2 * order].sum(axis=0) / np.sqrt(max(1, e - s - order)) for s, e in whitener.events

@@ -245,7 +245,8 @@ def compare(
         A fit of a model to recordings, or what `load` gave; several, or several by name.
     recording : Recording, or of several fits a sequence of them, optional
         One of the fit's recordings, by default the first; or a held-out one of the same rig and tool, on which the
-        biases alone are re-estimated (validation fit). Of several fits by default the recordings of the first.
+        biases alone are re-estimated (validation fit), and whose test of lack of fit counts what the fit's own
+        recordings leave uncertain of the parameters. Of several fits by default the recordings of the first.
     *more : object
         Nothing: several fits are one argument, a list, and so are several recordings.
 

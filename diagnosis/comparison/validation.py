@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from diagnosis.comparison.data_split import non_excited_noise
 from estimation.fit import Fit, initial_noise, initial_values
 from estimation.gravity.gravity_direction import mounted_recording
-from estimation.least_squares.estimates import Estimate
+from estimation.least_squares.column_space import ColumnSpace
+from estimation.least_squares.estimates import Estimate, Estimates, fixed_parameters
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
 from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.noise.recording_noise import RecordingNoise
@@ -37,6 +38,14 @@ class EstimatedModel(Protocol):
     def parameters(self) -> Mapping[str, Estimate]:
         """Every parameter of the model by name, with std and unit."""
 
+    @property
+    def covariance(self) -> Array:
+        """Their covariance (k, k), in that order."""
+
+    @property
+    def identifiable(self) -> NDArray[np.bool_]:
+        """Which of them (k,) are identifiable."""
+
 
 @dataclass(frozen=True, eq=False)
 class PartiallyFixedProblem(WhitenedProblem):
@@ -55,13 +64,64 @@ class PartiallyFixedProblem(WhitenedProblem):
         return replace(found, theta=np.where(self.free, found.theta, start))
 
 
+@dataclass(frozen=True, eq=False)
+class StandardisedResidual:
+    """Residual of one recording against all that is uncertain of it, as its lack of fit is tested.
+
+    rows      (rows,) whitened, of unit variance under the model, and their `leverage`
+    readings  (n, p) in the channels' units, without what errors of the estimates explain
+    """
+
+    rows: Array
+    leverage: Array
+    readings: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationFit(Fit):
+    """A fit's parameters kept on another recording, where they are as uncertain as that fit left them.
+
+    Measured minus predicted is noise and, to first order, J d: sensitivities J times errors d of the parameters kept,
+    of the fit's covariance P. A whitened residual therefore has the covariance 1 + J P J'.
+
+    errors  (k, s) errors of unit variance, independent of each other: P = errors errors'
+    free    (k, f) directions of unlimited variance: what is estimated here (biases, disturbances), and what the fit's
+            own recordings do not identify
+    """
+
+    errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    free: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def standardised_residual(self) -> StandardisedResidual:
+        """The residual whitened by 1 + J P J', and what remains of it with the most likely errors.
+
+        The rows are (1 + J P J')^(-1/2) r by the symmetric root, which leaves power in the rows where it is as far as
+        any root does; the free directions are projected out, and are all of the leverage. The sum of their squares is
+        the least of |r - J d|² + d' P^-1 d, which the most likely errors d reach.
+        """
+        linearised = self.linearised()
+        free = ColumnSpace.of(linearised.derivative @ self.free)
+        reached = linearised.reached_residual - free.basis @ (free.basis.T @ linearised.reached_residual)
+        columns = linearised.derivative @ self.errors
+        columns -= free.basis @ (free.basis.T @ columns)
+        variances, axes = np.linalg.eigh(columns.T @ columns)
+        root, along = np.sqrt(1 + np.maximum(variances, 0.0)), axes.T @ (columns.T @ reached)
+        rows, leverage = linearised.residual.copy(), np.zeros(len(linearised.residual))
+        rows[linearised.reached] = reached - columns @ (axes @ (along / (root * (root + 1))))
+        leverage[linearised.reached] = (free.basis**2).sum(axis=1)
+        likely = self.errors @ (axes @ (along / root**2))
+        beside = linearised.reached_residual - linearised.derivative @ likely
+        likely += self.free @ free.amounts(beside[:, None])[:, 0]
+        return StandardisedResidual(rows, leverage, self.residuals[0] - self.response().derivative @ likely)
+
+
 def validation_fit(
     fit: EstimatedModel,
     recording: Recording,
     noise: RecordingNoise | None = None,
     own: Sequence[Effect] = (),
     start: Mapping[str, float] | None = None,
-) -> Fit:
+) -> ValidationFit:
     """The fit's parameters on another recording; only its biases and its disturbances `own` are estimated there.
 
     Recording-specific effects of the fit's own recordings are dropped. The disturbances are estimated from the initial
@@ -85,7 +145,38 @@ def validation_fit(
         covariance = disturbed.covariance * np.outer(added, added)
     biased = PartiallyFixedProblem(unknowns, (recording,), (known,), biases).minimise(theta)
     covariance, estimable = covariance + biased.covariance, estimable | biased.identifiable
-    return Fit(model, (recording,), (known,), unknowns, biased.theta, covariance, estimable)
+    errors, unknown = _errors(fit, unknowns, ~(biases | added))
+    return ValidationFit(
+        model, (recording,), (known,), unknowns, biased.theta, covariance, estimable,
+        errors=errors, free=np.column_stack([np.eye(len(theta))[:, biases | added], unknown]),
+    )  # fmt: skip
+
+
+def _errors(fit: EstimatedModel, unknowns: ParameterLayout, kept: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Errors (k, s) of unit variance that the kept unknowns (k,) have from their fit, and its unknown directions.
+
+    A parameter at a bound keeps its variance: the truth is on one side of it, no further off than without the bound.
+    """
+    names = list(fit.parameters)
+    place = [names.index(p.name) for p, keep in zip(unknowns.parameters, kept, strict=True) if keep]
+    fixed = fixed_parameters([p for p, keep in zip(unknowns.parameters, kept, strict=True) if keep])
+    unknown = ~fit.identifiable[place] & ~fixed
+    if isinstance(fit, Estimates) and unknown.any():
+        directions = (fit.scaled_svd.null_space / fit.scaled_svd.scale[:, None])[place] * unknown[:, None]
+    else:  # a model file has no directions, only their parameters
+        directions = np.eye(len(place))[:, unknown]
+    covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)[np.ix_(place, place)]
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    errors = scale[:, None] * axes * np.sqrt(np.maximum(variances, 0.0))
+    return _at(kept, errors), _at(kept, directions)
+
+
+def _at(kept: NDArray[np.bool_], columns: Array) -> Array:
+    """Columns in the kept unknowns as columns in all of them, zero in the others."""
+    whole = np.zeros((len(kept), columns.shape[1]))
+    whole[kept] = columns
+    return whole
 
 
 def _mask_of(unknowns: ParameterLayout, parameters: Sequence[Parameter]) -> NDArray[np.bool_]:

@@ -21,7 +21,8 @@ class RecordEvidence:
     slow                  whether a slow part of a single run's residual exceeds the noise: drift or slow physics
     removed_share         what the effects removed of a single run's residual, over that and what remains of it in the
                           band of the motion beyond 1/f noise; 1 where the noise is known
-    within_tolerance      whether the systematic error is within tolerance in every channel of every recording
+    within_tolerance      whether the systematic error is within tolerance in every channel of every recording, of a
+                          held-out one without what errors of the estimates kept explain
     power_share           systematic power of the final model's residual over that of the rigid tool's
     unrecorded_acceleration  whether a residual looks like mass times an acceleration that was not recorded, which no
                           test shows where the noise is estimated from that residual
