@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnosis import diagnose
+from diagnosis.screening.initial_values import model_initial_values
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.contact.contact_wrench import compensate
 from estimation.fit import Fit, fit
@@ -32,16 +33,18 @@ from estimation.logs.motion_evidence import motion_evidence
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from estimation.recordings.reports.reading_report import StepKind
+from estimation.recordings.sign_convention import with_decided_convention
 from estimation.static.candidate_poses import CandidatePoses
 from estimation.streaming.long_log import read_chunks
-from modeling.chain.model import planar, spatial
-from modeling.effects import gravity_tilt, viscous_drag
+from modeling.chain.model import ALIGNED_MOUNTING, planar, spatial
+from modeling.effects import cable_spring, gravity_tilt, viscous_drag
 from modeling.errors import InputError
 from modeling.kinematics.base_mounting import Direction, base_angle, base_placement, motion_in_world
 from modeling.kinematics.planar_arm import PlanarArm
 from modeling.rig.rig import Convention, Rig, SensorDescription
+from truewrench.files.data_set import DataSet, frame_sentences
 from truewrench.files.model_file import ModelFile
-from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, SpatialRig, simulate, static_poses
+from truewrench.simulated_rig import HIDDEN_EFFECTS, CableSpring, PlanarRig, SpatialRig, simulate, static_poses
 from truewrench.simulated_rig.mujoco_scene import Scene
 
 pytest.importorskip("mujoco")
@@ -191,6 +194,65 @@ def test_none_is_found_where_the_base_stands_upright(name: str, seed: int) -> No
         recording = run(tool, seed, [name], repeats=1)
         model = planar(recording.rig) if isinstance(tool, MountedArm) else spatial()
         assert with_gravity_direction(model, [recording]).found is None
+
+
+def pulled(tool: MountedTool | MountedArm, seed: int, k: float, anchor: tuple[float, float, float]) -> Recording:
+    """A run with a cable of k N/m to an anchor in MuJoCo's world."""
+    cable = CableSpring(k=k, anchor=anchor, length=0.6, d=0.15)
+    motion = tool.random_motion(seed=seed)
+    frame = simulate(tool, motion, hidden=[cable], repeats=4, samples_per_period=300, seed=seed)
+    rig = Rig(link_lengths=LINKS) if isinstance(tool, MountedArm) else None
+    return from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
+
+
+PULLS = (
+    (MountedTool(), 2, 5.2, (0.7, 1.4, 0.2)),
+    (MountedTool(), 5, 4.3, (-1.3, 1.0, -0.1)),
+    (MountedArm(), 2, 8.0, (2.2, 0.0, 2.0)),
+)
+"""Cables that pull a tool on a level base with 3 to 15 N, on one side."""
+
+
+@pytest.mark.parametrize(("tool", "seed", "k", "anchor"), PULLS)
+def test_a_cable_on_a_level_base_is_not_taken_for_gravity(
+    tool: MountedTool | MountedArm, seed: int, k: float, anchor: tuple[float, float, float]
+) -> None:
+    """The direction that the forces suggest is said, not applied; with the cable in the model all is right."""
+    recording = pulled(tool, seed, k, anchor)
+    data = DataSet.of([recording], [], recording.rig or Rig())
+    assert data.gravity is None
+    assert data.model.gravity_direction is None
+    assert frame_sentences(data)[0].startswith("Gravity is taken as down, though it may point along (")
+    better = data.model + cable_spring()
+    fitted = fit(better, recording, start=model_initial_values(better, [recording]))
+    assert [effect.id for effect in fitted.model.effects] == ["cable_spring"]
+    assert within(fitted, "m", tool.mass)
+    assert within(fitted, "cable_spring.k", k)
+
+
+def test_reading_names_the_cable_beside_the_direction() -> None:
+    evidence = motion_evidence(pulled(*PULLS[0]))
+    assert evidence is not None
+    assert evidence.is_better
+    assert evidence.best.meaning.startswith("a cable pulls the tool (1.15 kg")
+    assert "or gravity points along" in evidence.best.meaning
+    assert evidence.best.advice.startswith("gravity is taken as down; if the base is mounted so, state gravity_dir")
+
+
+def test_a_cable_is_not_taken_for_a_sensor_mounted_turned() -> None:
+    """Where it pulls more than the tool weighs: gravity stated, the forces alone suggest a turn by 140 degrees."""
+    recording = pulled(MountedTool(), 1, 10.0, (0.6, 0.3, 1.5))
+    model = with_decided_convention(spatial(Rig(gravity_direction=(0.0, 0.0, -1.0))), [recording])
+    assert model.mounting == ALIGNED_MOUNTING
+    assert model.convention is Convention.ON_TOOL
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cable_hides_no_base_that_stands_otherwise(seed: int) -> None:
+    """Though a cable explains a part of it: that of the tether moves the direction by its share of the weight."""
+    down = random_direction(seed + 20)
+    case = with_gravity_direction(spatial(), [run(MountedTool(down=down), seed, ("cable_spring",))])
+    assert angle(decided(case), down) < 5
 
 
 @pytest.mark.parametrize("down", [(0.0, 1.0), (1.0, 0.0), random_direction(4, 2)])

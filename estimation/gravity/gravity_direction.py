@@ -16,11 +16,13 @@ from modeling.rig.rig import Rig
 
 @dataclass(frozen=True, eq=False)
 class MountedCase:
-    """A model and its recordings on one base; `found` is its direction of gravity where the data decided it."""
+    """A model and its recordings on one base; `found` is its direction of gravity where the data decided it, and
+    `doubted` one that they suggest, and that is not applied."""
 
     model: WrenchModel
     recordings: tuple[Recording, ...]
     found: GravityEstimate | None = None
+    doubted: GravityEstimate | None = None
 
 
 def with_gravity_direction(model: WrenchModel, recordings: Sequence[Recording]) -> MountedCase:
@@ -28,14 +30,15 @@ def with_gravity_direction(model: WrenchModel, recordings: Sequence[Recording]) 
 
     Where neither the model nor a recording's rig states it, the evidence of all readings of the frames is weighed. A
     base that clearly does not stand upright is mounted as estimated: along the nearest axis where that is within 15
-    degrees; else as estimated, and the two angles of `gravity_tilt` are fitted beside the tool.
+    degrees; else as estimated, and the two angles of `gravity_tilt` are fitted beside the tool. Where a cable on the
+    tool explains the readings as well, gravity stays down.
     """
     several, stated = tuple(recordings), stated_direction(model, recordings)
     if stated is not None:
         return MountedCase(_mounted(model, stated), mounted_recordings(several, stated))
     found = gravity_evidence(several, gravity=model.gravity, convention=model.convention, mirror_y=model.mirror_y)
-    if found is None:
-        return MountedCase(model, several)
+    if found is None or found.cable is not None:
+        return MountedCase(model, several, doubted=found)
     mounted = _mounted(model, found.direction)
     if not found.along_axis and all(effect.id != GravityTilt.id for effect in mounted.effects):
         mounted = mounted + GravityTilt()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.evidence.weight_fit import WeightFit
 from estimation.gravity.weight_moments import FreeFit, WeightMoments
 from modeling.kinematics.base_mounting import Direction
 from modeling.rig.rig import Convention
@@ -38,6 +39,8 @@ class GravityEstimate:
     fit         with gravity along it; `upright` with gravity down
     decided     whether accelerations decide between it and its opposite; poses at rest cannot
     mounted     the direction before it was turned by the tilt that a fit found beside the tool; None if it was not
+    cable       the fit of an upright base with a cable on the tool, where that explains the forces as well, so that
+                gravity is taken as down; else None
     """
 
     direction: Direction
@@ -46,6 +49,7 @@ class GravityEstimate:
     upright: FreeFit
     decided: bool
     mounted: Direction | None = None
+    cable: WeightFit | None = None
 
     @property
     def is_upright(self) -> bool:
@@ -76,6 +80,29 @@ class GravityEstimate:
         """What was found, as a sentence."""
         tilted = "" if self.mounted is None else ", with the tilt that was fitted beside the tool"
         return f"Gravity points {self.place}{tilted}: {self.evidence} (upright: {self.upright.mass:.3g} kg)."
+
+    @property
+    def not_applied(self) -> str:
+        """Why gravity is taken as down nevertheless, as a sentence; empty where it is not."""
+        if self.cable is None:
+            return ""
+        cable = f"a cable that pulls the tool explains the forces as well, with {self.cable.mass:.3g} kg"
+        remedy = f"If the base is mounted so, write {self.stated} under [robot] in the rig."
+        return f"Gravity is taken as down, though it may point {self.place}: {self.evidence}, but {cable}. {remedy}"
+
+    @property
+    def meaning(self) -> str:
+        """What the readings may show, in words: gravity's direction, or the cable instead of it."""
+        if self.cable is None:
+            return f"gravity points {self.place}"
+        size = f"{self.cable.mass:.3g} kg, residual {self.cable.rms:.3g} N"
+        return f"a cable pulls the tool ({size}), or gravity points {self.place}"
+
+    @property
+    def advice(self) -> str:
+        """What to do about it."""
+        line = f"state {self.stated} under [robot] in the rig"
+        return line if self.cable is None else f"gravity is taken as down; if the base is mounted so, {line}"
 
     @property
     def stated(self) -> str:

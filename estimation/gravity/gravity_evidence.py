@@ -10,6 +10,7 @@ from operator import add
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.evidence.pull_fit import PulledTool, cable_instead, joined
 from estimation.evidence.weight_fit import LEAST_EXPLAINED, WeightFit, weight_fit
 from estimation.gravity.gravity_estimate import (
     FEWEST_POSES,
@@ -39,6 +40,8 @@ def gravity_evidence(
 ) -> GravityEstimate | None:
     """The direction where the base is shown not to stand upright, and no other mistake explains as much; else None.
 
+    Where an upright base with a cable on its tool explains the forces as well, the estimate has that cable.
+
     The recordings, of one sensor, are in base axes; gravity in m/s². The signs are those of planar readings, and decide
     of six axes between directions that poses at rest do not distinguish. Shown is by `WeightFit.is_shown_against`: of
     the direction against an upright base, the best of the directions unlike it, and every mistake.
@@ -56,7 +59,7 @@ def gravity_evidence(
         return None
     mistaken = [[mistake(own) for own in samples] for mistake in MISTAKES]
     others = [_weight(own, upright_direction(3), gravity) for own in (samples, *mistaken)]
-    return found if _is_shown(found, samples, others, gravity) else None
+    return _with_cable(found, samples, gravity) if _is_shown(found, samples, others, gravity) else None
 
 
 @lru_cache(maxsize=1)
@@ -77,7 +80,7 @@ def _in_plane(recordings: Sequence[Recording], gravity: float, signs: Array) -> 
     if not found.decided or np.trace(found.fit.matrix) <= 0 or not _explains_enough(found):
         return None
     others = [_weight(samples, upright_direction(2), gravity)]
-    return found if _is_shown(found, samples, others, gravity) else None
+    return _with_cable(found, samples, gravity) if _is_shown(found, samples, others, gravity) else None
 
 
 def _independent(recordings: Sequence[Recording]) -> int:
@@ -100,6 +103,17 @@ def _is_shown(
     return all(turned.is_shown_against(rival, len(rivals)) for rival in rivals)
 
 
+def _with_cable(found: GravityEstimate, samples: Sequence[SensorSamples], gravity: float) -> GravityEstimate:
+    """The estimate with the cable that explains the forces as well, where the positions are known."""
+    if any(own.position is None for own in samples):
+        return found
+    upright, turned = (
+        joined([own.pulled(direction, gravity) for own in samples])
+        for direction in (upright_direction(len(found.direction)), found.direction)
+    )
+    return replace(found, cable=cable_instead(upright, turned))
+
+
 def _weight(samples: Sequence[SensorSamples], direction: Direction, gravity: float) -> WeightFit:
     """The weight of a tool whose mounting is unknown in space, and known in the plane."""
     parts = [own.without_rotation(direction, gravity) for own in samples]
@@ -116,12 +130,13 @@ def _leaves_enough(moments: WeightMoments) -> bool:
 @dataclass(frozen=True, eq=False)
 class SensorSamples:
     """Rows of one recording that are fitted: R' (n, d, d) to the sensor's axes, accelerations in base axes and forces
-    (n, d), and what turns with the tool (n, k), None at rest."""
+    (n, d), what turns with the tool (n, k), None at rest, and positions (n, d) in base axes, None where not known."""
 
     to_sensor: Array
     acceleration: Array
     force: Array
     rotation: Array | None
+    position: Array | None
 
     @classmethod
     def in_space(cls, recording: Recording) -> SensorSamples:
@@ -132,6 +147,7 @@ class SensorSamples:
             np.stack([signals[name][every] for name in ("apx", "apy", "apz")], axis=1),
             recording.wrench[every, :3],
             None if recording.at_rest else rotation_terms(recording, every),
+            _positions(recording, every),
         )
 
     @classmethod
@@ -144,11 +160,19 @@ class SensorSamples:
             np.stack([signals["ax"][every], signals["ay"][every]], axis=1),
             recording.wrench[every, :2] * signs,
             rotation_terms(recording, every),
+            _positions(recording, every),
         )
 
     def moments(self, gravity: float) -> WeightMoments:
         """Their moments, for any direction of gravity."""
         return WeightMoments.of(self.to_sensor, self.acceleration, self.force, gravity, self.rotation)
+
+    def pulled(self, direction: Direction, gravity: float) -> PulledTool:
+        """The same rows for the fit of a cable, with gravity along a direction; their positions are known."""
+        assert self.position is not None
+        specific = self.acceleration - gravity * np.array(direction)
+        own = PulledTool.of(self.to_sensor, self.position, specific, self.force, self.rotation)
+        return replace(own, mounting=np.eye(2)) if len(direction) == 2 else own
 
     def without_rotation(self, direction: Direction, gravity: float) -> tuple[Array, Array]:
         """Specific force (n, d) in the sensor with gravity along a direction, and force, less what turns with the
@@ -181,6 +205,14 @@ MISTAKES = (_w_first, _inverse, _in_base_axes)
 
 def _moments(samples: Sequence[SensorSamples], gravity: float) -> WeightMoments:
     return reduce(add, (own.moments(gravity) for own in samples))
+
+
+def _positions(recording: Recording, every: slice) -> Array | None:
+    """Positions (n, d) of the sensor in base axes in these rows, m; None where they are not recorded."""
+    names = ("px", "py", "pz")[: recording.dimension]
+    if any(name not in recording.signals for name in names):
+        return None
+    return np.stack([recording.signals[name][every] for name in names], axis=1)
 
 
 def _every(recording: Recording) -> slice:

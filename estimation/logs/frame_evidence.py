@@ -10,10 +10,11 @@ the most likely; whether it is shown is tested so that an effect that is hidden 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.evidence.pull_fit import PulledTool, cable_instead
 from estimation.evidence.weight_fit import WeightFit, weight_fit
 from estimation.gravity.gravity_estimate import (
     FEWEST_POSES,
@@ -111,7 +112,9 @@ def frame_evidence(
     up = -np.array(upright_direction(3) if direction is None else direction)
     as_read, *others = _readings(force, quaternion, a / GRAVITY, up)
     if direction is None:
-        others += _free_direction(force, quaternion, a, at_rest="time" not in columns)
+        named = [columns[name][every] for name in ("px", "py", "pz") if name in columns]
+        position = np.stack(named, axis=1) if len(named) == 3 else None
+        others += _free_direction(force, quaternion, a, position, at_rest="time" not in columns)
     if np.ptp(quaternion, axis=0).max() < LEAST_TURN:
         return None
     best = min(others, key=lambda reading: reading.rms)
@@ -165,8 +168,10 @@ def _readings(force: Array, quaternion: Array, a: Array, up: Array) -> Iterator[
         yield _fitted("the positions are in millimetres", unit, _turned(turn, 1e-3 * a + up), force)
 
 
-def _free_direction(force: Array, quaternion: Array, a: Array, *, at_rest: bool) -> Iterator[FrameReading]:
-    """The reading with gravity's direction free, where it is identified and another; `a` in m/s²."""
+def _free_direction(
+    force: Array, quaternion: Array, a: Array, position: Array | None, *, at_rest: bool
+) -> Iterator[FrameReading]:
+    """The reading with gravity's direction free, where it is identified and another; `a` in m/s², position in m."""
     if len(force) < FEWEST_POSES:
         return
     turn = to_sensor_frame(quaternion)
@@ -174,11 +179,17 @@ def _free_direction(force: Array, quaternion: Array, a: Array, *, at_rest: bool)
     found = estimated_gravity(moments, independent_samples(len(force), at_rest=at_rest), near_axis=TILT)
     if found.is_upright:
         return
-    meaning, advice = f"gravity points {found.place}", f"state {found.stated} under [robot] in the rig"
     specific = (_turned(turn, a / GRAVITY - np.array(d)) for d in (found.direction, found.rival))
-    free, rival = (_fitted(meaning, advice, along, force) for along in specific)
-    if free.fit.is_nearer_than(rival.fit):
-        yield free
+    free, rival = (_fitted("", "", along, force) for along in specific)
+    if not free.fit.is_nearer_than(rival.fit):
+        return
+    if position is not None:
+        upright, turned = (
+            PulledTool.of(turn, position, a - GRAVITY * np.array(direction), force)
+            for direction in (upright_direction(3), found.direction)
+        )
+        found = replace(found, cable=cable_instead(upright, turned))
+    yield replace(free, meaning=found.meaning, advice=found.advice)
 
 
 def _turned(turns: Array, vectors: Array) -> Array:

@@ -128,8 +128,7 @@ def _free_direction(recording: Recording) -> Iterator[FrameReading]:
     sign = rig.sensor.convention or (Convention.ON_TOOL if recording.dimension == 2 else Convention.AUTO)
     found = gravity_evidence([recording], gravity=rig.gravity, convention=sign, mirror_y=rig.sensor.mirror_y)
     if found is not None:
-        advice = f"state {found.stated} under [robot] in the rig"
-        yield _reading(f"gravity points {found.place}", advice, recording, down=found.direction)
+        yield _reading(found.meaning, found.advice, recording, down=found.direction)
 
 
 def _derived(recording: Recording) -> list[str]:

@@ -13,11 +13,12 @@ import numpy as np
 import scipy  # loads scipy.linalg with its first use
 from numpy.typing import NDArray
 
+from estimation.evidence.pull_fit import PulledTool, joined
 from estimation.evidence.weight_fit import WeightFit, weight_fit
-from estimation.recordings.recording import Recording
+from estimation.recordings.recording import QUATERNION, Recording
 from estimation.recordings.reports.reading_report import StepKind
-from estimation.recordings.sensor_frame import in_sensor_frame
-from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
+from estimation.recordings.sensor_frame import in_sensor_frame, to_sensor_frame
+from modeling.chain.model import ALIGNED_MOUNTING, QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.errors import InputError
 from modeling.rig.rig import Convention
 from modeling.space import Space
@@ -25,6 +26,7 @@ from modeling.space import Space
 Array = NDArray[np.float64]
 
 SIGN_REMEDY = 'state convention = "on_tool" or "on_sensor" under [sensor] in the rig, or add poses in more orientations'
+POSITION = ("px", "py", "pz")
 FLATTEST = 0.05
 """Smallest spread of gravity's directions in the sensor, of which three have to be seen, over gravity."""
 
@@ -60,8 +62,31 @@ def decide_convention(recordings: Sequence[Recording], gravity: float) -> SignDe
     matrix = np.linalg.lstsq(specific_force, force, rcond=None)[0].T
     rotation, _ = scipy.linalg.polar(sign * matrix)
     rotation = rotation if np.linalg.det(rotation) > 0 else sign * fits[sign].mounting
+    if nearest_quarter_turns(rotation) != ALIGNED_MOUNTING:
+        sign, rotation = _aligned_beside_cable(recordings, gravity) or (sign, rotation)
     convention = Convention.ON_TOOL if sign > 0 else Convention.ON_SENSOR
     return SignDecision(convention, float(abs(np.linalg.det(matrix)) ** (1 / 3)), np.asarray(rotation))
+
+
+def _aligned_beside_cable(recordings: Sequence[Recording], gravity: float) -> tuple[int, Array] | None:
+    """Sign and mounting (3, 3) of a sensor that is aligned, where a cable on the tool beside it explains the forces
+    better than a sensor that is mounted turned; else None."""
+    if any(name not in r.signals for r in recordings for name in POSITION):
+        return None
+    tool = joined([_pulled_tool(recording, gravity) for recording in recordings])
+    sign = 1 if np.linalg.det(tool.pulled.mounting) > 0 else -1
+    mounting = np.asarray(sign * tool.pulled.mounting)
+    aligned = nearest_quarter_turns(mounting) == ALIGNED_MOUNTING
+    return (sign, mounting) if aligned and tool.pulled.is_nearer_than(tool.weight) else None
+
+
+def _pulled_tool(recording: Recording, gravity: float) -> PulledTool:
+    signals = recording.signals
+    quaternions, position, acceleration = (
+        np.stack([signals[name] for name in names], axis=1) for names in (QUATERNION, POSITION, ("apx", "apy", "apz"))
+    )
+    specific = acceleration + gravity * np.array([0.0, 0.0, 1.0])
+    return PulledTool.of(to_sensor_frame(quaternions), position, specific, recording.wrench[:, :3])
 
 
 def _reason(on_tool: WeightFit, on_sensor: WeightFit) -> str:

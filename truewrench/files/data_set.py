@@ -40,6 +40,7 @@ class DataSet:
     validation  recordings of other motions, not fitted
     sign        decision on the sign convention from the data; None where the rig file states it
     gravity     direction of gravity in base axes where the data decided it; None where it is stated, or points down
+    doubted     another direction than down that the data suggest, and that is not applied; None where they do not
     """
 
     model: WrenchModel
@@ -47,6 +48,7 @@ class DataSet:
     validation: tuple[Recording, ...]
     sign: SignDecision | None
     gravity: GravityEstimate | None
+    doubted: GravityEstimate | None = None
 
     @classmethod
     def read(
@@ -84,7 +86,7 @@ class DataSet:
         model = (planar if recordings[0].dimension == 2 else spatial)(description)
         case, count = with_gravity_direction(model, recordings), len(training)
         model, sign = with_convention(case.model, case.recordings)
-        return cls(model, case.recordings[:count], case.recordings[count:], sign, case.found)
+        return cls(model, case.recordings[:count], case.recordings[count:], sign, case.found, case.doubted)
 
 
 def read_recordings(
@@ -215,6 +217,8 @@ def with_fitted_gravity(case: DataSet, fitted: Fit) -> DataSet:
 def frame_sentences(case: DataSet, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
+    if case.doubted is not None:
+        return [case.doubted.not_applied, *sentences]
     if case.gravity is None:
         return sentences
     return [f"{case.gravity.sentence} To state it, write {case.gravity.stated} under [robot] in the rig.", *sentences]
