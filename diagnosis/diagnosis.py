@@ -44,6 +44,7 @@ from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
 from diagnosis.verdict.verdict import RecordVerdict
 from diagnosis.verdict_rule import judge
+from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import (
     Fit,
     check_channels,
@@ -86,6 +87,7 @@ class Diagnosis(Tabular):
     calibration   of one of the training recordings, None unless it was given (`calibrated`)
     gravity       gravity's direction in base axes where the data decided it, None where it is stated or points down
     given_alternatives  other effects that fit as well, or better, in the place of a given one
+    rows_left_out  rows outside the whole repeats that were cut from logs, which the verdict is about only as a whole
     """
 
     model: WrenchModel
@@ -99,6 +101,7 @@ class Diagnosis(Tabular):
     calibration: Calibration | None = None
     gravity: GravityEstimate | None = None
     given_alternatives: tuple[GivenAlternative, ...] = ()
+    rows_left_out: tuple[RowsLeftOut, ...] = ()
 
     @property
     def fit(self) -> Fit:
@@ -211,6 +214,7 @@ class Diagnosis(Tabular):
             "calibration": None if self.calibration is None else self.calibration.to_data(),
         }
         data |= {} if self.gravity is None else {"gravity": self.gravity.to_data()}
+        data |= {"rows": [rows.to_data() for rows in self.rows_left_out]} if self.rows_left_out else {}
         plain: dict[str, Any] = finite(data)
         return plain
 
@@ -311,7 +315,8 @@ def _diagnosed(
     steps = selection_steps(selection, final, known, final.screened(candidates))
     tolerance, _ = channel_tolerance(steps[-1].fit)
     power = explainable_power_by_step(steps, final)
-    verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance))
+    rows = rows_left_out(steps[-1].fit)
+    verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance, rows))
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), reason)
         final, known = (
@@ -320,6 +325,7 @@ def _diagnosed(
         )
         steps = selection_steps(selection, final, known, final.screened(candidates))
         tolerance, power = channel_tolerance(steps[-1].fit)[0], power[:1]
+        rows = rows_left_out(steps[-1].fit)
     require_positive_fitted_mass(steps[-1].fit)
     progress("verdict, upper limit and aliases of every effect")
     alternatives = given_alternatives(final, candidates)
@@ -327,7 +333,7 @@ def _diagnosed(
     findings = judge_effects(selection, final, steps, power, evidence, candidates, tolerance, effect_rules)
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
-        unexplained = _unexplained(steps[-1], tolerance)
+        unexplained = _unexplained(steps[-1], tolerance, rows)
     shift = zero_shift(final.fit, known[0].validation_fit(final.fit)) if known else None
     disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
     final.cache.forget()
@@ -335,7 +341,7 @@ def _diagnosed(
     return Diagnosis(
         final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
         gravity=None if case.found is None else with_fitted_tilt(case.found, final.fit.model, steps[-1].fit.values),
-        given_alternatives=alternatives,
+        given_alternatives=alternatives, rows_left_out=rows,
     )  # fmt: skip
 
 
@@ -412,6 +418,7 @@ def _record_evidence(
     steps: Sequence[SelectionStep],
     power: Array,
     tolerance: Mapping[str, float],
+    rows: Sequence[RowsLeftOut],
 ) -> RecordEvidence:
     compared = (*steps[-1].training, *steps[-1].validation)
     return RecordEvidence(
@@ -425,6 +432,7 @@ def _record_evidence(
             c.beyond_parameters is not None and within_tolerance(c.beyond_parameters, tolerance) for c in compared
         ),
         power_share=float(power[-1] / max(power[0], 1e-300)),
+        deviates_outside=any(own.deviations for own in rows),
         unrecorded_acceleration=any(lacks_acceleration(c, final.fit.model) for c in steps[-1].training),
     )
 
@@ -434,13 +442,23 @@ def lack_of_fit(compared: Sequence[Comparison]) -> float:
     return bonferroni_p_value([c.lack_of_fit for c in compared])
 
 
-def _unexplained(step: SelectionStep, tolerance: Mapping[str, float]) -> UnexplainedResidual:
-    """Unexplained residual of the recording that fits worst: a training one, unless only held-out ones lack fit."""
+def _unexplained(
+    step: SelectionStep, tolerance: Mapping[str, float], rows: Sequence[RowsLeftOut]
+) -> UnexplainedResidual:
+    """Unexplained residual of the recording that fits worst: a training one, unless only held-out ones lack fit, or
+    only the readings outside the repeats differ from the model."""
     fitted = min(step.training, key=lambda c: c.lack_of_fit)
     held_out = min(step.validation, key=lambda c: c.lack_of_fit, default=fitted)
     if fitted.lack_of_fit >= LEVELS.effect and held_out.lack_of_fit < LEVELS.held_out:
         return describe_residual(held_out, tolerance, fitted=False)
     slow = next((s for s in slow_residuals(step.training) if s.above_noise), None)
+    outside = next((own for own in rows if own.deviations), None)
+    if outside is not None and slow is None and fitted.lack_of_fit >= LEVELS.effect:
+        return UnexplainedResidual(
+            where=f"outside the whole repeats of {outside.name}, {outside.deviation}",
+            channel=fitted.recording.channels[0], looks_like=(), share=0.0,
+            explainable_rms=dict.fromkeys(fitted.recording.channels),
+        )  # fmt: skip
     if slow is None or (fitted.lack_of_fit < LEVELS.effect and not slow.wanders):
         return describe_residual(fitted, tolerance)
     shown = next(c for c in step.training if c.recording.name == slow.recording)

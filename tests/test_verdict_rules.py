@@ -149,6 +149,7 @@ RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
         (MISFITS, RecordVerdict.UNEXPLAINED, ""),
         (replace(FITS, held_out_lack_of_fit=9e-4), RecordVerdict.UNEXPLAINED, ""),
         (replace(FITS, unaccepted=True), RecordVerdict.UNEXPLAINED, ""),
+        (replace(FITS, deviates_outside=True), RecordVerdict.UNEXPLAINED, ""),
         (replace(MISFITS, within_tolerance=True, power_share=0.1), RecordVerdict.UNEXPLAINED, ""),
     ],
     "a single run of which little was removed": [
@@ -161,7 +162,12 @@ RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
     ],
     "error within tolerance": [(replace(MISFITS, effects=1, within_tolerance=True), RecordVerdict.EXPLAINED, "")],
     "systematic power at least halved": [
-        (replace(MISFITS, effects=1, power_share=0.5), RecordVerdict.PARTLY_EXPLAINED, "")
+        (replace(MISFITS, effects=1, power_share=0.5), RecordVerdict.PARTLY_EXPLAINED, ""),
+        (
+            replace(FITS, effects=1, deviates_outside=True, within_tolerance=True, power_share=0.1),
+            RecordVerdict.PARTLY_EXPLAINED,
+            "",
+        ),
     ],
     "more than half of the systematic power remains": [
         (replace(MISFITS, effects=1, power_share=0.51), RecordVerdict.UNEXPLAINED, HALVES)

@@ -24,6 +24,7 @@ class RecordEvidence:
     within_tolerance      whether the systematic error is within tolerance in every channel of every recording, of a
                           held-out one without what errors of the estimates kept explain
     power_share           systematic power of the final model's residual over that of the rigid tool's
+    deviates_outside      whether the readings differ from the model outside the whole repeats that were cut from a log
     unrecorded_acceleration  whether a residual looks like mass times an acceleration that was not recorded, which no
                           test shows where the noise is estimated from that residual
     """
@@ -36,12 +37,13 @@ class RecordEvidence:
     removed_share: float = 1.0
     within_tolerance: bool = False
     power_share: float = 1.0
+    deviates_outside: bool = False
     unrecorded_acceleration: bool = False
 
     @property
     def adequate(self) -> bool:
-        """Whether no lack of fit is significant, neither in training nor on held-out data, and nothing slow remains."""
-        if self.slow or self.unrecorded_acceleration:
+        """Whether no lack of fit is significant, neither in training nor on held-out data, and nothing else remains."""
+        if self.slow or self.unrecorded_acceleration or self.deviates_outside:
             return False
         return self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
 
@@ -62,7 +64,7 @@ RECORD_RULES: tuple[RecordRule, ...] = (
         "a single run of which little was removed", lambda e: e.adequate and e.removed_share < 0.5, V.PARTLY_EXPLAINED
     ),
     VerdictRule("no lack of fit", lambda e: e.adequate, V.EXPLAINED),
-    VerdictRule("error within tolerance", lambda e: e.within_tolerance, V.EXPLAINED),
+    VerdictRule("error within tolerance", lambda e: e.within_tolerance and not e.deviates_outside, V.EXPLAINED),
     VerdictRule("systematic power at least halved", lambda e: e.power_share <= 0.5, V.PARTLY_EXPLAINED),
     VerdictRule(
         "more than half of the systematic power remains",

@@ -28,7 +28,7 @@ class UnexplainedResidual:
 
     where            a sentence: channel, variable of its residual map and location of the largest mean
     channel          the one that the terms are of
-    looks_like       generic terms of its sparse regression
+    looks_like       generic terms of its sparse regression; none where none were sought
     share            share of its power that these terms explain together
     explainable_rms  systematic error per channel
     """
@@ -41,7 +41,12 @@ class UnexplainedResidual:
 
     @property
     def resembles(self) -> str:
-        """The generic terms in words and what they explain; that they explain little where they do."""
+        """The generic terms in words and what they explain; that they explain little where they do.
+
+        Empty of a residual outside the repeats, whose terms are not sought.
+        """
+        if not self.looks_like:
+            return ""
         terms, share = ", ".join(map(term_in_words, self.looks_like)), f"{self.share:.0%}".replace("%", " %")
         if not self.is_alike:
             return f"no generic term of the motion: the best three explain {share} of its power in {self.channel}"

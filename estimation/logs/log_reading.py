@@ -13,7 +13,7 @@ from estimation.logs.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable, header_names, table_from_file
 from estimation.recordings.reading import read as read_recording
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.recording import QUATERNION, Recording
+from estimation.recordings.recording import QUATERNION, Recording, WholeLog
 from estimation.recordings.reports.reading_report import ReadingReport
 from modeling.errors import InputError, kind_of
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
@@ -226,4 +226,5 @@ def _with_its_repeats(recording: Recording, table: ColumnTable, period: float | 
         period=cut.period,
     )  # fmt: skip
     cut_table = ColumnTable(columns=cut.columns, where=table.where, first_row=table.first_row)
-    return replace(recording_from_table(cut_table, name=recording.name, rig=recording.rig), reading=report)
+    whole = None if cut.kept is None else WholeLog(recording, *cut.kept)
+    return replace(recording_from_table(cut_table, name=recording.name, rig=recording.rig), reading=report, whole=whole)

@@ -38,6 +38,27 @@ class MotionForm(Enum):
     POSE = "qx, qy, qz, qw"
 
 
+@dataclass(frozen=True, eq=False)
+class WholeLog:
+    """All rows of a log of which a recording has whole repeats: `recording`, one run, and the rows first <= i < last of
+    the repeats in it."""
+
+    recording: Recording
+    first: int
+    last: int
+
+    @property
+    def left_out(self) -> tuple[tuple[int, int], ...]:
+        """Rows that are none of the repeats, as first <= i < last."""
+        ends = ((0, self.first), (self.last, self.recording.samples))
+        return tuple((begin, end) for begin, end in ends if end > begin)
+
+    @property
+    def share(self) -> float:
+        """Share of the rows that the repeats are."""
+        return (self.last - self.first) / self.recording.samples
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording(Tabular):
     """Samples of a wrench and of the motion, as recorded; `read` gives it.
@@ -65,6 +86,8 @@ class Recording(Tabular):
         The rig with its kinematics; by default none.
     reading : ReadingReport, optional
         How a log became this recording; by default none, as for a file with the columns of a recording.
+    whole : WholeLog, optional
+        The log with the rows outside the repeats that were cut; by default none, as where all rows are used.
 
     Examples
     --------
@@ -86,6 +109,7 @@ class Recording(Tabular):
     continuous: bool = True
     rig: Rig | None = None
     reading: ReadingReport | None = None
+    whole: WholeLog | None = None
 
     def __repr__(self) -> str:
         length = "poses at rest" if self.dt is None else f"samples at {1 / self.dt:.6g} Hz"
@@ -511,8 +535,11 @@ def _translation(
 
 
 def with_readings(recording: Recording, wrench: NDArray[np.float64]) -> Recording:
-    """The recording with its readings replaced by `wrench` (n, p); its signals are not derived again."""
-    other = replace(recording, wrench=wrench)
+    """The recording with its readings replaced by `wrench` (n, p); its signals are not derived again.
+
+    There are no such readings outside the repeats of a log that was cut.
+    """
+    other = replace(recording, wrench=wrench, whole=None)
     # The caches of `signals` and `derivatives`: they depend on the motion alone, and cost more than a fit.
     vars(other).update(signals=recording.signals, derivatives=recording.derivatives, own_motion=recording.own_motion)
     return other

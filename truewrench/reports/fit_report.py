@@ -73,7 +73,7 @@ def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:
         "title": f"Fit: {', '.join(r.name for r in fit.recordings)}",
         "rig": "" if rig is None else rig.name,
         "provenance": provenance,
-        "kind": "unexplained" if summary.misfitting else "explained",
+        "kind": "unexplained" if summary.misfitting or summary.deviating else "explained",
         "symbol": "?" if summary.misfitting else "✓",
         "headline": headline,
         "remark": f"{remark[:1].upper()}{remark[1:]}",

@@ -128,4 +128,5 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
 
 
 def _unexplained_text(residual: UnexplainedResidual) -> str:
-    return f"Unexplained residual: {residual.where}.\nResembles {residual.resembles}."
+    alike = f"\nResembles {residual.resembles}." if residual.resembles else ""
+    return f"Unexplained residual: {residual.where}.{alike}"

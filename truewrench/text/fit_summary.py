@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
 from typing import Any
@@ -16,6 +16,7 @@ from diagnosis.verdict.unexplained_residual import describe_residual
 from diagnosis.verdict.unknown_tool import unknown_tool_reason
 from diagnosis.verdict.upper_limit import channel_tolerance
 from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
+from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
 from estimation.least_squares.estimates import HELD, Estimate
@@ -82,6 +83,17 @@ class FitSummary:
         """Recordings that the model does not fit, fitted or held out."""
         return [*misfitting(self.comparisons, self.fit.model), *held_out_misfitting(self.validation)]
 
+    @cached_property
+    def rows_left_out(self) -> tuple[RowsLeftOut, ...]:
+        """Rows outside the whole repeats that were cut from the logs, as they were read."""
+        read = self.fit if self.robust is None else replace(self.fit, recordings=self.robust.plain.recordings)
+        return rows_left_out(read)
+
+    @property
+    def deviating(self) -> list[str]:
+        """Names of the recordings whose logs the model does not fit outside the whole repeats."""
+        return [rows.name for rows in self.rows_left_out if rows.deviations]
+
     def headline(self) -> str:
         """Whether the model fits, before any number of it: the std of a model that does not fit means nothing."""
         from_residual = any(c.noise.source is NoiseSource.RESIDUAL for c in self.comparisons)
@@ -92,6 +104,10 @@ class FitSummary:
                 " and are too small here; `truewrench diagnose` or `tw.diagnose` searches for what is missing."
             ]
             return "\n".join([*lines, *self.notes])
+        if self.deviating:
+            names = " and ".join(self.deviating)
+            line = f"The model fits the whole repeats of {names}, but not the readings outside them."
+            return "\n".join([line, *self.notes])
         if from_residual:
             line = (
                 "No lack of fit was found, but the noise is taken from the residual itself, so that systematic error"
@@ -112,9 +128,10 @@ class FitSummary:
 
     @cached_property
     def notes(self) -> list[str]:
-        """What the motion leaves unknown, and what remains slowly."""
+        """What the motion leaves unknown, what remains slowly, and the rows that the fit is not about."""
         slow = [f"{s.sentence[0].upper()}{s.sentence[1:]}." for s in self.slow]
-        return [*motion_notes(self.comparisons, self.fit.model), *slow]
+        rows = [own.sentence for own in self.rows_left_out]
+        return [*motion_notes(self.comparisons, self.fit.model), *slow, *rows]
 
     def parameters(self) -> str:
         """Every estimate with std, 95 % interval and its degrees of freedom, and remarks on identifiability."""
@@ -180,12 +197,13 @@ class FitSummary:
             "tool_unknown": self.unknown_tool or None,
             "condition": self.fit.condition if isfinite(self.fit.condition) else None,
             "unseen": [str(direction) for direction in self.fit.unidentifiable],
-            "fits": not self.misfitting,
+            "fits": not self.misfitting and not self.deviating,
             "recordings": [comparison_data(c) for c in self.comparisons],
             "validation": [comparison_data(c) for c in self.validation],
             "repeats": [t.to_data() for t in self.repeat_tables],
         }
         data |= {} if self.fit.constrained is None else {"constraints": constraints_data(self.fit.constrained)}
+        data |= {"rows": [rows.to_data() for rows in self.rows_left_out]} if self.rows_left_out else {}
         return data | frames_data(case)
 
 

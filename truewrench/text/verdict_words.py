@@ -69,10 +69,15 @@ def _no_candidate(diagnosis: Diagnosis) -> str:
 
 
 def _on_held_out_alone(diagnosis: Diagnosis) -> str:
-    """Where the fitted recordings show no lack of fit: the held-out ones that do; else empty."""
+    """Where the fitted repeats show no lack of fit: the held-out recordings, or other rows, that do; else empty."""
     last = diagnosis.steps[-1]
     failing = [c.recording.name for c in last.validation if c.lack_of_fit < LEVELS.held_out]
-    if not failing or any(c.lack_of_fit < LEVELS.effect for c in last.training):
+    if any(c.lack_of_fit < LEVELS.effect for c in last.training):
+        return ""
+    outside = [rows.name for rows in diagnosis.rows_left_out if rows.deviations]
+    if outside and not failing:
+        return f" outside the whole repeats of {', '.join(outside)}, while these show none"
+    if not failing:
         return ""
     fitted = ", ".join(dict.fromkeys(c.recording.name for c in last.training))
     return f" on {', '.join(failing)}, held out, while {fitted} shows none"
@@ -114,10 +119,10 @@ def fixed_point_sentence(finding: Finding) -> str:
 
 
 def noise_notes(diagnosis: Diagnosis) -> list[str]:
-    """Where the noise of each fitted recording comes from."""
+    """Where the noise of each fitted recording comes from, and which rows of its log the verdict is about."""
     sources = [(c.recording, NOISE_SOURCES[c.noise.source]) for c in diagnosis.steps[0].training]
     notes = [f"Noise of {r.name} {source.format(repeats=r.repeats)}.{_period_note(r)}" for r, source in sources]
-    return list(dict.fromkeys(notes))
+    return [*dict.fromkeys(notes), *(rows.sentence for rows in diagnosis.rows_left_out)]
 
 
 def _period_note(recording: Recording) -> str:

@@ -31,11 +31,15 @@ IDENTICAL = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CutSeries:
-    """Columns (n,), `time` from 0 on and `repeat` where there are any, at a step of `dt` s, and the period of them."""
+    """Columns (n,), `time` from 0 on and `repeat` where there are any, at a step of `dt` s, and the period of them.
+
+    Of columns cut by their period, `kept` are the rows first <= i < last of the repeats; None where all were kept.
+    """
 
     columns: Mapping[str, Array]
     dt: float
     period: PeriodReading | None = None
+    kept: tuple[int, int] | None = None
 
 
 def cut_into_repeats(columns: dict[str, Array], dt: float, stated: float | None, where: str, log: StepLog) -> CutSeries:
@@ -147,17 +151,19 @@ def _cut(columns: dict[str, Array], dt: float, found: MotionPeriod, where: str, 
         kept = _resampled(columns, first + _ticks(count, step / dt))
         log.mended(f"interpolated at {per_repeat} samples a period, {1 / step:.8g} Hz", where, count)
     before, after = first * dt, max(samples * dt - first * dt - count * step, 0.0)
-    left = first + max(samples - first - round(count * step / dt), 0)
+    last = min(first + round(count * step / dt), samples)
+    left = samples - (last - first)
     if left:
         what = f"samples outside the whole repeats left out: {before:.4g} s before, {after:.4g} s after them"
-        log.mended(what, where, left, samples, _outside(columns, first, first + round(count * step / dt)))
+        log.mended(what, where, left, samples, _outside(columns, first, last))
     log.taken(f"cut into {found.repeats} repeats of {per_repeat} samples", where)
     reading = PeriodReading(
         period=found.period, std=found.std, repeats=found.repeats, samples=per_repeat, deviation=found.deviation,
         chance=found.chance, correlation=found.correlation, before=before, after=after,
     )  # fmt: skip
     head = {"time": _ticks(count, step), "repeat": _numbers(found.repeats, per_repeat)}
-    return CutSeries(columns={**head, **_without_repeat(kept)}, dt=step, period=reading)
+    rows = (first, last) if left else None
+    return CutSeries(columns={**head, **_without_repeat(kept)}, dt=step, period=reading, kept=rows)
 
 
 def _outside(columns: Mapping[str, Array], begin: int, end: int) -> tuple[Span, ...]:
