@@ -24,8 +24,9 @@ from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from modeling.effects import CATALOGUE
 from modeling.rig.rig import Convention
-from truewrench.command_line import COMMANDS, main
+from truewrench.command_line import COMMANDS, main, parser
 from truewrench.command_options.effect_choice import ids_apart
+from truewrench.command_options.options import READ
 from truewrench.commands import diagnose as diagnose_command
 from truewrench.commands import effects
 from truewrench.files import demonstration, output
@@ -428,7 +429,7 @@ BAD_USAGE: dict[str, tuple[str, str]] = {
     "unknown effect": ("effects ghost", "'ghost'"),
     "unknown effect to hide": ("demo --effect ghost --out {folder}/demo", "'ghost'"),
     "a file as folder": ("diagnose {train} --rig {rig} --out {train}", "is not a folder"),
-    "a folder as file": ("fit {train} --rig {rig} --out {folder}", "Is a directory"),
+    "a folder as file": ("fit {train} --rig {rig} --out {folder}", "is a folder"),
     "a folder within a file": ("fit {train} --rig {rig} --out {train}/model.json", "{train}"),
 }
 
@@ -721,3 +722,98 @@ def test_a_link_stays_a_link_and_a_device_a_device(tmp_path: Path) -> None:
     with atomic_write(Path(os.devnull)) as beside:
         assert beside == Path(os.devnull)
     assert Path(os.devnull).exists()
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """A folder with one file of each kind that commands read."""
+
+    folder: Path
+
+    def __call__(self, name: str) -> str:
+        return str(self.folder / name)
+
+    def contents(self) -> dict[str, bytes]:
+        """What is in the folder, by name."""
+        return {path.name: path.read_bytes() for path in sorted(self.folder.rglob("*")) if path.is_file()}
+
+
+@pytest.fixture
+def inputs(bench: Bench, tmp_path: Path) -> Inputs:
+    """Files that need not be good ones: results are refused before any of them is read, but the rig."""
+    folder = tmp_path / "inputs"
+    folder.mkdir()
+    (folder / "rec.csv").write_bytes(Path(bench.training).read_bytes())
+    (folder / "rig.toml").write_text('[robot]\nurdf = "arm.urdf"\nsensor_frame = "tool0"\n')
+    for name in ("arm.urdf", "other.csv", "model.json", "result.json", "report.html", "report.md", "extra.toml"):
+        (folder / name).write_text(name)
+    (folder / "survey.parquet").write_text("a recording")
+    (folder / "link.csv").symlink_to("rec.csv")
+    (folder / "hard.csv").hardlink_to(folder / "rec.csv")
+    return Inputs(folder)
+
+
+REPLACING = {
+    "fit-recording": ("fit rec.csv --rig rig.toml --out rec.csv", "rec.csv"),
+    "fit-symbolic-link": ("fit rec.csv --rig rig.toml --out link.csv", "rec.csv"),
+    "fit-of-a-link": ("fit link.csv --rig rig.toml --out rec.csv", "link.csv"),
+    "fit-hard-link": ("fit rec.csv --rig rig.toml --out hard.csv", "rec.csv"),
+    "fit-other-path": ("fit rec.csv --rig rig.toml --out ../inputs/./rec.csv", "rec.csv"),
+    "fit-second-recording": ("fit rec.csv other.csv --rig rig.toml --out other.csv", "other.csv"),
+    "fit-validation": ("fit rec.csv --validate other.csv --out other.csv", "other.csv"),
+    "fit-rig": ("fit rec.csv --rig rig.toml --out rig.toml", "rig.toml"),
+    "fit-urdf": ("fit rec.csv --rig rig.toml --out arm.urdf", "arm.urdf"),
+    "fit-effects": ("fit rec.csv --effects extra.toml --out extra.toml", "extra.toml"),
+    "fit-bounds": ("fit rec.csv --bounds extra.toml --out extra.toml", "extra.toml"),
+    "fit-prior": ("fit rec.csv --prior extra.toml --out extra.toml", "extra.toml"),
+    "fit-stream": ("fit rec.csv --stream --out rec.csv", "rec.csv"),
+    "fit-report": ("fit report.md --report .", "report.md"),
+    "compensate-recording": ("compensate model.json rec.csv --out rec.csv", "rec.csv"),
+    "compensate-model": ("compensate model.json rec.csv --out model.json", "model.json"),
+    "calibrate": ("calibrate rec.csv --rig rig.toml --out rec.csv", "rec.csv"),
+    "emit": ("emit model.json --to c --out model.json", "model.json"),
+    "compare": ("compare model.json --on report.html --report .", "report.html"),
+    "diagnose-folder": ("diagnose model.json --rig rig.toml --out .", "model.json"),
+    "diagnose-calibration": ("diagnose rec.csv --calibration result.json --out .", "result.json"),
+    "diagnose-report": ("diagnose rec.csv --effects report.html --report .", "report.html"),
+    "survey": ("survey rec.csv survey.parquet --rig rig.toml --out .", "survey.parquet"),
+    "design-rig": ("design rig.toml --out rig.toml", "rig.toml"),
+    "design-urdf": ("design rig.toml --out arm.urdf", "arm.urdf"),
+    "design-model": ("design rig.toml --model model.json --out model.json", "model.json"),
+    "import-log": ("import other.csv rec.csv --out rec.csv", "rec.csv"),
+    "import-map": ("import rec.csv --map other.csv --out other.csv", "other.csv"),
+    "import-rig": ("import rec.csv --rig other.csv --out other.csv", "other.csv"),
+    "import-urdf": ("import rec.csv --rig rig.toml --plot arm.urdf", "arm.urdf"),
+}
+"""Arguments in the folder of the inputs, and the input that a result would replace."""
+
+
+@pytest.mark.parametrize("case", REPLACING)
+def test_no_result_replaces_what_is_read(
+    case: str, inputs: Inputs, run: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments, replaced = REPLACING[case]
+    monkeypatch.chdir(inputs.folder)
+    before = inputs.contents()
+    refused(run(*arguments.split()), f"the result would replace {replaced}, which is read; give the result another")
+    assert inputs.contents() == before
+
+
+def test_every_file_of_a_command_is_known_as_read_or_written() -> None:
+    """What names a file says so: REC, RIG, FILE, a name with a suffix; so that a new option is not forgotten."""
+    names = re.compile(r"REC\d?|RIG|SOURCE|FILE|DIR|FOLDER|.*\.(?:json|csv|toml)\b.*")
+    commands = next(iter(parser()._subparsers._group_actions)).choices  # type: ignore[union-attr]
+    files = {
+        action.dest
+        for command in commands.values()  # type: ignore[union-attr]
+        for action in command._actions
+        if names.fullmatch(str(action.metavar))
+    }
+    assert files == {*READ, "out", "plot", "report"}
+
+
+def test_a_result_in_a_folder_that_cannot_be_is_refused_before_any_work(inputs: Inputs, run: Runner) -> None:
+    """Of a design too, whose work takes minutes."""
+    inside = inputs("rec.csv/plan.csv")
+    refused(run("design", inputs("rig.toml"), "--out", inside), "rec.csv", "is not a folder")
+    refused(run("fit", inputs("rec.csv"), "--out", str(inputs.folder)), "is a folder", "give --out the name of a file")

@@ -91,7 +91,7 @@ def test_options_and_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (["--out", tmp_path / "run.xyz"], "not written as '.xyz'; give --out a name with one of .csv, .parquet, .pq"),
         (["--out", tmp_path / "run"], "its suffix names no format"),
         (["--preset", "franka"], "the preset franka"),
-        (["--out", tmp_path / "." / source.name], "would replace the log"),
+        (["--out", tmp_path / "." / source.name], "would replace"),
     ):
         code, text, error = run(capsys, "import", source, *argv)
         assert (code, text) == (2, "")

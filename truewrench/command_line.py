@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 from modeling.errors import InputError, TruewrenchError
 from truewrench.command_options.effect_choice import ids_apart
-from truewrench.command_options.options import add_verbosity, verbosity
+from truewrench.command_options.options import add_verbosity, require_results_apart, verbosity
 from truewrench.commands import (
     calibrate,
     compare,
@@ -124,6 +124,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = completed(parser()).parse_args(argv)
         arguments.typed = shlex.join(["truewrench", *(sys.argv[1:] if argv is None else argv)])
+        require_results_apart(arguments)
         with verbosity(arguments):
             arguments.run(arguments)
         sys.stdout.flush()

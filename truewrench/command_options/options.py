@@ -48,12 +48,46 @@ def add_report(command: argparse.ArgumentParser) -> None:
     command.add_argument("--report", type=Path, metavar="DIR", help=text)
 
 
-def require_report_folder(arguments: argparse.Namespace) -> None:
-    """Check before any work that the report can be written; InputError otherwise."""
-    if arguments.report is not None:
-        from truewrench.files.output import require_writable_folder
+READ = (
+    "sources", "recordings", "recording", "models", "model", "on", "validate", "rig", "map", "effects", "bounds",
+    "prior", "calibration",
+)  # fmt: skip
+"""Arguments of all commands that name files which are read."""
 
-        require_writable_folder(arguments.report)
+
+def require_results_apart(arguments: argparse.Namespace) -> None:
+    """Check before any work that the results of a command can be written, and that none replaces what it reads.
+
+    Where --out is no file, or not the only one, the command's `result_files` are those that it will write.
+    Raises InputError.
+    """
+    given = vars(arguments)
+    written = given["result_files"](arguments) if "result_files" in given else [given.get("out"), given.get("plot")]
+    if given.get("report") is not None:
+        from truewrench.reports.report_files import REPORT_FILES
+
+        written += [arguments.report / name for name in REPORT_FILES]
+    if any(written):
+        from truewrench.files.output import require_writable_files
+
+        named = [given.get(name) or [] for name in READ]
+        read = [Path(path) for paths in named for path in (paths if isinstance(paths, list) else [paths])]
+        require_writable_files(filter(None, written), [*read, *_urdf_of(given.get("rig"))])
+
+
+def _urdf_of(rig: str | None) -> list[Path]:
+    """The URDF that a rig file names; what is wrong with that file is said when it is read."""
+    from modeling.errors import InputError
+    from modeling.text_file import file_text, toml_data
+
+    if rig is None or not Path(rig).is_file():  # a pipe can be read only once
+        return []
+    try:
+        robot = toml_data(file_text(rig, kind="a rig file"), rig).get("robot")
+    except InputError:
+        return []
+    urdf = robot.get("urdf") if isinstance(robot, dict) else None
+    return [Path(rig).parent / urdf] if isinstance(urdf, str) else []
 
 
 def provenance_of(arguments: argparse.Namespace, *files: str | Path | None) -> Provenance:

@@ -52,10 +52,8 @@ def run(arguments: argparse.Namespace) -> None:
     from diagnosis.parallel.workers import available_cores
     from truewrench.files.calibration_file import write_calibration
     from truewrench.files.data_set import DataSet
-    from truewrench.files.output import progress_line, require_writable_folder
+    from truewrench.files.output import progress_line
 
-    if arguments.out is not None:
-        require_writable_folder(arguments.out.parent)
     keep_freed_memory()
     case = DataSet.read([arguments.recording], rig=arguments.rig, period=arguments.period, one_run=arguments.no_period)
     custom = custom_effects(arguments.effects, case)

@@ -11,7 +11,6 @@ from truewrench.command_options.options import (
     add_report,
     print_result,
     provenance_of,
-    require_report_folder,
 )
 
 
@@ -37,7 +36,6 @@ def run(arguments: argparse.Namespace) -> None:
     from truewrench.files.model_file import ModelFile
     from truewrench.files.output import progress_line
 
-    require_report_folder(arguments)
     paths = [Path(path) for path in arguments.models]
     require_different(paths, "the model is given twice")
     models = {label: ModelFile.read(path) for label, path in zip(file_labels(paths), paths, strict=True)}

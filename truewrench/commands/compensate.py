@@ -56,10 +56,8 @@ def run(arguments: argparse.Namespace) -> None:
     from estimation.contact.contact_wrench import compensate
     from estimation.logs.log_reading import read_with_rig
     from truewrench.files.model_file import ModelFile
-    from truewrench.files.output import atomic_write, progress_line, require_writable_folder
+    from truewrench.files.output import atomic_write, progress_line
 
-    if arguments.out is not None:
-        require_writable_folder(arguments.out.parent)
     saved = ModelFile.read(arguments.model)
     if warning := saved.misfit_warning(COUNTED):
         print(f"warning: {warning}", file=sys.stderr)

@@ -37,7 +37,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--effect", metavar="ID", default="cable_spring", help=text)
     text = "folder for rig file, recordings and report (default: %(default)s)"
     command.add_argument("--out", type=Path, metavar="DIR", default=Path("demo_report"), help=text)
-    command.set_defaults(run=run)
+    command.set_defaults(run=run, result_files=lambda _: [])  # it reads nothing
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -58,7 +58,14 @@ def add_to(commands: Subcommands[Any]) -> None:
         "--out", type=Path, metavar="PLAN.csv", help="file for the trajectory; its plot is written beside it (.png)"
     )
     command.add_argument("--json", action="store_true", help="print the figures of merit as JSON alone")
-    command.set_defaults(run=run)
+    command.set_defaults(run=run, result_files=result_files)
+
+
+def result_files(arguments: argparse.Namespace) -> list[Path]:
+    """PLAN.csv and its plot."""
+    from truewrench.commands.design_request import plot_path
+
+    return [] if arguments.out is None else [arguments.out, plot_path(arguments.out)]
 
 
 def count(text: str) -> int:
@@ -79,19 +86,19 @@ def seed(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> None:
     """Design the trajectory, write and print it."""
-    from truewrench.commands.design_request import DesignRequest, plot_path
+    from truewrench.commands.design_request import DesignRequest
 
     request = DesignRequest.of(arguments)
     found = exciting_plan(request) if arguments.tell is None else discriminating_plan(request)
-    written = arguments.out is not None and found.motion is not None
-    if written:
+    files = [] if found.motion is None else result_files(arguments)
+    if files:
         write(request, found, arguments.out)
     excluded = f"\nexcluded, because no trajectory can be designed for them: {', '.join(request.left_out)}"
     print_result(
         arguments,
         lambda: f"{found}{excluded if request.left_out else ''}",
         lambda: dict.fromkeys(KEYS) | found.to_data(),
-        [arguments.out, plot_path(arguments.out)] if written else [],
+        files,
     )
 
 

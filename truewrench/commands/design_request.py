@@ -130,10 +130,10 @@ class DesignRequest:
 
 def plot_path(path: Path) -> Path:
     """PLAN.png beside PLAN.csv."""
-    return path.with_suffix(".png")
+    return path.parent / f"{path.stem}.png"
 
 
 def _require_csv(path: Path) -> None:
-    if path.is_dir() or not path.name or plot_path(path) == path:
+    if plot_path(path) == path:
         what = "a table file was expected; its plot is written beside it as .png"
         raise InputError(what=what, where=str(path), remedy="give --out a name such as plan.csv")

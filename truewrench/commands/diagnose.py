@@ -26,7 +26,6 @@ from truewrench.command_options.options import (
     add_workers,
     print_result,
     provenance_of,
-    require_report_folder,
     suspicions_named,
 )
 
@@ -56,7 +55,12 @@ def add_to(commands: Subcommands[Any]) -> None:
     add_report(command)
     add_workers(command)
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
-    command.set_defaults(run=run)
+    command.set_defaults(run=run, result_files=result_files)
+
+
+def result_files(arguments: argparse.Namespace) -> list[Path]:
+    """The files in the folder of --out."""
+    return [] if arguments.out is None else [arguments.out / name for name in FILES]
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -64,11 +68,8 @@ def run(arguments: argparse.Namespace) -> None:
     from diagnosis.parallel.freed_memory import keep_freed_memory
     from diagnosis.parallel.workers import available_cores
     from truewrench.files.data_set import DataSet, frame_sentences, frames_data, with_fitted_gravity
-    from truewrench.files.output import make_folder, require_writable_folder
+    from truewrench.files.output import make_folder
 
-    if arguments.out is not None:
-        require_writable_folder(arguments.out)
-    require_report_folder(arguments)
     keep_freed_memory()
     workers = available_cores() if arguments.workers is None else arguments.workers
     case = DataSet.read(

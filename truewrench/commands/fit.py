@@ -17,7 +17,6 @@ from truewrench.command_options.options import (
     add_report,
     print_result,
     provenance_of,
-    require_report_folder,
     suspicions_named,
 )
 
@@ -57,15 +56,11 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Fit, write the model file, print the summary."""
-    from truewrench.files.output import progress_line, require_writable_folder
-
-    if arguments.out is not None:
-        require_writable_folder(arguments.out.parent)
-    require_report_folder(arguments)
     if arguments.stream:
         run_stream(arguments)
         return
     from truewrench.files.data_set import DataSet, with_fitted_gravity
+    from truewrench.files.output import progress_line
 
     constraints = constraints_of(arguments)
     case = DataSet.read(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,13 +48,6 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.set_defaults(run=run)
 
 
-def _require_other_file(out: Path, sources: list[str]) -> None:
-    """A log is never replaced by what was read from it. Raises InputError."""
-    if any(os.path.realpath(out) == os.path.realpath(source) for source in sources):
-        what, remedy = "the recording would replace the log that it is read from", "give --out another name"
-        raise InputError(what=what, where=str(out), remedy=remedy)
-
-
 def _require_known_suffix(out: Path) -> None:
     """A recording is CSV or Parquet, by its suffix; a device has none. Raises InputError."""
     if out.suffix.lower() not in WRITTEN and not (out.exists() and not out.is_file()):
@@ -86,11 +78,8 @@ def run(arguments: argparse.Namespace) -> None:
     """Import, write the recording, print the reading report."""
     from estimation.logs.log_reading import imported
     from modeling.rig.rig import Rig
-    from truewrench.files.output import atomic_write, progress_line, require_writable_folder
+    from truewrench.files.output import atomic_write, progress_line
 
-    for written in filter(None, (arguments.out, arguments.plot)):
-        require_writable_folder(written.parent)
-        _require_other_file(written, arguments.sources)
     if arguments.out is not None:
         _require_known_suffix(arguments.out)
     if arguments.plot is not None:

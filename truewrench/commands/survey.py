@@ -28,13 +28,20 @@ def add_to(commands: Subcommands[Any]) -> None:
     out = f"folder for survey.parquet, survey.html and finished outcomes (default: {FOLDER})"
     command.add_argument("--out", type=Path, default=FOLDER, metavar="FOLDER", help=out)
     command.add_argument("--json", action="store_true", help="print the rows as JSON alone")
-    command.set_defaults(run=run)
+    command.set_defaults(run=run, result_files=result_files)
+
+
+def result_files(arguments: argparse.Namespace) -> list[Path]:
+    """The files in the folder of --out that have a name of their own."""
+    from truewrench.surveying.survey import FILES
+
+    return [arguments.out / name for name in FILES]
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose the recordings, write the files, print the survey."""
     from truewrench.files.output import progress_line
-    from truewrench.surveying.survey import FILES, survey
+    from truewrench.surveying.survey import survey
 
     with progress_line() as progress:
         found = survey(
@@ -46,4 +53,4 @@ def run(arguments: argparse.Namespace) -> None:
             one_run=arguments.no_period,
             progress=progress,
         )
-    print_result(arguments, lambda: found, found.to_data, [arguments.out / name for name in FILES])
+    print_result(arguments, lambda: found, found.to_data, result_files(arguments))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from enum import Enum
@@ -68,6 +68,32 @@ def require_writable_folder(path: Path) -> None:
         raise InputError(what="is not a folder", where=str(there), remedy="give --out another place")
     if not os.access(there, os.W_OK | os.X_OK):
         raise InputError(what="nothing can be written there", where=str(there), remedy="give --out another place")
+
+
+def require_writable_files(written: Iterable[Path], read: Iterable[Path]) -> None:
+    """Check before any work that files can be written, and that none of them is one that is read, by whatever name.
+
+    Links, hard ones too, and relative paths are other names of one file. A device or a pipe may be both. Raises
+    InputError.
+    """
+    inputs = {identity: path for path in read if (identity := _file_identity(path)) is not None}
+    for path in written:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            continue
+        require_writable_folder(path.parent)
+        if path.is_dir():
+            raise InputError(what="is a folder", where=str(path), remedy="give --out the name of a file")
+        if (identity := _file_identity(path)) in inputs:
+            what = f"the result would replace {inputs[identity]}, which is read"
+            raise InputError(what=what, where=str(path), remedy="give the result another name or folder")
+
+
+def _file_identity(path: Path) -> tuple[int, int] | None:
+    """Device and inode of a regular file; None of anything else, or where there is none."""
+    if not path.is_file():
+        return None
+    status = path.stat()
+    return status.st_dev, status.st_ino
 
 
 @contextmanager
