@@ -479,7 +479,7 @@ PROGRAM = "import sys; from truewrench.command_line import main; sys.exit(main()
 
 def program(*argv: str, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run the command as a program of its own."""
-    return subprocess.run([sys.executable, "-c", PROGRAM, *argv], text=True, capture_output=True, **options)
+    return subprocess.run([sys.executable, "-m", "truewrench", *argv], text=True, capture_output=True, **options)
 
 
 @pytest.mark.parametrize(
@@ -544,6 +544,40 @@ def test_a_closed_pipe_is_no_error() -> None:
     )
     os.close(write)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+CLOSED = {
+    "catalogue": ("effects >&-", 0),
+    "help": ("--help >&-", 0),
+    "all-closed": ("effects <&- >&- 2>&-", 0),
+    "error-unheard": ("fit none.csv 2>&-", 2),
+    "help-unread": ("--help | true", 0),
+    "version-unread": ("--version | true", 0),
+}
+"""Arguments as a shell takes them, with the exit code of the program."""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="by a POSIX shell")
+@pytest.mark.parametrize("case", CLOSED)
+def test_nobody_has_to_listen(case: str, tmp_path: Path) -> None:
+    arguments, code = CLOSED[case]
+    command, *reader = f'"$0" -m truewrench {arguments}'.split("|")
+    unread = f"{{ sleep 0.2; {command}; echo $? > code; }}" + "".join(f"| {r}" for r in reader)  # the reader ends first
+    done = subprocess.run(
+        ["sh", "-c", unread, sys.executable], cwd=tmp_path, text=True, capture_output=True, check=True
+    )
+    assert (done.stdout, done.stderr, (tmp_path / "code").read_text()) == ("", "", f"{code}\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="by a POSIX shell")
+@pytest.mark.parametrize("streams", ["--progress <&- >&- 2>&-", "--progress 2>&1 >&- | true", "--progress | true"])
+def test_work_is_done_when_nobody_listens(streams: str, bench: Bench, tmp_path: Path) -> None:
+    """The file is written, and nothing is printed into it, though it could take the number of a closed stream."""
+    command, *reader = streams.split("|")
+    argv = [bench.training, "--rig", bench.rig, "--out", str(tmp_path / "model.json")]
+    shell = f'{{ sleep 0.2; "$0" -m truewrench fit "$@" {command}; }}' + "".join(f"| {r}" for r in reader)
+    subprocess.run(["sh", "-c", shell, sys.executable, *argv], capture_output=True, check=True)
+    assert ModelFile.read(tmp_path / "model.json").parameters["m"].value > 0
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")

@@ -36,6 +36,7 @@ from truewrench.commands import (
     survey,
     workbench,
 )
+from truewrench.files.output import say
 from truewrench.postponed_imports import postpone_imports
 
 COMMANDS = (
@@ -122,7 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 2 bad input or usage (one line on stderr), 130 interrupted."""
     _prepare(as_program=argv is None)
     try:
-        arguments = completed(parser()).parse_args(argv)
+        arguments = _parsed(argv)
         arguments.typed = shlex.join(["truewrench", *(sys.argv[1:] if argv is None else argv)])
         require_results_apart(arguments)
         with verbosity(arguments):
@@ -145,8 +146,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The arguments; --help and --version end here, and what they printed is written out first."""
+    try:
+        arguments: argparse.Namespace = completed(parser()).parse_args(argv)
+    except SystemExit:
+        sys.stdout.flush()
+        raise
+    return arguments
+
+
+def _open_closed_streams() -> None:
+    """Standard streams that whoever started the program has closed lead nowhere, and no file takes their numbers."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  as long as the program
+
+
 def _prepare(*, as_program: bool) -> None:
     """Escape characters that the terminal cannot encode; as a program: no library warnings, and one BLAS thread."""
+    if as_program:
+        _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -168,5 +193,5 @@ def _internal_error_text(error: Exception) -> str:
 
 
 def _print_error(message: str) -> int:
-    print("error:", " ".join(message.split()), file=sys.stderr)
+    say(f"error: {' '.join(message.split())}")
     return EXIT_BAD_INPUT

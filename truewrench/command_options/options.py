@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
@@ -172,6 +171,7 @@ def suspicions_named(recordings: Sequence[Recording]) -> Iterator[None]:
     """Name what was suspicious when these recordings were read: a line each on stderr, in an InputError the first."""
     from estimation.recordings.reports.reading_report import StepKind
     from modeling.errors import InputError
+    from truewrench.files.output import say
 
     said = [
         f"{recording.name}: {str(step).removeprefix(f'{step.where}: ')}"
@@ -184,4 +184,4 @@ def suspicions_named(recordings: Sequence[Recording]) -> Iterator[None]:
         what = "; ".join([error.what, *(line for line in said[:1] if error.what not in line)])
         raise InputError(what=what, where=error.where, remedy=error.remedy) from None
     for line in said:
-        print(f"warning: {line}", file=sys.stderr)
+        say(f"warning: {line}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,11 +55,11 @@ def run(arguments: argparse.Namespace) -> None:
     from estimation.contact.contact_wrench import compensate
     from estimation.logs.log_reading import read_with_rig
     from truewrench.files.model_file import ModelFile
-    from truewrench.files.output import atomic_write, progress_line
+    from truewrench.files.output import atomic_write, progress_line, say
 
     saved = ModelFile.read(arguments.model)
     if warning := saved.misfit_warning(COUNTED):
-        print(f"warning: {warning}", file=sys.stderr)
+        say(f"warning: {warning}")
     recording = read_with_rig(arguments.recording, rig=saved.rig, every_row=True)
     with progress_line() as progress:
         progress("compensate")

@@ -44,17 +44,17 @@ def finite_number(text: str) -> float:
 def run(arguments: argparse.Namespace) -> None:
     """Write the text, print frame, convention and operation counts (on standard error if the text is on the other)."""
     from truewrench.emitted import emitted
-    from truewrench.files.output import atomic_write
+    from truewrench.files.output import atomic_write, say
 
     found = emitted(arguments.model, arguments.to, rate=arguments.rate, sensor_pose=arguments.sensor_pose)
     text = found.text if found.text.endswith("\n") else found.text + "\n"
     if found.warning:
-        print(f"warning: {found.warning}", file=sys.stderr)
+        say(f"warning: {found.warning}")
     said = "\n\n".join(str(part) for part in (found.operations, found.frames) if part)
     if arguments.out is None:
         sys.stdout.write(text)
         if said:
-            print(said, file=sys.stderr)
+            say(said)
         return
     with atomic_write(arguments.out) as path:
         path.write_text(text, encoding="utf-8", newline="\n")

@@ -123,6 +123,12 @@ def _unwritable(path: Path, error: OSError, remedy: str) -> InputError:
     return InputError(what=error.strerror or "cannot be written", where=str(path), remedy=remedy)
 
 
+def say(text: str) -> None:
+    """A line on stderr. Where nobody reads it any more, or it cannot be written, the work goes on."""
+    with suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
+
+
 @contextmanager
 def progress_line() -> Iterator[Callable[[str], None]]:
     """Callback for progress messages, in the style of the command.
@@ -149,7 +155,7 @@ def _log_lines() -> Callable[[str], None]:
         nonlocal said, said_at
         now, stage = monotonic(), message.partition(":")[0]
         if stage != said or now - said_at >= LINE_INTERVAL:
-            print(f"{now - begin:7.1f} s  {message}", file=sys.stderr, flush=True)
+            say(f"{now - begin:7.1f} s  {message}")
             said, said_at = stage, now
 
     return show
@@ -159,12 +165,12 @@ def _log_lines() -> Callable[[str], None]:
 def _overwritten_line() -> Iterator[Callable[[str], None]]:
     stream = sys.stderr
 
-    def show(message: str) -> None:
-        stream.write(ERASE_LINE + f"{message} ..."[: get_terminal_size().columns - 1])
-        stream.flush()
+    def write(text: str) -> None:
+        with suppress(OSError):  # the terminal is gone
+            stream.write(text)
+            stream.flush()
 
     try:
-        yield show
+        yield lambda message: write(ERASE_LINE + f"{message} ..."[: get_terminal_size().columns - 1])
     finally:
-        stream.write(ERASE_LINE)
-        stream.flush()
+        write(ERASE_LINE)
