@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import constants
 from scipy.spatial.transform import Rotation
 
 from estimation.logs.columns.column_map import ColumnMap
 from estimation.logs.columns.column_pattern import PRESETS, Quantity
+from estimation.logs.columns.column_units import name_and_unit
 from estimation.logs.columns.incomplete_vector import nearest_vector
 from estimation.logs.log_reading import imported, read
 from estimation.logs.log_table import LogTable
@@ -112,6 +115,61 @@ def test_units_of_names_and_of_maps(tmp_path: Path) -> None:
     scaled.rename(columns={"time": "t"}).to_csv(path, index=False)
     units = {"time": "ms", "position": "mm", "torque": "N mm"}
     same_as_original(imported(path, map=ColumnMap.of({"units": units})).columns, frame)
+
+
+def in_si(unit: str) -> float:
+    """The size of a unit in SI, of CODATA's and by prefixes, independent of what is tested."""
+    known = {
+        "N": 1.0,
+        "kgf": constants.kilogram_force,
+        "lbf": constants.pound_force,
+        "sec": 1.0,
+        "deg": constants.degree,
+    }
+    known |= {"m": 1.0, "in": constants.inch, "ft": constants.foot, "s": 1.0, "rad": 1.0, "°": constants.degree}
+    prefixes = {"m": constants.milli, "c": constants.centi, "k": constants.kilo, "u": constants.micro}
+    prefixes |= {"µ": constants.micro, "n": constants.nano}
+    parts = [known[part] if part in known else prefixes[part[0]] * known[part[1:]] for part in unit.split()]
+    return float(np.prod(parts))
+
+
+@pytest.mark.parametrize("kind", ["time", "position", "angle", "force", "torque"])
+def test_every_unit_that_a_message_names_is_known(kind: str) -> None:
+    """With the factors of CODATA, however they are joined, and in the header of a column too."""
+    with pytest.raises(InputError) as caught:
+        ColumnMap.of({"units": {kind: "fathom"}})
+    named = caught.value.remedy.removeprefix("use one of ").split(", ")
+    assert len(named) >= 4
+    for unit in named:
+        joined = {unit.replace(" ", joint) for joint in ("", " ", ".", "*", "·", "-", "_", "×")}
+        for spelling in {*joined, *(text.upper() for text in joined)}:
+            factor = ColumnMap.of({"units": {kind: spelling}}).factor(kind)
+            assert factor == pytest.approx(in_si(unit), rel=1e-15)
+            assert name_and_unit(f"Tx ({spelling})")[0] == "Tx"
+
+
+@pytest.mark.parametrize("unit", ["lbf-in", "in-lbf", "lbf.in", "lbf*in", "in.lbf", "in-lb", "lb-in", "in lbs"])
+def test_an_inch_pound_has_many_spellings(unit: str) -> None:
+    factor = ColumnMap.of({"units": {"torque": unit}}).factor("torque")
+    assert factor == pytest.approx(constants.pound_force * constants.inch, rel=1e-15)
+
+
+def test_a_unit_of_force_is_none_of_torque() -> None:
+    """`mN`, with its m forgotten, is no metre-newton."""
+    with pytest.raises(InputError, match="torque = 'mN' is not known"):
+        ColumnMap.of({"units": {"torque": "mN"}})
+
+
+@pytest.mark.parametrize("names", ["{}({})", "{} [{}]", "{}_{}"])
+def test_pounds_in_headers_and_in_maps(names: str, tmp_path: Path) -> None:
+    frame, path = original().iloc[:100], tmp_path / "log.csv"
+    units = dict.fromkeys(CHANNELS[:3], "lbf") | dict.fromkeys(CHANNELS[3:], "lbf-in" if "(" in names else "lbf_in")
+    pounds = frame.assign(**{c: frame[c] / in_si(re.sub("[-_]", " ", unit)) for c, unit in units.items()})
+    header = {channel: names.format(channel.title(), unit) for channel, unit in units.items()}
+    pounds.rename(columns=header | {"time": "t"}).to_csv(path, index=False)
+    same_as_original(imported(path).columns, frame)
+    stated = {"wrench": [header[c] for c in CHANNELS], "units": {"force": "lbf", "torque": "lbf.in"}}
+    same_as_original(imported(path, map=ColumnMap.of(stated)).columns, frame)
 
 
 def test_millimetres_and_degrees_are_recognised(tmp_path: Path) -> None:

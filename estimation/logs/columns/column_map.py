@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from estimation.logs.columns.column_units import KINDS, plain_unit
+from estimation.logs.columns.column_units import KINDS, UNITS, plain_unit
 from estimation.logs.columns.orientation_form import OrientationForm
 from modeling.errors import InputError, quoted, suggestion
 from modeling.rig.rig import SPATIAL_CHANNELS
@@ -151,6 +151,6 @@ class _Checked:
                 raise self.error(f"units.{quoted(kind)} is no kind of unit", f"use one of {', '.join(KINDS)}")
             plain = plain_unit(re.sub("^epoch(_in)?_?|^epoch$", "", str(unit))) or "s"
             if plain not in known:
-                raise self.error(f"units.{kind} = {quoted(unit)} is not known", f"use one of {', '.join(known)}")
+                raise self.error(f"units.{kind} = {quoted(unit)} is not known", f"use one of {', '.join(UNITS[kind])}")
             found[kind] = known[plain]
         return found
