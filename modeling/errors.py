@@ -11,9 +11,14 @@ LONGEST_QUOTATION = 40
 
 def quoted(text: object) -> str:
     """The text in quotes, truncated, with non-printable and control characters escaped."""
+    shown = cut(text)
+    return f"'{shown}'" if shown.isprintable() else ascii(shown)
+
+
+def cut(text: object) -> str:
+    """The text, such as the name of a column, truncated for a message."""
     full = str(text)
-    cut = full[:LONGEST_QUOTATION] + "..." * (len(full) > LONGEST_QUOTATION)
-    return f"'{cut}'" if cut.isprintable() else ascii(cut)
+    return full[:LONGEST_QUOTATION] + "..." * (len(full) > LONGEST_QUOTATION)
 
 
 def kind_of(given: object) -> str:

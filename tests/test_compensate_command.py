@@ -169,6 +169,18 @@ def test_a_recording_in_the_place_of_the_model_file(
     assert said.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", ["compensate {model} {log}", "compare {model} --on {log}", "calibrate {log}"])
+def test_a_log_in_the_place_of_a_recording_names_its_import(
+    command: str, bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "robot_data.csv"
+    log.write_text("timestamp actual_TCP_pose_0 actual_TCP_force_0\n" + "0.002 0.1 5.0\n" * 50)
+    assert main(command.format(model=bench.model, log=log).split()) == 2
+    error = capsys.readouterr().err
+    assert "the columns are not separated by commas; write a CSV with commas" in error
+    assert f"`truewrench import {log} --out recording.csv`" in error
+
+
 def test_a_model_that_does_not_fit_is_a_warning(
     bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

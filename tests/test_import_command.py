@@ -270,3 +270,16 @@ def test_a_log_that_is_no_recording_is_to_be_imported_first(
     assert typed == ["import", str(log), "--out", "recording.csv"]
     if name != "headerless":  # which needs a preset
         assert run(capsys, *typed[:3], tmp_path / "recording.csv")[0] == 0
+
+
+@pytest.mark.parametrize("options", [(), ("--stream",)], ids=["whole", "stream"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_log_names_its_import(
+    name: str, options: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line that a terminal can show, whatever the separator, the names and the text in the columns."""
+    for log in FORMATS[name](original().iloc[:60], tmp_path):
+        code, text, error = run(capsys, "fit", log, *options)
+        assert (code, text, error.count("\n")) == (2, "", 1)
+        assert shlex.join(["truewrench", "import", str(log)]) in error
+        assert len(error.replace(str(log), "")) < 400

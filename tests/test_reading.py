@@ -155,6 +155,15 @@ RAW: dict[str, tuple[bytes, list[str]]] = {
         (HEADER + ROWS + "1,2,3\n" + ROWS).replace("\n", "\r").encode(),
         ["row 6", "3 values"],
     ),
+    "spaces": ((HEADER + ROWS).replace(",", " ").encode(), ["commas", "truewrench import"]),
+    "names of a log": (
+        (HEADER.replace("phi,fx,fy,tau", "t,Fx,Fy,state") + ROWS).encode(),
+        ["(t, Fx, Fy, ..)", "import"],
+    ),
+    "long name": (
+        (HEADER.replace("phi", "phi,state" + "x" * 600) + "0,a,1,2,3\n").encode(),
+        [f"column state{'x' * 35}... is not a number at row 2"],
+    ),
     "endless name": ((HEADER.replace("tau", "t" * 131073) + ROWS).encode(), ["row 1 cannot be read"]),
     "open quote in the header": (('"' + HEADER + ROWS * 5000).encode(), ["row 1 cannot be read"]),
 }

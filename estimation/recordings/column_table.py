@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modeling.errors import InputError
+from modeling.errors import InputError, cut
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,6 +27,10 @@ PLAIN_CSV_BYTES = b"0123456789+-.eE, \t\n"
 """Characters of a CSV of decimal numbers below its header; any other needs the general reader."""
 PANDAS_INDEX_NAME = re.compile(r"__index_level_\d+__")
 """The name that pandas gives a Parquet file's column of row labels."""
+OWN_NAMES = re.compile(r"f[xyz]|t[xyz]|tau|phi|q[xyzw]|q[1-9]\d*")
+"""Columns of a recording's wrench or motion: a table without any is a log of another layout."""
+SHOWN_NAMES = 3
+"""Names of a log's columns that a message repeats."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,6 +60,10 @@ def import_remedy(where: str) -> str:
     return (
         f"bring the log in first: `truewrench import {shlex.quote(where)} --out recording.csv`, or `tw.read` with a map"
     )
+
+
+def _numeric_remedy(where: str) -> str:
+    return f"make the column numeric, remove it, or {import_remedy(where)}"
 
 
 def table_from_file(path: Path) -> ColumnTable:
@@ -146,7 +154,7 @@ def header_names(text: str, where: str) -> list[str]:
     except csv.Error as error:
         what = f"row 1 cannot be read: {error}"
         raise InputError(what=what, where=where, remedy="correct that row") from None
-    if len(names) == 1 and re.search(r"[;\t]", names[0]):
+    if len(names) == 1 and re.search(r"[;\s]", names[0]):
         what = "the columns are not separated by commas"
         raise InputError(
             what=what,
@@ -157,18 +165,24 @@ def header_names(text: str, where: str) -> list[str]:
         raise InputError(
             what="row 1 is not a header", where=where, remedy=f"name the columns there, or {import_remedy(where)}"
         )
-    return require_unique_names(names, where)
+    return require_own_names(names, where)
 
 
-def require_unique_names(names: Sequence[str], where: str) -> list[str]:
-    """The names; InputError when one is empty or duplicated."""
+def require_own_names(names: Sequence[str], where: str) -> list[str]:
+    """The names of a recording's columns; InputError when none of them is one, or some are empty or duplicated."""
+    if not any(OWN_NAMES.fullmatch(name) for name in names):
+        shown = ", ".join(map(cut, names[:SHOWN_NAMES])) + ", .." * (len(names) > SHOWN_NAMES)
+        what = f"a log, no recording: of its columns ({shown}) none is a wrench or a motion, such as fx, q1, phi or qx"
+        raise InputError(what=what, where=where, remedy=import_remedy(where))
     for i, name in enumerate(names):
         if not name:
             what = f"column {i + 1} has no name"
-            raise InputError(what=what, where=where, remedy="name it in the header, or remove it")
+            remedy = f"name it in the header, remove it, or {import_remedy(where)}"
+            raise InputError(what=what, where=where, remedy=remedy)
         if name in names[:i]:
-            what = f"column {name} is duplicated"
-            raise InputError(what=what, where=where, remedy="rename or remove one of them")
+            what = f"column {cut(name)} is duplicated"
+            remedy = f"rename or remove one of them, or {import_remedy(where)}"
+            raise InputError(what=what, where=where, remedy=remedy)
     return list(names)
 
 
@@ -190,20 +204,18 @@ def _raise_bad_cell(cells: Sequence[str], names: Sequence[str], row: int, where:
         raise InputError(what=what, where=where, remedy="complete or remove that row")
     for name, cell in ((n, c) for n, c in zip(names, cells, strict=True) if n in wanted):
         if not cell.strip():
-            what = f"column {name} is empty at row {row}"
-            remedy = (
-                "fill in the value, remove the row, or bring the log in by `truewrench import` or `tw.read` with a map"
-            )
+            what = f"column {cut(name)} is empty at row {row}"
+            remedy = f"fill in the value, remove the row, or {import_remedy(where)}"
             raise InputError(what=what, where=where, remedy=remedy)
         try:
             number = float(cell) if "_" not in cell else None
         except ValueError:
             number = None
         if number is None:
-            what = f"column {name} is not a number at row {row}: {cell.strip()[:40]!r}"
-            raise InputError(what=what, where=where, remedy="make the column numeric, or remove it")
+            what = f"column {cut(name)} is not a number at row {row}: {cell.strip()[:40]!r}"
+            raise InputError(what=what, where=where, remedy=_numeric_remedy(where))
         if not np.isfinite(number):
-            what = f"column {name} is {cell.strip()} at row {row}"
+            what = f"column {cut(name)} is {cell.strip()} at row {row}"
             raise InputError(what=what, where=where, remedy="replace it by a finite number, or remove the row")
 
 
@@ -216,7 +228,7 @@ def _parquet_table(content: bytes, where: str) -> ColumnTable:
     except (pa.ArrowException, OSError, ValueError) as error:
         what = f"not a Parquet file: {error}"
         raise InputError(what=what, where=where, remedy="give a CSV or Parquet file") from None
-    require_unique_names(table.column_names, where)
+    require_own_names(table.column_names, where)
     wanted = table.select([name for name in table.column_names if not PANDAS_INDEX_NAME.fullmatch(name)])
     return _nonempty_table(table_from_arrow(wanted, where).columns, where=where, first_row=1)
 
@@ -244,12 +256,12 @@ def table_from_frame(frame: pd.DataFrame, where: str, first_row: int = 1) -> Col
     for name in frame.columns:
         column = frame[name]
         if not _is_real(column):
-            what = f"column {name} is not numeric but {column.dtype} from row {first_row} on"
-            raise InputError(what=what, where=where, remedy="make the column numeric, or remove it")
+            what = f"column {cut(name)} is not numeric but {column.dtype} from row {first_row} on"
+            raise InputError(what=what, where=where, remedy=_numeric_remedy(where))
         values = column.to_numpy(dtype=float, na_value=np.nan, copy=True)
         wrong = np.flatnonzero(~np.isfinite(values))
         if wrong.size:
-            what = f"column {name} is {values[wrong[0]]} at row {wrong[0] + first_row}"
+            what = f"column {cut(name)} is {values[wrong[0]]} at row {wrong[0] + first_row}"
             raise InputError(what=what, where=where, remedy="replace it by a finite number, or remove the row")
         columns[str(name)] = values
     return _nonempty_table(columns, where=where, first_row=first_row)

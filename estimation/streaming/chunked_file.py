@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from estimation.recordings.column_table import (
     ColumnTable,
     header_names,
+    import_remedy,
     raise_first_bad_cell,
-    require_unique_names,
+    require_own_names,
     table_from_arrow,
     table_from_frame,
 )
@@ -114,14 +115,15 @@ def open_chunked_file(path: Path) -> ChunkedFile:
         with path.open("rb") as file:
             start = file.read(4)
     except OSError as error:
-        raise InputError(what=f"cannot be read: {error.strerror}", where=str(path), remedy=FILE_REMEDY) from None
+        remedy = import_remedy(str(path)) if path.is_dir() else FILE_REMEDY
+        raise InputError(what=f"cannot be read: {error.strerror}", where=str(path), remedy=remedy) from None
     if path.suffix.lower() in (".parquet", ".pq") or start == b"PAR1":
         return ParquetColumns(path=path, names=_parquet_names(path))
     try:
         with path.open(encoding="utf-8-sig", newline="") as lines:
             header = next((line for line in lines if line.strip()), "")
     except UnicodeDecodeError as error:
-        raise InputError(what=f"not UTF-8 text: {error}", where=str(path), remedy=FILE_REMEDY) from None
+        raise InputError(what=f"not UTF-8 text: {error}", where=str(path), remedy=import_remedy(str(path))) from None
     if not header:
         raise InputError(what="the file is empty", where=str(path), remedy=FILE_REMEDY)
     return CsvColumns(path=path, names=tuple(header_names(header, str(path))))
@@ -135,7 +137,7 @@ def _parquet_names(path: Path) -> tuple[str, ...]:
         names = pq.read_schema(path).names
     except (OSError, ValueError, pa.ArrowException) as error:
         raise InputError(what=f"cannot be read: {error}", where=str(path), remedy=FILE_REMEDY) from None
-    return tuple(require_unique_names([n for n in names if not n.startswith("__index_level_")], str(path)))
+    return tuple(require_own_names([n for n in names if not n.startswith("__index_level_")], str(path)))
 
 
 def _of_size(tables: Iterator[ColumnTable], size: int) -> Iterator[ColumnTable]:

@@ -13,7 +13,7 @@ from estimation.logs.columns.column_pattern import PATTERNS, ColumnPattern, Quan
 from estimation.logs.columns.incomplete_vector import columns_by_stem, nearest_vector
 from estimation.logs.columns.orientation_form import OrientationForm
 from estimation.logs.log_table import NO_WRENCH, ROS_TOPIC, TF_CHAIN, Array, LogTable
-from modeling.errors import InputError, quoted
+from modeling.errors import InputError, cut, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 
 COMMANDED = re.compile(
@@ -48,7 +48,8 @@ class ColumnGroup:
     @property
     def title(self) -> str:
         """Table and columns, for a message."""
-        shown = self.columns[0] if len(self.columns) == 1 else f"{self.columns[0]} .. {self.columns[-1]}"
+        first, last = cut(self.columns[0]), cut(self.columns[-1])
+        shown = first if len(self.columns) == 1 else f"{first} .. {last}"
         return f"{shown} of {self.table.name}"
 
 
@@ -126,7 +127,7 @@ class _Groups:
     def nearest(self) -> str:
         """The columns that there are, for a message."""
         names = [name for table in self.tables for name in table.columns]
-        return f" among {', '.join(names[:8])}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+        return f" among {', '.join(map(cut, names[:8]))}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
     def incomplete_wrench(self) -> str:
         """What of a wrench there is and what lacks, for a message; empty where there is nothing of one."""

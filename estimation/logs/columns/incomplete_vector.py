@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from estimation.logs.columns.column_pattern import PATTERNS, ColumnPattern, Quantity
 from estimation.logs.columns.column_units import name_and_unit
 from estimation.logs.log_table import LogTable
+from modeling.errors import cut
 
 LEAST_SHARE = 0.5
 """Of a vector's columns that are there, below which its name is chance."""
@@ -37,10 +38,11 @@ class IncompleteVector:
         return len(self.present) / (len(self.present) + len(self.missing))
 
     def __str__(self) -> str:
-        shown = self.present if len(self.present) < 4 else (self.present[0], "..", self.present[-1])
-        verb = "is" if len(self.missing) == 1 else "are"
+        present, missing = (tuple(map(cut, names)) for names in (self.present, self.missing))
+        shown = present if len(present) < 4 else (present[0], "..", present[-1])
+        verb = "is" if len(missing) == 1 else "are"
         listed = ", ".join(shown).replace(", .., ", " .. ")
-        return f"beside {listed}, {', '.join(self.missing)} {verb} missing"
+        return f"beside {listed}, {', '.join(missing)} {verb} missing"
 
 
 def nearest_vector(tables: Iterable[LogTable], quantities: Sequence[Quantity]) -> IncompleteVector | None:
