@@ -10,16 +10,16 @@ PIP := $(BIN)/python -m pip -qq --disable-pip-version-check install -c constrain
 # Installs the pinned versions several times faster than pip.
 UV := $(BIN)/uv pip install -q --python $(BIN)/python -c constraints.txt
 
-.PHONY: demo test long check docs pictures bench notebooks clean
+.PHONY: demo test long check docs pictures bench notebooks browser clean
 .DEFAULT_GOAL := test
 
 demo: $(STAMP)
 	$(BIN)/truewrench demo --out demo_report
 
-test: $(STAMP)
+test: browser $(STAMP)
 	$(BIN)/python -m pytest
 
-long: $(STAMP)
+long: browser $(STAMP)
 	$(BIN)/python -m pytest -m long
 
 check: $(STAMP)
@@ -33,7 +33,7 @@ docs: $(STAMP)
 	$(BIN)/python -m sphinx -E -a -W --keep-going -q -j 2 docs build/docs
 
 # Pictures of the workbench in the manual.
-pictures: $(STAMP)
+pictures: browser $(STAMP)
 	PYTHONPATH=$(CURDIR) $(BIN)/python docs/generator/workbench_pictures.py
 
 bench: $(STAMP)
@@ -41,6 +41,18 @@ bench: $(STAMP)
 
 notebooks: $(STAMP)
 	PYTHONPATH=$(CURDIR) $(BIN)/python notebooks/builder.py
+
+# Chromium, which the tests of the workbench drive and pip does not bring: installed once, where that is allowed.
+browser:
+	@found() { \
+	  if test -n "$$CHROMIUM"; then command -v "$$CHROMIUM"; else command -v chromium || command -v chromium-browser; fi >/dev/null; \
+	}; \
+	if ! found && test -z "$$CHROMIUM" && test "$$(id -u)" = 0 && command -v apt-get >/dev/null; then \
+	  echo "Chromium is missing: apt-get installs it, once"; export DEBIAN_FRONTEND=noninteractive; \
+	  apt-get -qq update && apt-get -qq install --yes --no-install-recommends chromium >/dev/null; \
+	fi; \
+	found || { echo "Chromium, which the tests of the page drive, is missing: apt-get install chromium (Debian, as root)," \
+	  "or name its program in the variable CHROMIUM" >&2; exit 1; }
 
 clean:
 	rm -rf .venv demo_report build dist docs/generated *.egg-info

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -51,6 +52,58 @@ def test_every_requirement_is_pinned() -> None:
     needed = {canonicalize_name(Requirement(text).name) for text in [*PROJECT["dependencies"], *extras]}
     assert needed - {"truewrench"} <= pinned
     assert all("==" in line for line in lines)
+
+
+# -------------------------------------------------------------------------------------------------- the browser
+
+MISSING = "Chromium, which the tests of the page drive, is missing: apt-get install chromium (Debian, as root), or name"
+USERS = {"root": 0, "anybody": 1000}
+
+
+def made(target: str, folder: Path, user: str = "root", *, apt: bool = True, **variables: str) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of the Makefile alone in a folder, on a machine with nothing but a shell.
+
+    Nothing can be made but the browser: all else has prerequisites that are not there.
+    """
+    programs = folder / "bin"
+    programs.mkdir(exist_ok=True)
+    stubs = {"id": f"echo {USERS[user]}"}
+    if apt:  # what it installs is a program of that name
+        stubs["apt-get"] = f'echo "$@" >> {folder}/asked; case "$*" in *install*) : > {programs}/chromium;; esac'
+        stubs["apt-get"] += f"; /bin/chmod +x {programs}/chromium 2>/dev/null; :"
+    for name, text in stubs.items():
+        (programs / name).write_text(f"#!/bin/sh\n{text}\n")
+        (programs / name).chmod(0o755)
+    environment = {"PATH": str(programs), **variables}
+    make = shutil.which("make")
+    assert make is not None
+    done = subprocess.run(
+        [make, "-f", ROOT / "Makefile", target], cwd=folder, env=environment, capture_output=True, text=True
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.skipif(shutil.which("make") is None or os.name != "posix", reason="by make and a POSIX shell")
+@pytest.mark.parametrize("target", ["test", "long", "pictures"])
+def test_the_browser_is_installed_once_before_the_tests(target: str, tmp_path: Path) -> None:
+    for _ in range(2):
+        code, _, said = made(target, tmp_path)
+        assert (code, "No rule to make target 'pyproject.toml'" in said) == (2, True)  # what comes next
+    asked = (tmp_path / "asked").read_text().splitlines()
+    assert [line.split()[1] for line in asked] == ["update", "install"]
+
+
+@pytest.mark.skipif(shutil.which("make") is None or os.name != "posix", reason="by make and a POSIX shell")
+@pytest.mark.parametrize("target", ["test", "long", "pictures"])
+@pytest.mark.parametrize("case", ["no root", "no apt-get", "a program that is not there"])
+def test_a_browser_that_is_missing_is_said_before_anything_runs(case: str, target: str, tmp_path: Path) -> None:
+    named = {"CHROMIUM": "/nonexistent"} if case == "a program that is not there" else {}
+    user = "anybody" if case == "no root" else "root"
+    code, out, said = made(target, tmp_path, user, apt=case != "no apt-get", **named)
+    assert (code, out) == (2, "")
+    assert said.splitlines()[0].startswith(MISSING)
+    assert len(said.splitlines()) == 2  # make says which target failed
+    assert [path.name for path in tmp_path.iterdir()] == ["bin"]
 
 
 # ------------------------------------------------------------------------------------------- built and installed

@@ -16,15 +16,16 @@ import pytest
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-MISSING = "Chromium is missing: apt-get install chromium (Debian), or name its program in the variable CHROMIUM"
+MISSING = "Chromium is missing: `make browser`, or name its program in the variable CHROMIUM"
 WAIT = 90_000
 """Milliseconds in which an answer must come, on a machine that does other things too."""
 
 
 def chromium() -> str:
     """The browser's program; the test fails without one."""
-    found = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-    if not found or not Path(found).is_file():
+    named = os.environ.get("CHROMIUM")
+    found = shutil.which(named) if named else shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
         pytest.fail(MISSING, pytrace=False)
     return found
 
