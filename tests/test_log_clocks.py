@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -202,6 +203,11 @@ def swap(row: int) -> Spoil:
     return spoil
 
 
+def damage(stamp: float, *rows: int) -> Spoil:
+    """Rows with a stamp that no clock gave."""
+    return lambda f: f.assign(time=f["time"].where(~f.index.isin(rows), stamp))
+
+
 def blank(row: int, *columns: str) -> Spoil:
     def spoil(frame: Frame) -> Frame:
         frame = frame.copy()
@@ -221,6 +227,8 @@ HARMLESS: dict[str, tuple[Spoil, str]] = {
     "doubled": (double(3, 900), "doubled rows left out (2 of 1002)"),
     "empty cells": (blank(300, "fz"), "empty or held cells left out (1 of 1000)"),
     "empty row": (blank(300, "time"), "without time left out (1 of 1000)"),
+    "damaged stamp": (damage(1e12, 300), "without time left out (1 of 1000)"),
+    "damaged stamps": (damage(-1e300, 1, 500, 998), "without time left out (3 of 1000)"),
 }
 
 
@@ -239,6 +247,27 @@ def test_what_is_harmless_is_mended(case: str, tmp_path: Path) -> None:
         assert np.count_nonzero(error > 1e-9) <= 3
     with pytest.raises(InputError, match=r"would have to be mended.*leave out --strict"):
         imported(path, strict=True)
+
+
+@pytest.mark.parametrize("stamp", [1e300, 1e30, 1e18, 5e4, 1e-300, -1e12, -1e300])
+@pytest.mark.parametrize("row", [0, 300, ROWS - 1])
+def test_a_damaged_stamp_costs_its_row_alone(row: int, stamp: float, tmp_path: Path) -> None:
+    """At the ends nothing can be interpolated."""
+    found = imported(written(damage(stamp, row)(part()), tmp_path))
+    assert found.report.samples == (ROWS if row == 300 or (row, stamp) == (0, 1e-300) else ROWS - 1)
+    assert found.report.rate == pytest.approx(250, rel=1e-6)
+
+
+@pytest.mark.parametrize("scattered", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_many_damaged_stamps_are_one_line_or_a_reading(seed: int, scattered: bool, tmp_path: Path) -> None:
+    """A tenth of all stamps, over 600 or 60 decades: no clock is filled up between them, and nothing overflows."""
+    rng = np.random.default_rng(seed)
+    rows = rng.choice(400, 40, replace=False) if scattered else np.arange(100, 140)
+    stamps = part()["time"].to_numpy()[:400].copy()
+    stamps[rows] = 10.0 ** rng.uniform(-1, 1, 40 if scattered else 1) ** 3 * 10.0 ** rng.uniform(-30, 30, 40)
+    with suppress(InputError):
+        assert imported(written(part().iloc[:400].assign(time=stamps), tmp_path)).report.samples < 100 * 400
 
 
 def test_untouched_is_not_mended(tmp_path: Path) -> None:

@@ -332,6 +332,19 @@ def test_unknown_columns_are_kept_under_harmless_names(tmp_path: Path) -> None:
     assert not {"wx", "note", "same"} & set(columns)
 
 
+def test_a_damaged_number_of_an_unknown_column_is_interpolated(tmp_path: Path) -> None:
+    """What is written is read again, where numbers as large are refused."""
+    temperature = np.linspace(20.0, 21.0, 100)
+    frame = original().iloc[:100].assign(temperature=np.where(np.arange(100) == 50, -1e300, temperature), bad=1e300)
+    path = tmp_path / "log.csv"
+    frame.rename(columns={"time": "t"}).to_csv(path, index=False)
+    found = imported(path)
+    np.testing.assert_allclose(found.columns["temperature"], temperature, rtol=0, atol=1e-9)
+    assert "bad" not in found.columns
+    said = "numbers of temperature beyond 1e+20 taken as missing (1 of 100)"
+    assert any(said in str(step) for step in found.report.of(StepKind.MENDED))
+
+
 # --------------------------------------------------------------------------------------------- in doubt
 
 MAPS: dict[str, tuple[str, str]] = {

@@ -90,6 +90,9 @@ WRONG: dict[str, tuple[Callable[[], Frame], Spoil, list[str]]] = {
     "text": (planar, put("fy", 17, "abc"), ["fy", "row 17", "abc"]),
     "code": (planar, put("fy", 17, "__import__('os')"), ["fy", "row 17", "not a number"]),
     "nan": (planar, put("tau", 31, "nan"), ["tau", "row 31", "nan"]),
+    "huge": (planar, put("fx", 9, 1e300), ["fx", "row 9", "1e+300", "below 1e+20"]),
+    "huge time": (planar, put("time", 100, 1e300), ["time", "row 100", "1e+300"]),
+    "huge auxiliary": (planar, lambda f: f.assign(temperature=-1e300), ["temperature", "row 2", "-1e+300"]),
     "infinite": (planar, put("q1", 9, "-inf"), ["q1", "row 9", "-inf"]),
     "empty cell": (planar, put("q2", 12, ""), ["q2", "row 12"]),
     "auxiliary text": (planar, lambda f: f.assign(note="x"), ["note", "row 2"]),
@@ -115,6 +118,23 @@ def message(path: Path, rig: Rig | None = ARM) -> str:
     assert "\n" not in text
     assert str(path) in text
     return text
+
+
+def test_stamps_in_nanoseconds_may_be_beside_the_time(tmp_path: Path) -> None:
+    """Those since 1970 are the largest numbers that a log has, in CSV and in Parquet."""
+    frame = planar().assign(stamp=1_760_000_000_000_000_000 + np.arange(100) * 10_000_000)
+    for path in (tmp_path / "run.csv", tmp_path / "run.parquet"):
+        frame.to_csv(path, index=False) if path.suffix == ".csv" else frame.to_parquet(path)
+        assert read(path, rig=ARM).columns["stamp"][-1] == frame["stamp"].iloc[-1]
+
+
+@pytest.mark.parametrize("case", ["huge", "huge time", "huge auxiliary"])
+def test_huge_numbers_of_parquet_are_one_line(tmp_path: Path, case: str) -> None:
+    frame, spoil, parts = WRONG[case]
+    spoil(frame()).to_parquet(tmp_path / "run.parquet")
+    text = message(tmp_path / "run.parquet")
+    assert parts[0] in text
+    assert parts[2] in text
 
 
 @pytest.mark.parametrize("case", WRONG)
@@ -211,7 +231,7 @@ def test_line_ends_of_every_system_are_alike(tmp_path: Path) -> None:
 
 def test_digits_become_the_nearest_number(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
-    numbers = rng.uniform(-10, 10, (50, 4)) * 10.0 ** rng.integers(-30, 30, (50, 4))
+    numbers = rng.uniform(-10, 10, (50, 4)) * 10.0 ** rng.integers(-30, 19, (50, 4))
     cells = [[np.format_float_scientific(x, precision=int(d)) for x, d in zip(row, (3, 9, 17, 25), strict=True)]
              for row in numbers]  # fmt: skip
     (tmp_path / "run.csv").write_text(HEADER + "".join(",".join(row) + "\n" for row in cells))

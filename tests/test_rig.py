@@ -107,6 +107,34 @@ def test_a_rig_that_was_read_before_is_the_same_and_needs_no_pydantic(tmp_path: 
     assert checked == again == str(Rig.from_data(tomllib.loads(FULL)).to_data())
 
 
+IMPLAUSIBLE = {
+    "link_lengths": "[robot]\nlink_lengths = [1.0, {}]",
+    "tip_length": "[robot]\ntip_length = {}",
+    "gravity": "[robot]\ngravity = {}",
+    "gravity_direction": "[robot]\ngravity_direction = [{}, 0.0, 0.0]",
+    "noise": "[sensor]\nnoise = {{ fx = {} }}",
+    "range": "[sensor]\nrange = {{ fx = {} }}",
+    "tolerance": "[sensor]\ntolerance = {{ fx = {} }}",
+}
+
+
+@pytest.mark.parametrize("number", ["1e300", "1e-200"])
+@pytest.mark.parametrize("key", IMPLAUSIBLE)
+def test_a_number_that_no_rig_has_is_one_line(key: str, number: str, tmp_path: Path) -> None:
+    """Its square overflows, or is 0: no number of a model could be computed with it."""
+    with pytest.raises(InputError) as caught:
+        Rig.read(rig_file(tmp_path, IMPLAUSIBLE[key].format(number)))
+    assert key in caught.value.what
+    assert str(float(number)) in caught.value.what
+
+
+def test_gravity_is_in_metres() -> None:
+    """The greatest of a planet, Jupiter's, is read; the Earth's in millimetres is not."""
+    assert Rig.from_data({"robot": {"gravity": 24.79}}).gravity == 24.79
+    with pytest.raises(InputError, match=r"robot.gravity: expected m/s².*got '9806.0'"):
+        Rig.from_data({"robot": {"gravity": 9806.0}})
+
+
 @pytest.mark.parametrize("key", WRONG)
 def test_wrong_rig_is_one_line(tmp_path: Path, key: str) -> None:
     text, came = WRONG[key]

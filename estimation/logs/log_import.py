@@ -29,13 +29,13 @@ from estimation.logs.log_table import Array, LogTable
 from estimation.logs.motion_streams import QUATERNION, SiColumns, in_sensor_axes
 from estimation.logs.source_file import SourceFile
 from estimation.logs.step_log import StepLog
-from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.column_table import LARGEST_VALUE, ColumnTable
 from estimation.recordings.derivatives.sample_hold import held_rows
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.recording import MotionForm, Recording, motion_columns
 from estimation.recordings.reports.reading_curves import IntervalHistogram, Span, spans
 from estimation.recordings.reports.reading_report import ClockReading, OffsetReading, PeriodReading, ReadingReport
-from modeling.errors import InputError, quoted
+from modeling.errors import InputError, cut, quoted
 from modeling.rig.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 
 SHARED_ROWS = 0.5
@@ -317,7 +317,12 @@ class _Reading:
         for name, column in table.columns.items():
             if name in used:
                 continue
-            known = column[np.isfinite(column)]
+            plausible = np.abs(column) < LARGEST_VALUE
+            if damaged := int((np.isfinite(column) & ~plausible).sum()):
+                what = f"numbers of {cut(name)} beyond {LARGEST_VALUE:g} taken as missing"
+                self.log.mended(what, table.name, damaged, len(column))
+                column = np.where(plausible, column, np.nan)
+            known = column[plausible]
             if len(known) < 0.5 * len(column) or not len(known) or (known[0] == known).all():
                 continue
             key = named.get(name, name.replace(",", "_").replace('"', ""))

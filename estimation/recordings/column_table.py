@@ -27,6 +27,8 @@ PLAIN_CSV_BYTES = b"0123456789+-.eE, \t\n"
 """Characters of a CSV of decimal numbers below its header; any other needs the general reader."""
 PANDAS_INDEX_NAME = re.compile(r"__index_level_\d+__")
 """The name that pandas gives a Parquet file's column of row labels."""
+LARGEST_VALUE = 1e20
+"""Beyond whatever is measured, and beyond stamps in ns since 1970 (1.8e18); sums of squares of squares stay finite."""
 OWN_NAMES = re.compile(r"f[xyz]|t[xyz]|tau|phi|q[xyzw]|q[1-9]\d*")
 """Columns of a recording's wrench or motion: a table without any is a log of another layout."""
 SHOWN_NAMES = 3
@@ -35,7 +37,7 @@ SHOWN_NAMES = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ColumnTable:
-    """Finite columns (n,) by name; their source, and the row of the first sample in it."""
+    """Columns (n,) by name, of finite numbers; their source, and the row of the first sample in it."""
 
     columns: Mapping[str, Array]
     where: str
@@ -108,7 +110,7 @@ def _plain_values(text: str, columns: int) -> Array | None:
     except ValueError:
         return None
     whole = values.shape == (body.count("\n"), columns)  # NumPy passes over rows that are empty
-    return np.ascontiguousarray(values.T) if whole and np.isfinite(values).all() else None
+    return np.ascontiguousarray(values.T) if whole and _are_plausible(values) else None
 
 
 def _pandas_columns(text: str, names: list[str], where: str) -> dict[str, Array]:
@@ -127,9 +129,9 @@ def _pandas_columns(text: str, names: list[str], where: str) -> dict[str, Array]
                 dtype=np.float64,
                 skip_blank_lines=False,
             )
-        if np.isfinite(frame.to_numpy()).all():
+        if _are_plausible(frame.to_numpy()):
             return {name: frame[name].to_numpy(dtype=float) for name in names}
-        problem = "a value is missing or not finite"
+        problem = "a value is missing, or no number that is measured"
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # parser errors are ValueErrors
         problem = str(error)
     raise_first_bad_cell(io.StringIO(text), names, where, names)
@@ -214,9 +216,21 @@ def _raise_bad_cell(cells: Sequence[str], names: Sequence[str], row: int, where:
         if number is None:
             what = f"column {cut(name)} is not a number at row {row}: {cell.strip()[:40]!r}"
             raise InputError(what=what, where=where, remedy=_numeric_remedy(where))
-        if not np.isfinite(number):
-            what = f"column {cut(name)} is {cell.strip()} at row {row}"
-            raise InputError(what=what, where=where, remedy="replace it by a finite number, or remove the row")
+        if not _are_plausible(number):
+            raise _implausible(name, cell.strip(), row, where)
+
+
+def _are_plausible(values: ArrayLike) -> bool:
+    """Whether numbers are finite, and not larger than any that is measured; NaN is neither below nor above anything."""
+    numbers = np.asarray(values)
+    return not numbers.size or bool(numbers.min() > -LARGEST_VALUE and numbers.max() < LARGEST_VALUE)
+
+
+def _implausible(name: str, value: object, row: int, where: str) -> InputError:
+    what = f"column {cut(name)} is {cut(value)} at row {row}"
+    return InputError(
+        what=what, where=where, remedy=f"replace it by a number below {LARGEST_VALUE:g}, or remove the row"
+    )
 
 
 def _parquet_table(content: bytes, where: str) -> ColumnTable:
@@ -244,7 +258,7 @@ def table_from_arrow(table: pa.Table | pa.RecordBatch, where: str, first_row: in
     for name, column in zip(table.schema.names, map(contiguous, table.columns), strict=True):
         is_numeric = column.null_count == 0 and (pa.types.is_integer(column.type) or pa.types.is_floating(column.type))
         values = np.from_dlpack(column) if is_numeric else np.full(1, np.nan)  # `to_numpy` would import pandas
-        if not np.isfinite(values).all():
+        if not _are_plausible(values):
             return table_from_frame(table.to_pandas(ignore_metadata=True), where, first_row)
         columns[name] = values.astype(np.float64, copy=False)
     return ColumnTable(columns=columns, where=where, first_row=first_row)
@@ -259,10 +273,9 @@ def table_from_frame(frame: pd.DataFrame, where: str, first_row: int = 1) -> Col
             what = f"column {cut(name)} is not numeric but {column.dtype} from row {first_row} on"
             raise InputError(what=what, where=where, remedy=_numeric_remedy(where))
         values = column.to_numpy(dtype=float, na_value=np.nan, copy=True)
-        wrong = np.flatnonzero(~np.isfinite(values))
+        wrong = np.flatnonzero(~(np.abs(values) < LARGEST_VALUE))
         if wrong.size:
-            what = f"column {cut(name)} is {values[wrong[0]]} at row {wrong[0] + first_row}"
-            raise InputError(what=what, where=where, remedy="replace it by a finite number, or remove the row")
+            raise _implausible(name, values[wrong[0]], int(wrong[0]) + first_row, where)
         columns[str(name)] = values
     return _nonempty_table(columns, where=where, first_row=first_row)
 

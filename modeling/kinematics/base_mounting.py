@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from math import atan2, cos, hypot, sin
 from typing import Any
 
-from modeling.kinematics.joint import Placement, Quaternion
+from modeling.kinematics.joint import LARGEST_NUMBER, SMALLEST_NUMBER, Placement, Quaternion
 from modeling.kinematics.quaternion import quaternion_product, rotated_vector
 
 Direction = tuple[float, ...]
@@ -17,9 +17,9 @@ PLANAR_VECTORS = ("p", "v", "a")
 
 
 def unit_direction(components: Sequence[float]) -> Direction:
-    """The unit vector of two or three finite components. Raises ValueError where they are none."""
+    """The unit vector of two or three components. Raises ValueError where they are none, or of no plausible size."""
     size = hypot(*components)
-    if len(components) not in (2, 3) or not 0 < size < float("inf"):
+    if len(components) not in (2, 3) or not SMALLEST_NUMBER < size < LARGEST_NUMBER:
         raise ValueError("expected the direction of gravity in base axes, such as [0, 0, -1]")
     return tuple(float(c) / size for c in components)
 

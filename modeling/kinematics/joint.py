@@ -14,6 +14,7 @@ Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 LARGEST_NUMBER = 1e12  # beyond any length, speed or force that a rig has
+SMALLEST_NUMBER = 1e-12  # below any that a rig states; its square can still be divided by
 UNIT_NORM_TOLERANCE = 1e-9  # deviation of a norm from 1 after seven quaternion products and a round trip through a file
 
 

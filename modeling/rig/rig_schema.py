@@ -8,12 +8,14 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, model_validator
 
 from modeling.kinematics.base_mounting import unit_direction
-from modeling.kinematics.joint import LARGEST_NUMBER
+from modeling.kinematics.joint import LARGEST_NUMBER, SMALLEST_NUMBER
 from modeling.kinematics.spatial_arm import SpatialArm
 from modeling.space import Space
 from modeling.strict_table import StrictTable, validated
 
 SPATIAL_ARM = TypeAdapter(SpatialArm)
+LARGEST_GRAVITY = 100.0
+"""m/s²: that of Jupiter is 25, and 9806 is in mm/s²."""
 
 
 def _number(value: object) -> bool:
@@ -43,7 +45,19 @@ def _direction(components: list[float]) -> list[float]:
     return list(unit_direction(components))
 
 
-PositiveNumber = Annotated[float, Field(gt=0)]
+def _gravity(value: float) -> float:
+    if not SMALLEST_NUMBER < value <= LARGEST_GRAVITY:
+        raise ValueError(f"expected m/s², above 0 and up to {LARGEST_GRAVITY:g}, as 9.806 on Earth")
+    return value
+
+
+def _positive(value: float) -> float:
+    if not SMALLEST_NUMBER < value < LARGEST_NUMBER:
+        raise ValueError(f"expected a number above 0, of {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}")
+    return value
+
+
+PositiveNumber = Annotated[float, AfterValidator(_positive)]
 LimitPair = Annotated[tuple[float, float], BeforeValidator(symmetric_limits)]
 LimitPairs = Annotated[list[LimitPair], Field(min_length=1)]
 LimitInterval = Annotated[tuple[float, float], BeforeValidator(_span)]
@@ -60,7 +74,7 @@ class RobotTable(StrictTable):
     sensor_frame: str | None = None
     spatial_arm: Annotated[SpatialArm, BeforeValidator(SPATIAL_ARM.validate_python)] | None = None
     tip_length: PositiveNumber | None = None
-    gravity: PositiveNumber | None = None
+    gravity: Annotated[float, AfterValidator(_gravity)] | None = None
     gravity_direction: Annotated[list[float], AfterValidator(_direction)] | None = None
 
     @model_validator(mode="after")

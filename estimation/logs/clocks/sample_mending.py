@@ -23,6 +23,8 @@ LONGEST_FILL = 5
 NEIGHBOURS = 6
 """Samples on either side of a filled gap that its cubic goes through."""
 FEWEST = 20
+MOST_UNEVEN = 100
+"""Mean step over the median one, above which stamps are damaged: samples taken on events are less uneven."""
 STAMP = " stamp"
 """Column, under a name that no log has, that takes the stamps through all that is done to the rows."""
 Index = NDArray[np.int64]
@@ -195,19 +197,20 @@ def _longest_run(stream: Stream, rows: Index, log: StepLog) -> Index:
 def _ticks(stamps: Array) -> Index:
     """Number of each sample on the clock, missing ones counted.
 
-    Where nearly all steps are whole multiples of the median one, by rounding them; else by lasting delays.
+    Where nearly all steps are whole multiples of the median one, by rounding them; else by lasting delays. A gap that
+    will be cut counts as the shortest such, however long it is.
     """
     steps = np.diff(stamps)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     plain = steps[np.abs(steps - usual) < 0.5 * usual]
     usual = float(plain.mean()) if len(plain) else usual
-    counts = np.round(steps / usual)
-    if np.quantile(np.abs(steps / usual - counts), 0.99) < 0.3 and (counts >= 1).all():
+    counts = np.minimum(np.round(steps / usual), LONGEST_FILL + 2)
+    if np.quantile(np.abs(steps / usual - np.round(steps / usual)), 0.99) < 0.3 and (counts >= 1).all():
         return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     extra = np.zeros(len(stamps), dtype=np.int64)
     few = (steps > 1.5 * usual).mean() < 0.01
     for i, lost in missing_samples(stamps, JITTER_WINDOW if few else JITTER_WINDOW // 4):
-        extra[i] = max(round(lost), 1)
+        extra[i] = round(min(max(lost, 1), LONGEST_FILL + 1))
     return np.arange(len(stamps)) + np.cumsum(extra)
 
 
@@ -252,6 +255,10 @@ def _regular(stream: Stream, rows: Index, stamps: Array, log: StepLog) -> Series
     dt = float(np.median(steps[steps > 0]))
     apart = np.concatenate([[True], steps > 0.05 * dt])
     rows, stamps = rows[apart], stamps[apart]
+    mean = float(stamps[-1] - stamps[0]) / len(stamps)
+    if mean > MOST_UNEVEN * dt:
+        what = f"its stamps step by {dt:.3g} s as a rule, and by {mean:.3g} s on average: many are damaged"
+        raise InputError(what=what, where=stream.where, remedy="correct them, or state in a map: rate = 500 (Hz)")
     instants = np.arange(stamps[0], stamps[-1] + 1e-9, dt)
     log.mended(f"sampled irregularly: interpolated at {1 / dt:.6g} Hz", stream.where, len(instants))
     columns = {name: np.interp(instants, stamps, column[rows]) for name, column in stream.columns.items()}

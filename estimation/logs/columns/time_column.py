@@ -21,6 +21,11 @@ PLAIN_NAMES = ("time", "stamp", "_*time", "%?time", "time_?stamps?", "t")
 """Names of time alone, of which none comes before another."""
 SAME_SPAN = 0.01
 """Of their length: by so much two clocks may differ in a log that both stamp."""
+STRAY = 50
+"""Usual steps by which a stamp is off both its neighbours, which agree with each other, from which it is damaged: no
+clock jumps for one row, and stamps that are late or out of order stay nearer."""
+LARGEST_STAMP = 1e20
+"""Beyond stamps in any unit: those in ns since 1970 are 1.8e18."""
 UNIT_NAMES = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 
 
@@ -108,7 +113,7 @@ def _pair(table: LogTable) -> TimeColumn | None:
             None,
         )
         if other:
-            whole, parts = table.columns[name], table.columns[other]
+            whole, parts = _without_strays(table.columns[name]), table.columns[other]
             epoch = float(np.floor(whole[np.isfinite(whole)][0])) if np.isfinite(whole).any() else 0.0
             return TimeColumn(columns=(name, other), stamps=(whole - epoch) + parts * 1e-9, epoch=epoch, how="s and ns")
     return None
@@ -129,14 +134,30 @@ def _is_regular(column: Array) -> bool:
     return middle > 0 and bool((np.abs(steps - middle) < 0.5 * middle).mean() > 0.8)
 
 
+def _without_strays(column: Array) -> Array:
+    """The stamps, NaN where they are damaged: a single one that is far off, while its neighbours are not."""
+    is_stamp = np.abs(column) < LARGEST_STAMP
+    known = np.flatnonzero(is_stamp)
+    stamps = column[known]
+    steps = np.diff(stamps)
+    if len(stamps) > 2 and steps.any():
+        reach = STRAY * float(np.median(np.abs(steps[steps != 0])))
+        far, agree = np.abs(steps) > reach, np.abs(stamps[2:] - stamps[:-2]) <= reach
+        stray = np.concatenate([[steps[0] < -reach], far[:-1] & far[1:] & agree, [steps[-1] < -reach]])
+        is_stamp[known[stray]] = False
+    return column if is_stamp.all() else np.where(is_stamp, column, np.nan)
+
+
 def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -> TimeColumn:
-    column = table.columns[name]
+    column = _without_strays(table.columns[name])
     unit = name_and_unit(name)[1]
     how = "as stated"
     if factor is None and unit in TIME:
         factor, how = TIME[unit], f"{unit}, as its name says"
     if factor is None:
         factor, how = _recognised_factor(column, name, table.name, milliseconds)
+    damaged = int(np.isfinite(table.columns[name]).sum() - np.isfinite(column).sum())
+    how += f"; damaged stamps, {damaged}, taken as missing" if damaged else ""
     known = column[np.isfinite(column)]
     start = float(known[0]) if len(known) else 0.0
     # Whole seconds are taken off before scaling, or stamps of 1e18 ns would be rounded to 0.2 µs once more.
