@@ -153,6 +153,7 @@ def test_a_weight_is_taken_from_the_rig(joint_limits: Path, capsys: pytest.Captu
     [
         (("none.toml",), "none.toml"),
         (("--period", "-1"), "--period"),
+        (("--period", "1e300"), "--period"),
         (("--samples", "5"), "samples"),
         (("--series", "rest", "--ramp", "4"), "ramp"),
         (("--model", "none.json"), "none.json"),

@@ -84,6 +84,7 @@ def test_options_and_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (["--period", "-1"], "invalid positive value"),
         (["--period", "0"], "invalid positive value"),
         (["--period", "nan"], "invalid positive value"),
+        (["--clock-offset", "nan"], "invalid finite value"),
         (["--period", "3", "--no-period"], "not allowed with"),
         (["--period", "70"], "give the period of a motion that ran at least twice"),
         (["--rig", tmp_path / "none.toml"], "No such file"),

@@ -203,6 +203,11 @@ def test_file_that_is_not_there(tmp_path: Path) -> None:
     assert "irectory" in message(tmp_path)
 
 
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is no /dev/zero here")
+def test_a_device_without_end_is_not_read() -> None:
+    assert "a device, no recording" in message(Path("/dev/zero"))
+
+
 @pytest.mark.parametrize(
     ("column", "parts"),
     [(["x"] * 100, ["extra", "not numeric"]), ([1.0] * 41 + [None] + [1.0] * 58, ["extra", "row 42"])],

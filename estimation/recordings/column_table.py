@@ -76,6 +76,10 @@ def table_from_file(path: Path) -> ColumnTable:
 
 
 def _content(path: Path) -> bytes:
+    if path.is_char_device():  # /dev/zero has no end
+        raise InputError(
+            what="a device, no recording", where=str(path), remedy="give the path of a CSV or Parquet file"
+        )
     try:
         content = path.read_bytes()
     except OSError as error:

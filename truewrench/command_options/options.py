@@ -10,6 +10,8 @@ from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from modeling.kinematics.joint import LARGEST_NUMBER
+
 if TYPE_CHECKING:
     from estimation.recordings.recording import Recording
     from truewrench.reports.provenance import Provenance
@@ -114,8 +116,16 @@ def worker_count(text: str) -> int:
 
 def positive(text: str) -> float:
     """A number above zero; argparse reports a ValueError in one line."""
+    value = finite(text)
+    if value <= 0:
+        raise ValueError(text)
+    return value
+
+
+def finite(text: str) -> float:
+    """A number of plausible size; argparse reports a ValueError in one line."""
     value = float(text)
-    if not 0 < value < float("inf"):
+    if not abs(value) < LARGEST_NUMBER:
         raise ValueError(text)
     return value
 

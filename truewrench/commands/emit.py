@@ -9,7 +9,7 @@ from typing import Any
 
 from modeling.codegen.code_target import target_names
 from modeling.codegen.payload.payload_format import FORMATS
-from truewrench.command_options.options import Subcommands, positive
+from truewrench.command_options.options import Subcommands, finite, positive
 
 
 def add_to(commands: Subcommands[Any]) -> None:
@@ -28,17 +28,9 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--rate", type=positive, metavar="HZ", help=text)
     text = "pose of the sensor frame in the robot's frame, e.g. the flange: m, and rad about fixed axes, as in URDF"
     pose = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
-    command.add_argument("--sensor-pose", type=finite_number, nargs=6, metavar=pose, help=text)
+    command.add_argument("--sensor-pose", type=finite, nargs=6, metavar=pose, help=text)
     command.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: standard output)")
     command.set_defaults(run=run)
-
-
-def finite_number(text: str) -> float:
-    """A finite number; argparse reports a ValueError in one line."""
-    value = float(text)
-    if not abs(value) < float("inf"):
-        raise ValueError(text)
-    return value
 
 
 def run(arguments: argparse.Namespace) -> None:

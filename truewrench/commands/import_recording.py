@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from modeling.errors import InputError, quoted
-from truewrench.command_options.options import Subcommands, positive
+from truewrench.command_options.options import Subcommands, finite, positive
 from truewrench.command_options.presets import PRESETS
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     period.add_argument("--period", type=positive, metavar="T", help="period of a repeated motion, s: cut into repeats")
     period.add_argument("--no-period", action="store_true", help="one run, even if a column counts repeats")
     text = "stamp of the wrench minus stamp of the motion at one instant, s (default: estimated); 0 believes the stamps"
-    command.add_argument("--clock-offset", type=float, metavar="S", help=text)
+    command.add_argument("--clock-offset", type=finite, metavar="S", help=text)
     command.add_argument("--strict", action="store_true", help="refuse whatever would have to be mended")
     command.add_argument("--out", type=Path, metavar="REC", help="recording to write (.csv or .parquet)")
     command.add_argument("--plot", type=Path, metavar="FILE", help="picture of the reading (.png, .svg or .pdf)")
