@@ -5,9 +5,11 @@ Every random test is seeded, so that it fails always or never; the probabilities
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -30,6 +32,8 @@ from estimation.parameter_layout import ParameterLayout
 from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.pseudo_inertia import pseudo_inertia
+from modeling.codegen.payload.payload_format import payload_format
+from modeling.codegen.payload.tool_inertia import ToolInertia
 from modeling.space import Space
 
 Array = NDArray[np.float64]
@@ -120,6 +124,8 @@ def conditions(problem: Straight, found: ConstrainedMinimum, prior: Prior | None
     """
     theta, region, optimality = found.theta, found.region, found.optimality
     J = pseudo_inertia(problem.model).over(problem.names)
+    if region.inertia is not None:
+        J = J.with_margin()
     low, high = (optimality.bound_multipliers(lower=lower) for lower in (True, False))
     Z = optimality.Z if len(optimality.Z) else np.zeros((J.size, J.size))
     parts = [2 * problem.A.T @ (problem.A @ theta - problem.b), -low, high, -np.einsum("nm,knm->k", Z, J.slopes)]
@@ -207,8 +213,8 @@ def test_ends_alone_as_scipy_has_them() -> None:
 
 
 def by_cholesky(posed: Straight) -> float:
-    """The least chi-square over J = L L', L lower triangular: no constraint is left. From a random start."""
-    J = pseudo_inertia(posed.model)
+    """The least chi-square over J less its margin = L L', L lower triangular, no constraint left; a random start."""
+    J = pseudo_inertia(posed.model).with_margin()
     own = [posed.names.index(name) for name in J.names]
     biases, _ = np.linalg.qr(np.delete(posed.A, own, axis=1))
     columns, target = (v - biases @ (biases.T @ v) for v in (posed.A[:, own], posed.b))
@@ -275,6 +281,27 @@ def test_the_cone_by_its_eigenvalues() -> None:
     assert found.active
     assert found.cost == pytest.approx(float(other.fun), abs=1e-6)
     assert np.max(np.abs((found.theta - centre) / std - other.x)) < 1e-4
+
+
+@pytest.mark.parametrize("points", [1, 3])
+def test_a_simulator_takes_what_is_held_consistent(points: int) -> None:
+    """MuJoCo loads tools of a point and of a sheet, as written, in another frame, and with numbers of eight digits.
+
+    It wants positive eigenvalues of the inertia about the centre of mass, and none above the sum of the others.
+    """
+    active = 0
+    for seed in range(4):
+        posed = problem(spatial(), seed, points=points)
+        found = posed.solved(Constraints(physical=True))
+        active += any(a.constraint.startswith("4 x 4") for a in found.active)
+        tool = ToolInertia.of(posed.model, found.theta, found.covariance)
+        for given in (tool, tool.seen_from((0.3, -0.2, 0.4, 0.3, -1.1, 2.0))):
+            text = payload_format("mjcf").text(given, "a test")
+            short = re.sub(r"-?\d+\.\d{8,}(e-?\d+)?", lambda number: f"{float(number[0]):.8g}", text)
+            assert short != text
+            for written in (text, short):
+                assert mujoco.MjModel.from_xml_string(written).body_mass[-1] > 0
+    assert active > 1
 
 
 def test_a_free_minimum_that_keeps_the_constraints_is_left_alone() -> None:

@@ -299,7 +299,7 @@ def test_mass_and_centre_do_without_inertia(tmp_path: Path) -> None:
 
 
 def test_boundary_of_consistency_is_possible() -> None:
-    """`--physical` ends on it: a tool of masses on one line has no second moment across."""
+    """A tool of masses on one line has no second moment across, but for rounding."""
     line = np.array([0.01, 0.02, 0.03])
     values = theta().copy()
     values[6:10] = [2.0, *(0.0 * line)]

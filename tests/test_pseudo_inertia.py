@@ -13,7 +13,7 @@ from modeling import effects
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.chain.pseudo_inertia import PseudoInertia, pseudo_inertia
+from modeling.chain.pseudo_inertia import CONSISTENCY_MARGIN, PseudoInertia, pseudo_inertia
 from modeling.errors import InputError
 from modeling.parameter import Parameter
 from modeling.space import Space
@@ -73,6 +73,40 @@ def test_a_rod_along_the_tip_is_the_edge_when_it_is_one_point(count: int) -> Non
     y = rng.normal(size=count)
     J = of_points(planar(), rng.uniform(0.1, 1.0, count), np.column_stack([0 * y, y, 0 * y]))
     assert (abs(np.linalg.det(J)) < 1e-14) == (count == 1)
+
+
+def least_spread(model: WrenchModel, J: Array) -> float:
+    """The least second moment about the centre of mass, over the sum of the second moments about the sensor origin."""
+    inertia = pseudo_inertia(model)
+    others = [i for i in range(inertia.size) if i not in inertia.mass]
+    second, mass = J[np.ix_(others, others)], J[inertia.mass[0], inertia.mass[0]]
+    first = J[np.ix_(others, inertia.mass)]
+    return float(np.linalg.eigvalsh(second - first @ first.T / mass)[0] / np.trace(second))
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("size", [1e-3, 1.0])
+def test_the_margin_is_a_share_of_the_tools_own_size(model: WrenchModel, size: float) -> None:
+    """Of one point and of one with another close by, for tools of a metre and of a millimetre, 1 kg and 1 g.
+
+    What `with_margin` finds positive has a spread above `CONSISTENCY_MARGIN`, and what it does not has none.
+    """
+    positive = set()
+    inside = pseudo_inertia(model).with_margin()
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        place = rng.normal(size=3)
+        near = place + 10.0 ** rng.uniform(-4, -1) * rng.normal(size=(4, 3))
+        masses = np.resize(rng.uniform(0.1, 1.0, 4), 8 if model is MODELS[0] else 4)
+        points = on_axis(model, size * near * ([0, 1, 1] if model is MODELS[0] else [1, 1, 1]))
+        found = moments(model, size * masses, points)
+        theta = np.array([found[name] for name in inside.names])
+        scale = np.sqrt(np.maximum(np.diag(pseudo_inertia(model).at(theta)), 1e-300))
+        least = float(np.linalg.eigvalsh(inside.at(theta) / np.outer(scale, scale))[0])
+        spread = least_spread(model, pseudo_inertia(model).at(theta))
+        assert (least > 0) == (spread > CONSISTENCY_MARGIN)
+        positive.add(least > 0)
+    assert positive == {True, False}
 
 
 def test_spatial_is_the_sum_of_squares() -> None:

@@ -41,7 +41,9 @@ def add_to(commands: Subcommands[Any]) -> None:
     add_custom_effects(command)
     command.add_argument("--robust", action="store_true", help="robust regression (Huber loss)")
     command.add_argument("--bounds", type=Path, metavar="FILE", help="TOML file of intervals, m = [0.1, 3.0]")
-    command.add_argument("--physical", action="store_true", help="physically consistent inertia only")
+    command.add_argument(
+        "--physical", action="store_true", help="physically consistent inertia only, by a margin of 1e-6"
+    )
     command.add_argument("--prior", type=Path, metavar="FILE", help="TOML file of a reference tool and its weight")
     text = "read one long log in chunks; derivatives are columns of the log, the noise is that of the rig file"
     command.add_argument("--stream", action="store_true", help=text)

@@ -148,13 +148,18 @@ def _active_bound(found: KKTConditions, index: int, *, lower: bool, lifted: Null
 
 
 def _active_inertia(found: KKTConditions, lifted: NullSpaceStep | None) -> ActiveConstraint:
-    active_set, inertia = found.active_set, found.active_set.region.inertia
+    active_set, inertia, cone = found.active_set, found.active_set.region.inertia, found.active_set.region.cone
     assert inertia is not None
+    assert cone is not None
     theta = active_set.local.theta if lifted is None else active_set.local.theta + lifted.step
     quantity, unit, vector = most_negative_moment(inertia, theta)
-    first = inertia.mass[0]
-    held = float(inertia.at(active_set.local.theta)[first, first]) if unit == "kg" else 0.0
-    idle = ActiveConstraint(constraint=inertia.condition, quantity=quantity, unit=unit, held=held)
+    first, at_minimum = inertia.mass[0], inertia.at(active_set.local.theta)
+    if unit == "kg":
+        held = float(at_minimum[first, first])
+    else:  # the margin
+        least = most_negative_moment(inertia, active_set.local.theta)[2]
+        held = float(least @ at_minimum @ least)
+    idle = ActiveConstraint(constraint=cone.condition, quantity=quantity, unit=unit, held=held)
     if lifted is None:
         return idle
     form = np.einsum("n,knm,m->k", vector, inertia.slopes, vector)
@@ -170,7 +175,8 @@ def _tested(
 ) -> ActiveConstraint:
     pressure = against
     if p_value >= LEVELS.constraint:
-        vague = std > abs(idle.held) > 0
+        # The margin of the pseudo-inertia is no bound that a std compares with.
+        vague = against is not ConstraintInterpretation.IMPOSSIBLE and std > abs(idle.held) > 0
         pressure = ConstraintInterpretation.UNDETERMINED if vague else ConstraintInterpretation.WITHIN_NOISE
     return replace(idle, wanted=wanted, std=std, chi_square=cost, p_value=p_value, pressure=pressure)
 

@@ -28,8 +28,8 @@ class Constraints:
     bounds : Bounds, or mapping of str to (float, float) or float, optional
         Lower and upper bounds of parameters, a number of which fixes one; by default none.
     physical : bool, optional
-        Whether the pseudo-inertia must be positive semidefinite: some mass distribution has these moments. By default
-        not.
+        Whether the pseudo-inertia must be positive definite, by `CONSISTENCY_MARGIN` of the tool's own size: some mass
+        distribution that is neither flat nor a line has these moments. By default not.
     prior : Prior, optional
         Reference tool; implies physical consistency where its weight is not 0. By default none.
 

@@ -1,4 +1,4 @@
-"""Feasible region of the parameters: bounds and a positive semidefinite pseudo-inertia."""
+"""Feasible region of the parameters: bounds and a pseudo-inertia that is positive by a margin."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BoundSide:
 
 @dataclass(frozen=True, eq=False)
 class FeasibleRegion:
-    """Parameters (k,) with low <= theta <= high and J(theta) >= 0, and a prior inside.
+    """Parameters (k,) with low <= theta <= high and J(theta) >= 0 by `CONSISTENCY_MARGIN`, and a prior inside.
 
     stated   stated intervals by index; the parameters' own bounds hold as well
     inertia  J over all parameters; None where physical consistency is not required, or implied by a prior
@@ -87,17 +87,22 @@ class FeasibleRegion:
         sides = [s for s in self.sides if s.index == index and s.lower is lower and s.value == end]
         return min(sides, key=lambda s: s.own).text
 
+    @cached_property
+    def cone(self) -> PseudoInertia | None:
+        """J less its margin, which is to be positive semidefinite; None without physical consistency."""
+        return None if self.inertia is None else self.inertia.with_margin()
+
     def matrix(self, theta: Array) -> Array:
-        """J (n, n) at theta, 0 x 0 without physical consistency."""
-        return np.zeros((0, 0)) if self.inertia is None else self.inertia.at(theta)
+        """J (n, n) less its margin at theta, 0 x 0 without physical consistency."""
+        return np.zeros((0, 0)) if self.cone is None else self.cone.at(theta)
 
     @property
     def slopes(self) -> Array:
-        """Derivative of J in each parameter, (k, n, n)."""
-        return np.zeros((len(self.parameters), 0, 0)) if self.inertia is None else self.inertia.slopes
+        """Derivative of `matrix` in each parameter, (k, n, n)."""
+        return np.zeros((len(self.parameters), 0, 0)) if self.cone is None else self.cone.slopes
 
     def contains(self, theta: Array) -> bool:
-        """Whether theta is within the bounds, inclusive, and J positive definite."""
+        """Whether theta is within the bounds, inclusive, and J positive definite by more than its margin."""
         within = bool(np.all((theta >= self.low) & (theta <= self.high)))
         return within and bool(np.all(np.linalg.eigvalsh(self.matrix(theta)) > 0))
 

@@ -24,7 +24,7 @@ def require_interior(region: FeasibleRegion) -> None:
     crossed = _crossed_bounds(region.sides)
     if crossed:
         raise _infeasibility_error(list(crossed), None, region.where)
-    inertia = region.inertia if region.prior is None else region.prior.inertia
+    inertia = region.cone if region.prior is None else region.prior.inertia
     if inertia is None:
         return
     sides = [s for s in region.sides if inertia.slopes[s.index].any()]
