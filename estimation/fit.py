@@ -118,8 +118,9 @@ class Fit(Estimates):
         """Remarks on the estimate, and whether a body can have it."""
         from estimation.least_squares.physical_consistency import impossible_body  # SymPy
 
-        names = [p.name for p in self.unknowns]
-        sentence = impossible_body(self.model, names, self.theta, self.covariance)
+        names, held = [p.name for p in self.unknowns], set(self.held)
+        free = [direction for direction in self.unidentifiable if held.isdisjoint(direction.names)]
+        sentence = impossible_body(self.model, names, self.theta, self.covariance, free)
         return [*super().remarks(), *([sentence] if sentence else [])]
 
     def printed(self) -> list[Table | str]:

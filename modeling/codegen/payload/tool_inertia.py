@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 WHERE = "tool"
 ROUNDING = 1e-9
-"""Relative size of a negative second moment that is rounding: a tool on the boundary of consistency, flat or a line, has zeros."""
+"""Relative size of a negative second moment that is rounding: a tool that is flat or a line has zeros."""
 LARGEST_OFFSET = 2.0
 """Metres between the sensor and the frame in which its pose is stated, from which millimetres were meant."""
 SENSOR_FRAME = "sensor frame"
