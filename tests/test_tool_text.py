@@ -89,6 +89,18 @@ def test_the_tool_of_a_free_run_is_known() -> None:
     assert text.startswith("Tool: m ")
     mass = found.parameters["m"]
     assert abs(mass.value - RIG.mass) < 4 * mass.std
+    assert "converged" not in FitSummary(found, intervals(found)).text(None)
+
+
+def test_a_fit_that_has_not_converged_is_not_presented_as_one() -> None:
+    """First of all, beside the tool, and among the remarks."""
+    found = replace(fitted([run(44)]), converged=False)
+    summary = FitSummary(found, intervals(found))
+    text = summary.text(None)
+    assert text.startswith("Not converged: the estimates are not final.")
+    (tool,) = (line for line in text.splitlines() if line.startswith("Tool: "))
+    assert "(not converged: the estimates are not final" in tool
+    assert "not converged: the estimates are not final" in found.remarks()
 
 
 def test_a_torque_that_is_not_the_tools_does_not_hide_its_weight() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.levenberg_marquardt import MAX_STEPS, NEGLIGIBLE_COLUMN_LENGTH
+from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGTH
 from estimation.least_squares.square_root_information import SquareRootInformation
 from modeling.errors import InputError, quoted, suggestion
 from modeling.identifiability import (
@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 FIXED, HELD = "fixed", "held at its bound"
 """Printed for the std of a parameter that is not free, and of one that a bound holds."""
+NOT_CONVERGED = "not converged: the estimates are not final"
+"""Said wherever estimates of an iteration that ended before a minimum are shown."""
 ILL_CONDITIONED = 1e3
 """Condition number above which a table remarks on it: one direction is a thousand times less certain than another."""
 
@@ -179,9 +181,7 @@ class Estimates(NamedEstimates, Tabular):
         if len(alone) > 1:
             found.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
         found += [str(d) for d in self.unidentifiable if len(d.names) > 1 or len(alone) == 1]
-        return (
-            found if self.converged else [*found, f"not converged after {MAX_STEPS} steps: the estimates are not final"]
-        )
+        return found if self.converged else [*found, NOT_CONVERGED]
 
 
 def parameter_table(estimates: Mapping[str, Estimate], held: Collection[str] = ()) -> Table:

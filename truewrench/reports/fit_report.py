@@ -69,12 +69,13 @@ def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:
     fit = summary.fit
     rig = fit.recordings[0].rig
     headline, _, remark = summary.headline().partition(": ")
+    doubtful = summary.misfitting or summary.deviating or not fit.converged
     return {
         "title": f"Fit: {', '.join(r.name for r in fit.recordings)}",
         "rig": "" if rig is None else rig.name,
         "provenance": provenance,
-        "kind": "unexplained" if summary.misfitting or summary.deviating else "explained",
-        "symbol": "?" if summary.misfitting else "✓",
+        "kind": "unexplained" if doubtful else "explained",
+        "symbol": "?" if doubtful else "✓",
         "headline": headline,
         "remark": f"{remark[:1].upper()}{remark[1:]}",
         "errors": _error_table(summary),

@@ -19,7 +19,7 @@ from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import Fit
 from estimation.least_squares.constrained import ConstrainedMinimum
-from estimation.least_squares.estimates import HELD, Estimate
+from estimation.least_squares.estimates import HELD, NOT_CONVERGED, Estimate
 from estimation.noise.recording_noise import NoiseSource
 from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import RobustFit
@@ -96,25 +96,26 @@ class FitSummary:
 
     def headline(self) -> str:
         """Whether the model fits, before any number of it: the std of a model that does not fit means nothing."""
+        unfinished = [] if self.fit.converged else [f"{NOT_CONVERGED[0].upper()}{NOT_CONVERGED[1:]}."]
+        return "\n".join([*unfinished, self._agreement(), *self.notes])
+
+    def _agreement(self) -> str:
+        """Whether the residual is that of a model that fits."""
         from_residual = any(c.noise.source is NoiseSource.RESIDUAL for c in self.comparisons)
         if self.misfitting:
             names = " and ".join(c.recording.name for c in self.misfitting)
-            lines = [
+            return (
                 f"The model does not fit {names}: something is missing in it. Stds and intervals hold for noise alone,"
                 " and are too small here; `truewrench diagnose` or `tw.diagnose` searches for what is missing."
-            ]
-            return "\n".join([*lines, *self.notes])
+            )
         if self.deviating:
-            names = " and ".join(self.deviating)
-            line = f"The model fits the whole repeats of {names}, but not the readings outside them."
-            return "\n".join([line, *self.notes])
+            return f"The model fits the whole repeats of {' and '.join(self.deviating)}, but not the readings outside them."
         if from_residual:
-            line = (
+            return (
                 "No lack of fit was found, but the noise is taken from the residual itself, so that systematic error"
                 " may count as noise: record repeats, or state the noise in the rig file."
             )
-            return "\n".join([line, *self.notes])
-        return "\n".join(["The model fits: the residual is consistent with the noise.", *self.notes])
+        return "The model fits: the residual is consistent with the noise."
 
     @cached_property
     def unknown_tool(self) -> str:
@@ -195,6 +196,7 @@ class FitSummary:
                 n: [float(a), float(b)] if isfinite(a) and not self.unknown_tool else None for n, a, b in ends
             },
             "tool_unknown": self.unknown_tool or None,
+            "converged": self.fit.converged,
             "condition": self.fit.condition if isfinite(self.fit.condition) else None,
             "unseen": [str(direction) for direction in self.fit.unidentifiable],
             "fits": not self.misfitting and not self.deviating,

@@ -7,6 +7,7 @@ from math import isfinite
 import numpy as np
 
 from estimation.fit import Fit
+from estimation.least_squares.estimates import NOT_CONVERGED
 from estimation.static.centre_of_mass import CentreOfMass
 from modeling.number_format import estimate_text
 from modeling.space import Space
@@ -38,7 +39,8 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     """Mass and centre of mass with std, as far as they are identifiable; empty where the mass is not.
 
     Of readings without weight it says that there is none, unless its std leaves room for one of all that they read;
-    where the tool is `unknown`, for which reason. Of a `misfitting` model it says that the std are too small.
+    where the tool is `unknown`, for which reason. Of a `misfitting` model it says that the std are too small, and of a
+    fit that has not converged that.
     """
     mass = fitted.parameters["m"]
     if not isfinite(mass.std):
@@ -55,7 +57,8 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
         if isfinite(std)
     ]
     where = f"; centre of mass {', '.join(parts)} from the sensor's origin, in its axes" if parts else ""
-    doubt = f" ({BIASED})" if misfitting else ""
+    doubts = "; ".join([*([NOT_CONVERGED] if not fitted.converged else []), *([BIASED] if misfitting else [])])
+    doubt = f" ({doubts})" if doubts else ""
     return f"Tool: m {estimate_text(mass.value, mass.std, mass.unit)}{where}{doubt}."
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
+from estimation.least_squares.estimates import NOT_CONVERGED
 from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.recording import Recording
 from modeling.number_format import format_percentage
@@ -45,7 +46,11 @@ WEAKER = {
 
 
 def verdict_headline(diagnosis: Diagnosis) -> str:
-    """The verdict as one sentence, with ids and titles of the effects added."""
+    """The verdict as one sentence, with ids and titles of the effects added, and whether its fit has not converged."""
+    return f"{_verdict_words(diagnosis)}{'' if diagnosis.fit.converged else f'; {NOT_CONVERGED}'}"
+
+
+def _verdict_words(diagnosis: Diagnosis) -> str:
     added = (f.effect for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
     missing = ", ".join(f"{effect.id} ({effect.title})" for effect in added)
     if diagnosis.verdict is RecordVerdict.NOTHING_MISSING:
