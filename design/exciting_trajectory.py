@@ -27,6 +27,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+class DesignInterrupted(KeyboardInterrupt):
+    """A design that was interrupted, with its result so far: `best`, None before any trajectory within the limits."""
+
+    def __init__(self, best: Any = None) -> None:
+        super().__init__()
+        self.best = best
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ExcitingTrajectory(Tabular):
     """The best trajectory found, with its optimisation problem, local optima and upper bound.

@@ -9,13 +9,20 @@ from time import perf_counter
 
 from design.bound import DualityBound, GenerationRound, upper_bound
 from design.criteria import BayesianCriterion, Criterion, DOptimal
-from design.exciting_trajectory import ExcitingTrajectory
+from design.exciting_trajectory import DesignInterrupted, ExcitingTrajectory
 from design.information import DiscretePrior, Experiment, unidentifiable_combinations
 from design.information.parameter_values import ParameterValues
 from design.limits.rig_limits import arm_and_limits, require_enough_samples, require_motion_within_period
 from design.optimiser.design_task import LOW_HARMONICS, DesignTask
-from design.optimiser.local_optimum import LocalOptimum, local_optimum, refine_optimum, screen_start
+from design.optimiser.local_optimum import (
+    LocalOptimum,
+    contracted_optimum,
+    local_optimum,
+    refine_optimum,
+    screen_start,
+)
 from design.optimiser.multistart import LocalSearch, optimise
+from design.optimiser.nonlinear_program import TerminationStatus
 from design.optimiser.objective import Objective
 from design.trajectories.fourier import FourierSeries, FreeSeries, PaperSeries
 from design.trajectories.rest_to_rest import RestToRest
@@ -146,6 +153,8 @@ def design(
     InputError
         For a rig without arm or limits, too few samples, too short a period, a model with parameters that are
         unidentifiable along every trajectory of this arm, and limits that no trajectory keeps.
+    DesignInterrupted
+        A KeyboardInterrupt (Ctrl-C) with the result so far, within its limits at every instant, as `best`.
 
     Examples
     --------
@@ -177,24 +186,47 @@ def design(
         workspace=rig.workspace,
         tip_length=rig.tip_length,
     )
-    found, others = _search(task, starts, seed, executor, progress)
-    bound, reason = (
-        _bound(designable, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_REQUESTED
-    )
-    return ExcitingTrajectory(
-        task=task,
-        experiment=experiment,
-        local_optima=found,
-        evaluations=sum(optimum.evaluations for optimum in (*found, *others)),
-        bound=bound,
-        no_bound_reason=reason,
-    )
+    reached: list[LocalOptimum] = []
+
+    def result(local_optima: tuple[LocalOptimum, ...], bound: DualityBound | None, reason: str) -> ExcitingTrajectory:
+        return ExcitingTrajectory(
+            task=task,
+            experiment=experiment,
+            local_optima=local_optima,
+            evaluations=sum(optimum.evaluations for optimum in reached),
+            bound=bound,
+            no_bound_reason=reason,
+        )
+
+    try:
+        found = _search(task, starts, seed, executor, progress, reached)
+        bound, reason = (
+            _bound(designable, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_REQUESTED
+        )
+    except KeyboardInterrupt:
+        best = _best_so_far(task, reached)
+        raise DesignInterrupted(None if best is None else result((best,), None, "interrupted")) from None
+    return result(found, bound, reason)
+
+
+def _best_so_far(task: DesignTask, reached: Sequence[LocalOptimum]) -> LocalOptimum | None:
+    """The best of what was reached, in the task's series and contracted into its limits at every instant."""
+    series = task.objective.series
+    motions = (optimum.motion for optimum in reached)
+    projected = (motion if motion.series == series else motion.projected(series) for motion in motions)
+    inside = [contracted_optimum(task, motion, TerminationStatus.INTERRUPTED) for motion in projected]
+    return max((one for one in inside if one is not None), key=lambda one: one.value, default=None)
 
 
 def _search(
-    task: DesignTask, starts: int | None, seed: int, executor: Executor | None, progress: DesignProgress | None
-) -> tuple[tuple[LocalOptimum, ...], tuple[LocalOptimum, ...]]:
-    """Local optima of the task's series, best first, and the screened ones."""
+    task: DesignTask,
+    starts: int | None,
+    seed: int,
+    executor: Executor | None,
+    progress: DesignProgress | None,
+    reached: list[LocalOptimum],
+) -> tuple[LocalOptimum, ...]:
+    """Local optima of the task's series, best first; all that is reached is added to `reached` at once."""
     low = low_harmonic_series(task.objective.series)
     quick = task.direct and task.objective.series.size <= LARGE_SERIES
     default = DEFAULT_STARTS if low is not None else FEW_HARMONIC_STARTS
@@ -202,7 +234,13 @@ def _search(
 
     def run(stage: str, of: DesignTask, begin: Sequence[Trajectory], work: LocalSearch) -> tuple[LocalOptimum, ...]:
         watch = None if progress is None else _watch(stage, len(begin), progress, feasible=work is not screen_start)
-        return optimise(of, begin, work=work, executor=executor, progress=watch)
+
+        def note(optimum: LocalOptimum) -> None:
+            reached.append(optimum)
+            if watch is not None:
+                watch(optimum)
+
+        return optimise(of, begin, work=work, executor=executor, progress=note)
 
     low_task = None if low is None else replace(task, objective=replace(task.objective, series=low))
     if not task.direct:
@@ -210,7 +248,7 @@ def _search(
     if low_task is None:
         begin = [_start(task, seed, number, FEW_HARMONIC_ODD_SHARE) for number in range(count)]
         screened = run("starts", task, begin, screen_start)
-        return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum), screened
+        return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum)
     coarse = run(
         "few harmonics",
         low_task,
@@ -224,7 +262,7 @@ def _search(
     ]
     others = [_start(task, seed, number) for number in range(count - count // 2, count)]
     screened = run("all harmonics", task, [*mixtures, *others], screen_start)
-    return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum), (*coarse, *screened)
+    return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum)
 
 
 StageRunner = Callable[[str, DesignTask, Sequence[Trajectory], LocalSearch], tuple[LocalOptimum, ...]]
@@ -232,14 +270,14 @@ StageRunner = Callable[[str, DesignTask, Sequence[Trajectory], LocalSearch], tup
 
 def _searched_by_ipopt(
     task: DesignTask, low_task: DesignTask | None, seeds: Sequence[tuple[int, int]], run: StageRunner
-) -> tuple[tuple[LocalOptimum, ...], tuple[LocalOptimum, ...]]:
+) -> tuple[LocalOptimum, ...]:
     """Local optima of all starts, with few harmonics where the series has more; then of the best two with all."""
     randoms = [task.random(seed) for seed in seeds]
     if low_task is None:
-        return run("starts", task, randoms, local_optimum), ()
+        return run("starts", task, randoms, local_optimum)
     coarse = run("few harmonics", low_task, [r.projected(low_task.objective.series) for r in randoms], local_optimum)
     nearest = [optimum.motion.projected(task.objective.series) for optimum in coarse[:LOW_HARMONIC_OPTIMA]]
-    return run("all harmonics", task, nearest, local_optimum), coarse
+    return run("all harmonics", task, nearest, local_optimum)
 
 
 def _start(task: DesignTask, seed: int, number: int, odd_share: tuple[int, int] = ODD_SHARE) -> Trajectory:

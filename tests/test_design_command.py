@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +86,65 @@ def test_json_and_plan_are_what_formats_says(rig: Path, capsys: pytest.CaptureFi
     assert len(plan) == 120
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     assert logdet_of(plan) == pytest.approx(data["logdet"], abs=1e-6)  # twelve digits in the file
+
+
+def interrupted_at(
+    rig: Path, out: Path, options: tuple[str, ...], stage: str, ending: signal.Signals
+) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of a command whose processes all get a signal, as of a terminal or `timeout`.
+
+    It is sent once a start of a stage is done, at which a line of the progress is waited for. The pipes end with the
+    last process that holds them: with one that is left, this does not return.
+    """
+    program = "import sys; from truewrench.command_line import main; sys.exit(main())"
+    command = [sys.executable, "-W", "default", "-c", program, "design", str(rig), *options, "--out", str(out)]
+    with subprocess.Popen(
+        [*command, "--json", "--progress"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stderr is not None
+        before = ""
+        while stage not in before:
+            before += process.stderr.readline()
+            assert process.poll() is None, before
+        os.killpg(process.pid, ending)
+        text, error = process.communicate(timeout=120)
+    return process.returncode, text, before + error
+
+
+@pytest.mark.long(25)
+@pytest.mark.parametrize(
+    ("workers", "ending", "code"), [("2", signal.SIGINT, 130), ("2", signal.SIGTERM, 143), ("1", signal.SIGINT, 130)]
+)
+def test_interrupted_it_writes_the_best_so_far(
+    workers: str, ending: signal.Signals, code: int, joint_limits: Path, tmp_path: Path
+) -> None:
+    """Nothing of Python's or of the workers on stderr: a traceback, or semaphores that were left."""
+    out = tmp_path / "plan.csv"
+    options = ("--workers", workers, "--samples", "120")
+    found, text, error = interrupted_at(joint_limits, out, options, "all harmonics: 0", ending)
+    assert found == code
+    said = [line for line in error.splitlines() if " s  " not in line]
+    assert len(said) == 1
+    assert said[0].startswith("interrupted: this is the best trajectory so far")
+    data = json.loads(text)
+    assert (data["bound_logdet"], data["efficiency"], data["outcome"]) == (None, None, "interrupted")
+    assert max(use for use in data["worst_limit_use"].values() if use is not None) <= 1
+    assert logdet_of(pd.read_csv(out)) == pytest.approx(data["logdet"], abs=1e-6)
+
+
+@pytest.mark.long(8)
+def test_interrupted_within_the_first_start_it_writes_nothing(rig: Path, tmp_path: Path) -> None:
+    """IPOPT, which Python's signals do not reach, for a workspace; the worker is ended."""
+    out = tmp_path / "plan.csv"
+    options = ("--workers", "1", "--no-bound")
+    found, text, error = interrupted_at(rig, out, options, "0 of", signal.SIGTERM)
+    assert (found, text) == (143, "")
+    assert error.splitlines()[-1].startswith("interrupted: no trajectory within the limits was reached yet")
+    assert not out.exists()
 
 
 def logdet_of(plan: pd.DataFrame) -> float:

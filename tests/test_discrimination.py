@@ -29,12 +29,14 @@ from design.discrimination import (
     with_effect_replaced,
 )
 from design.discrimination.directed_pair import LinearisedRival, maximin_experiment
+from design.discrimination.exchange_algorithm import ExchangeRound
 from design.discrimination.rival_along_trajectories import (
     RivalAlongTrajectories,
     parameter_bounds,
     rival_starts,
     whitened_predictions,
 )
+from design.exciting_trajectory import DesignInterrupted
 from design.information import Experiment, prediction_terms, sensitivity_terms
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.random_periodic import random_periodic_trajectory
@@ -395,6 +397,34 @@ def test_distinction_prints_itself_and_is_plain_data() -> None:
 
 
 @pytest.mark.long
+def test_an_interrupted_search_has_the_exchanges_so_far() -> None:
+    """After the first exchange: its trajectory, with lambda as of any result."""
+    rounds: list[ExchangeRound] = []
+
+    def interrupt(done: ExchangeRound) -> None:
+        rounds.append(done)
+        raise KeyboardInterrupt
+
+    truth = planar() + TILT
+    few = replace(SERIES, harmonics=(1, 2))
+    with pytest.raises(DesignInterrupted) as raised:
+        discriminate(
+            RIG,
+            truth,
+            values("gravity_tilt"),
+            [planar()],
+            series=few,
+            samples=60,
+            noise=NOISE,
+            starts=1,
+            progress=interrupt,
+        )
+    found = raised.value.best
+    assert found.rounds == tuple(rounds)
+    assert found.motion is rounds[0].motion
+    assert found.pairs[0].after > 0
+
+
 def test_runs_multiply_and_the_given_motion_is_what_was_before() -> None:
     slow = random_periodic_trajectory(joints=3, position=0.3, velocity=0.6, acceleration=2.0, period=PERIOD, seed=1)
     truth = direction(TILT, ROTATION)

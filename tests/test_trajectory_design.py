@@ -7,7 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from design.exciting_trajectory import DesignInterrupted
 from design.limits.rig_limits import require_motion_within_period
+from design.optimiser.nonlinear_program import TerminationStatus
 from design.trajectories.fourier import FreeSeries, PaperSeries
 from design.trajectories.rest_to_rest import RestToRest
 from design.trajectories.trajectory import TrajectorySeries
@@ -51,6 +53,43 @@ def test_every_start_is_told_of_and_the_best_motion_is_within_its_limits(series:
     assert plan.limit_use.worst.use <= 1
     values = [attempt.value for attempt in plan.local_optima]
     assert values == sorted(values, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("stage", "done", "reaches"),
+    [
+        ("few harmonics", 0, False),
+        ("few harmonics", 1, True),
+        ("all harmonics", 2, True),
+        pytest.param("refinement", 1, True, marks=pytest.mark.long(5)),
+    ],
+)
+def test_an_interrupted_design_has_the_best_so_far(stage: str, done: int, reaches: bool) -> None:
+    """In the series asked for, and within its limits at 20000 instants; of the trajectories that screening left outside
+    a little, too. Twelve digits of the limits: rounding of the contraction."""
+    series = FreeSeries(joints=3, harmonics=(1, 2, 3, 4, 5, 6), period=5.0)
+
+    def interrupt(step: DesignStage) -> None:
+        if step.stage.startswith(stage) and step.done == done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as raised:
+        design(RIG, series=series, starts=4, samples=60, progress=interrupt)
+    assert isinstance(raised.value, DesignInterrupted)
+    plan = raised.value.best
+    assert (plan is not None) is reaches
+    if plan is None:
+        return
+    assert plan.motion.series == series
+    assert plan.logdet > 30
+    assert plan.local_optima[0].outcome is TerminationStatus.INTERRUPTED
+    assert plan.to_data()["bound_logdet"] is None
+    assert plan.to_data()["unbounded"] == "interrupted"
+    for order, limit in enumerate((LIMITS.position, LIMITS.velocity, LIMITS.acceleration)):
+        values = plan.motion.derivative(np.linspace(0, 5, 20_001), order)
+        size = np.abs(limit).max() * 1e-12
+        assert np.all(values >= limit[:, 0] - size)
+        assert np.all(values <= limit[:, 1] + size)
 
 
 @pytest.mark.parametrize(

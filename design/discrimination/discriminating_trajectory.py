@@ -15,6 +15,7 @@ from design.discrimination.exchange_algorithm import ExchangeAlgorithm, Exchange
 from design.discrimination.hypothesis import Hypothesis
 from design.discrimination.model_pair import ModelPair, Separation
 from design.discrimination.whitened_prediction import WhitenedPrediction
+from design.exciting_trajectory import DesignInterrupted
 from design.information.parameter_values import ParameterValues
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import WrenchModel
@@ -148,6 +149,8 @@ def discriminate(
     InputError
         For a rig without arm or limits, a recording-specific effect, a signal that does not follow from the joints, and
         values at which the truth's prediction equals a rival's.
+    DesignInterrupted
+        A KeyboardInterrupt (Ctrl-C) with the result of the exchanges so far as `best`; None before the first.
 
     Examples
     --------
@@ -178,15 +181,27 @@ def discriminate(
     pairs = [_comparisons(DirectedPair(hypothesis, rival), before, probes, setting.reach) for rival in rivals]
     distinct = [comparison for pair in pairs for comparison in pair if not comparison.indistinguishable]
     rounds: list[ExchangeRound] = []
+    interrupted = False
+
+    def note(done: ExchangeRound) -> None:
+        rounds.append(done)
+        if progress is not None:
+            progress(done)
+
     if distinct:
         targets = _feasible(distinct, runs * samples / setting.coarse)
         search = ExchangeAlgorithm(
             setting=setting, directions=tuple(c.direction for c in targets), probes=probes, executor=executor
         )
-        rounds = search.run([c.first_fit for c in targets], starts=starts, seed=seed, progress=progress)
+        try:
+            search.run([c.first_fit for c in targets], starts=starts, seed=seed, progress=note)
+        except KeyboardInterrupt:
+            interrupted = True
+            if not rounds:
+                raise DesignInterrupted from None
     best = max(rounds, key=lambda found: found.smallest, default=None)
     after = {} if best is None else dict(zip(distinct, _separations_along(setting, best.motion, distinct), strict=True))
-    return DiscriminationDesign(
+    found = DiscriminationDesign(
         setting=setting,
         motion=None if best is None else best.motion,
         pairs=tuple(ModelPair(directions=_separations(pair, after, runs), runs=runs) for pair in pairs),
@@ -194,6 +209,9 @@ def discriminate(
         reference=before.description,
         rounds=tuple(rounds),
     )
+    if interrupted:
+        raise DesignInterrupted(found)
+    return found
 
 
 def _comparisons(

@@ -144,7 +144,7 @@ def _refined(
     `least_gain`.
     """
     begun, evaluations, motion = perf_counter(), 1, start
-    best = given = _contracted(task, start, TerminationStatus.FAILED)
+    best = given = contracted_optimum(task, start, TerminationStatus.FAILED)
     ended = TerminationStatus.FAILED
     for round_ in range(REFINEMENT_ROUNDS):
         solution = solve(rows, motion, round_)
@@ -152,7 +152,7 @@ def _refined(
         if not np.isfinite(solution.coefficients).all():
             break
         motion = Trajectory(start.series, solution.coefficients)
-        found = _contracted(task, motion, solution.outcome)
+        found = contracted_optimum(task, motion, solution.outcome)
         ended = TerminationStatus.FAILED if found is None else found.outcome
         before, best = best, max((a for a in (best, found) if a is not None), key=lambda a: a.value, default=None)
         settled = before is not None and best is not None and best.value - before.value < least_gain
@@ -170,7 +170,7 @@ def _infeasible() -> InputError:
     return InputError(what="no trajectory within the limits was found", where="limits", remedy=remedy)
 
 
-def _contracted(task: DesignTask, motion: Trajectory, outcome: TerminationStatus) -> LocalOptimum | None:
+def contracted_optimum(task: DesignTask, motion: Trajectory, outcome: TerminationStatus) -> LocalOptimum | None:
     """The trajectory contracted into its limits; None where that is not possible."""
     inside = contracted_into_limits(task, motion)
     if inside is None:

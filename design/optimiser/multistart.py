@@ -47,7 +47,7 @@ def _results(
     task: DesignTask, starts: list[Trajectory], work: LocalSearch, executor: Executor | None
 ) -> Iterator[tuple[int, LocalOptimum | InputError]]:
     """The number of each start and its result, in the order of completion."""
-    if executor is None or len(starts) < 2:
+    if executor is None:
         yield from ((number, _result(task, start, work)) for number, start in enumerate(starts))
         return
     packed = pickle.dumps(task)

@@ -32,6 +32,7 @@ class TerminationStatus(Enum):
     ITERATIONS = "stopped at the most iterations allowed: allow more, or start nearer"
     INFEASIBLE = "found no trajectory within the limits: widen them, or give a series with more coefficients"
     FAILED = "the interior-point method failed: try other starts"
+    INTERRUPTED = "interrupted: the best so far, which a whole search may exceed"
 
 
 _STATUS = {

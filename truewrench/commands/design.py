@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,8 @@ SERIES = ("free", "paper", "spline", "rest")
 CRITERIA = ("d", "a", "e")
 KEYS = ("logdet", "samples", "period", "bound_logdet", "bound_kind", "efficiency", "worst_limit_use", "evaluations")
 """Keys that the JSON always has; null where --tell designs for discrimination."""
+BEST_SO_FAR = "this is the best trajectory so far, within its limits; a whole search may find a better one"
+NOTHING_YET = "no trajectory within the limits was reached yet, and nothing is written"
 MAX_COUNT = 1_000_000
 """Limit of counted options: more does not fit into memory."""
 
@@ -24,7 +27,8 @@ MAX_COUNT = 1_000_000
 def add_to(commands: Subcommands[Any]) -> None:
     """Add the command and its options."""
     text = (
-        "Optimise an exciting trajectory within the rig's limits, with an upper bound over all periodic trajectories."
+        "Optimise an exciting trajectory within the rig's limits, with an upper bound over all periodic trajectories. "
+        "Interrupted (Ctrl-C, SIGTERM) it writes the best so far."
     )
     command = commands.add_parser("design", help="exciting trajectory within the limits", description=text)
     command.add_argument("rig", metavar="RIG", help="rig file (TOML) with an arm and limits")
@@ -85,11 +89,37 @@ def seed(text: str) -> int:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Design the trajectory, write and print it."""
+    """Design the trajectory, write and print it; where interrupted, the best so far, and exit as interrupted."""
+    import signal
+
+    from design.exciting_trajectory import DesignInterrupted
     from truewrench.commands.design_request import DesignRequest
 
-    request = DesignRequest.of(arguments)
-    found = exciting_plan(request) if arguments.tell is None else discriminating_plan(request)
+    request, terminated = DesignRequest.of(arguments), False
+
+    def interrupt(*_: object) -> None:
+        nonlocal terminated
+        terminated = True
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # `timeout` sends a second one
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        found = exciting_plan(request) if arguments.tell is None else discriminating_plan(request)
+    except KeyboardInterrupt as interruption:
+        best = interruption.best if isinstance(interruption, DesignInterrupted) else None
+        print(f"interrupted: {NOTHING_YET if best is None else BEST_SO_FAR}", file=sys.stderr)
+        if best is not None:
+            show(request, best)
+        raise SystemExit(128 + (signal.SIGTERM if terminated else signal.SIGINT)) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    show(request, found)
+
+
+def show(request: DesignRequest, found: ExcitingTrajectory | DiscriminationDesign) -> None:
+    """Write and print a result."""
+    arguments = request.options
     files = [] if found.motion is None else result_files(arguments)
     if files:
         write(request, found, arguments.out)

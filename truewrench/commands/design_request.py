@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import os
+import signal
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,9 @@ from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
 from truewrench.files.model_file import ModelFile
+
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""Of Ctrl-C, and of `timeout` or a job scheduler."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +125,30 @@ class DesignRequest:
         }
         return kinds[asked.series]()
 
-    def pool(self) -> AbstractContextManager[Executor | None]:
-        """Process pool of --workers, one for each core by default; None for one."""
+    @contextmanager
+    def pool(self) -> Iterator[Executor]:
+        """Process pool of --workers, one for each core by default.
+
+        One worker, too, is a process of its own: IPOPT runs for minutes, and what interrupts it from within CasADi it
+        takes for a failed evaluation. Workers do not see the signals that end the command, which reach every process
+        of a terminal: they are killed when it is interrupted.
+        """
+        others = set(active_children())
         workers = self.options.workers or available_cores()
-        if workers == 1:
-            return nullcontext()
-        return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as executor:
+            masked = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
+            try:
+                for _ in range(workers):
+                    executor.submit(os.getpid)  # starts a process, which inherits the mask
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+            try:
+                yield executor
+            except KeyboardInterrupt:
+                executor.shutdown(wait=False, cancel_futures=True)
+                for worker in set(active_children()) - others:
+                    worker.kill()
+                raise
 
 
 def plot_path(path: Path) -> Path:
