@@ -198,24 +198,26 @@ def design(
             no_bound_reason=reason,
         )
 
+    found: tuple[LocalOptimum, ...] = ()
     try:
         found = _search(task, starts, seed, executor, progress, reached)
         bound, reason = (
             _bound(designable, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_REQUESTED
         )
     except KeyboardInterrupt:
-        best = _best_so_far(task, reached)
-        raise DesignInterrupted(None if best is None else result((best,), None, "interrupted")) from None
+        best = found or _best_so_far(task, reached)
+        raise DesignInterrupted(result(best, None, "interrupted") if best else None) from None
     return result(found, bound, reason)
 
 
-def _best_so_far(task: DesignTask, reached: Sequence[LocalOptimum]) -> LocalOptimum | None:
-    """The best of what was reached, in the task's series and contracted into its limits at every instant."""
+def _best_so_far(task: DesignTask, reached: Sequence[LocalOptimum]) -> tuple[LocalOptimum, ...]:
+    """The best of what was reached, in the task's series and contracted into its limits at every instant; if any."""
     series = task.objective.series
     motions = (optimum.motion for optimum in reached)
     projected = (motion if motion.series == series else motion.projected(series) for motion in motions)
-    inside = [contracted_optimum(task, motion, TerminationStatus.INTERRUPTED) for motion in projected]
-    return max((one for one in inside if one is not None), key=lambda one: one.value, default=None)
+    contracted = [contracted_optimum(task, motion, TerminationStatus.INTERRUPTED) for motion in projected]
+    inside = [optimum for optimum in contracted if optimum is not None]
+    return tuple(sorted(inside, key=lambda optimum: -optimum.value))[:1]
 
 
 def _search(

@@ -142,13 +142,23 @@ def _superscript(exponent: int) -> str:
 
 
 def estimate_text(value: float, std: float, unit: str) -> str:
-    """An estimate as plain text `value ± std unit`, to two digits of its standard deviation."""
+    """An estimate as plain text `value ± std unit`, to two digits of its standard deviation; none of what has none."""
     unit = "" if unit == "1" else f" {unit}"
     if std == 0:
         return f"{value:.6g}{unit}, fixed"
     if not isfinite(std):
-        return f"{value:.6g}{unit}, not identifiable from these recordings"
+        return "not identifiable from these recordings"
     return f"{format_with_std(value, std)}{unit}".replace("−", "-")
+
+
+def interval_text(low: float, high: float, std: float) -> str:
+    """An interval as plain text, to two digits of the standard deviation of its estimate."""
+
+    def end(value: float) -> str:
+        digits = 2 if value == 0 else 2 + floor(log10(abs(value))) - floor(log10(std))
+        return f"{value:.{max(digits, 1)}g}"
+
+    return f"{end(low)} to {end(high)}"
 
 
 @dataclass(frozen=True)

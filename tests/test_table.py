@@ -16,7 +16,7 @@ from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import robust_fit
 from estimation.static.centre_of_mass import CentreOfMass
 from modeling.chain.model import planar
-from modeling.number_format import P_VALUE, estimate_text, typeset_text
+from modeling.number_format import P_VALUE, estimate_text, interval_text, typeset_text
 from modeling.space import Space
 from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular
 from tests.test_fit import recorded
@@ -138,11 +138,18 @@ def test_wide_text_is_wrapped_between_rules() -> None:
     [
         (-0.12345, 0.0012, "kg", "-0.1235 ± 0.0012 kg"),
         (2.0, 0.0, "1", "2, fixed"),
-        (2.0, np.inf, "N", "2 N, not identifiable from these recordings"),
+        (2.0, np.inf, "N", "not identifiable from these recordings"),
     ],
 )
 def test_estimates_as_text(value: float, std: float, unit: str, text: str) -> None:
     assert estimate_text(value, std, unit) == text
+
+
+def test_an_interval_has_the_digits_of_its_std() -> None:
+    assert interval_text(1.196722, 1.201581, 0.0011) == "1.1967 to 1.2016"
+    assert interval_text(-0.0936, 0.0, 0.021) == "-0.094 to 0"
+    assert interval_text(1234.56, 1534.56, 76.0) == "1235 to 1535"
+    assert interval_text(-4e-9, 6.2345e-7, 1.6e-7) == "-4e-09 to 6.2e-07"
 
 
 def test_every_result_of_a_fit_shows_itself_alike() -> None:

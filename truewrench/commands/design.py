@@ -18,7 +18,7 @@ SERIES = ("free", "paper", "spline", "rest")
 CRITERIA = ("d", "a", "e")
 KEYS = ("logdet", "samples", "period", "bound_logdet", "bound_kind", "efficiency", "worst_limit_use", "evaluations")
 """Keys that the JSON always has; null where --tell designs for discrimination."""
-BEST_SO_FAR = "this is the best trajectory so far, within its limits; a whole search may find a better one"
+BEST_SO_FAR = "this is the best trajectory so far, within its limits"
 NOTHING_YET = "no trajectory within the limits was reached yet, and nothing is written"
 MAX_COUNT = 1_000_000
 """Limit of counted options: more does not fit into memory."""

@@ -25,7 +25,7 @@ from estimation.repeatability.repeat_table import RepeatTable
 from estimation.robust.robust_fit import RobustFit
 from estimation.static.centre_of_mass import CentreOfMass
 from estimation.static.pose_advice import PoseAdvice
-from modeling.number_format import estimate_text
+from modeling.number_format import estimate_text, interval_text
 from modeling.significance import LEVELS
 from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
@@ -155,7 +155,7 @@ class FitSummary:
                 yield (*row, "", "")
             else:
                 count = f"{freedom:.3g}" if freedom < MAX_DEGREES_OF_FREEDOM else "many"
-                yield (*row, f"{low:.6g} to {high:.6g}", count)
+                yield (*row, interval_text(low, high, estimate.std), count)
 
     def _estimate(self, found: Estimate) -> str:
         """Value and std; of one that a bound holds, or of a tool that is not known, the value alone."""
