@@ -109,7 +109,8 @@ class FitSummary:
                 " and are too small here; `truewrench diagnose` or `tw.diagnose` searches for what is missing."
             )
         if self.deviating:
-            return f"The model fits the whole repeats of {' and '.join(self.deviating)}, but not the readings outside them."
+            names = " and ".join(self.deviating)
+            return f"The model fits the whole repeats of {names}, but not the readings outside them."
         if from_residual:
             return (
                 "No lack of fit was found, but the noise is taken from the residual itself, so that systematic error"
