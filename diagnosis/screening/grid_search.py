@@ -28,7 +28,10 @@ from modeling.space import Space
 Array = NDArray[np.float64]
 
 MAX_MOVES = 8
-"""Most steps, each of up to a sample, in refining onset times; grids of windows at detected events are finer."""
+"""Most steps of either size in refining onset times; grids of windows at detected events are finer."""
+ONSET_REACHES = (4.0, 1.0)
+"""Samples that a step moves onset times at the most, in eighths of twice that. The first is for the noise of a filtered
+sensor: there high frequencies weigh most, the score oscillates along an onset, and its nearest maximum may be wrong."""
 
 
 def grid_points(model: WrenchModel, effect: Effect, grid: Sequence[NuisanceValues]) -> list[GridPoint]:
@@ -253,13 +256,15 @@ def refine_onsets(null_model: NullModel, effect: Effect, start: NuisanceValues) 
         return start
     short = {p.name: p.name.removeprefix(f"{effect.id}.") for p in own}
     nuisances = {p.name: start[p.name] for p in own if p.nuisance and not p.fixed}
-    shifts = list(product(min(steps) * np.linspace(-1.0, 1.0, 9), repeat=len(times)))
-    for _ in range(MAX_MOVES):
-        moved = [nuisances | {t: nuisances[t] + by for t, by in zip(times, shift, strict=True)} for shift in shifts]
-        grid = [{short[name]: value for name, value in values.items()} for values in moved]
-        scores = projected_columns(null_model, model, model.effects[-1], grid, refined=True).found[0]
-        best = moved[int(scores.argmax())]
-        if scores.max() <= scores[len(shifts) // 2]:
-            break
-        nuisances = best
+    reaches = ONSET_REACHES if any(noise.filtered for noise in fit.noise) else ONSET_REACHES[1:]
+    for reach in reaches:
+        shifts = list(product(reach * min(steps) * np.linspace(-1.0, 1.0, 9), repeat=len(times)))
+        for _ in range(MAX_MOVES):
+            moved = [nuisances | {t: nuisances[t] + by for t, by in zip(times, shift, strict=True)} for shift in shifts]
+            grid = [{short[name]: value for name, value in values.items()} for values in moved]
+            scores = projected_columns(null_model, model, model.effects[-1], grid, refined=True).found[0]
+            best = moved[int(scores.argmax())]
+            if scores.max() <= scores[len(shifts) // 2]:
+                break
+            nuisances = best
     return start | nuisances

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimation.noise.disturbances.disturbance_basis import disturbance_basis
 from estimation.noise.disturbances.events_in_repeats import find_events_in_repeats
 from estimation.noise.disturbances.tones import find_tones, sinusoids, without_sinusoids
-from estimation.noise.leakage import without_leakage
+from estimation.noise.leakage import LEAST_REMAINING, leakage_free, line_powers, without_leakage
 from estimation.noise.power_spectrum import PowerSpectrum, log_power_variances, power_levels, smooth_power_spectra
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise, repeat_noise_floor, sample_step
 from estimation.noise.whitening import FourierLineWhitener
@@ -18,6 +18,7 @@ from estimation.recordings.recording import Recording
 from modeling.noise.channel_whitening import inverse_cholesky_factor
 
 Array = NDArray[np.float64]
+Lines = NDArray[np.complex128]
 
 COHERENCE_BANDS = 8
 """Frequency bands in each of which the channels' coherence is taken constant, at the most."""
@@ -45,15 +46,27 @@ def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingN
     events = find_events_in_repeats(recording, without_sinusoids(residual, recording, tones))
     n, repeats = len(residual), recording.repeats
     disturbances = disturbance_basis(recording, events, tones)
-    undisturbed = residual - disturbances @ (disturbances.T @ residual)
-    remaining = 1 - (np.abs(np.fft.rfft(disturbances, axis=0)) ** 2).sum(axis=1) / n
-    lines = np.fft.rfft(undisturbed, axis=0)
+    smooth = disturbances if not events else disturbance_basis(recording, (), tones)
+    removed, removed_by_smooth = (_share_of_lines(basis) for basis in (disturbances, smooth))
+    lines = np.fft.rfft(residual - disturbances @ (disturbances.T @ residual), axis=0)
     index = np.arange(len(lines))
-    usable = (index % repeats != 0) & (remaining > 0.5) & (2 * index != n)
-    non_excited = index[usable]
-    lines = lines / np.sqrt(np.maximum(remaining, 0.5))[:, None]
+    usable = (index % repeats != 0) & (1 - removed > LEAST_REMAINING) & (2 * index != n)
+    non_excited, lines = index[usable], lines[usable]
     frequency, lowest = non_excited / (n * sample_step(recording)), 1 / (n * sample_step(recording))
-    spectra = smooth_power_spectra(frequency, np.abs(lines[usable]) ** 2 / n, start=lowest)
+
+    def smoothed(lines: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
+        return smooth_power_spectra(frequency, np.abs(lines) ** 2 / n, start=lowest, nyquist=nyquist)
+
+    spectra, lines = leakage_free(
+        lines / np.sqrt(1 - (removed - removed_by_smooth)[usable])[:, None],
+        non_excited,
+        n,
+        recording.samples_per_repeat,
+        sample_step(recording),
+        smoothed,
+        start=lines / np.sqrt(1 - removed[usable])[:, None],
+        disturbances=np.fft.rfft(smooth, axis=0)[usable],
+    )
     tone_free = ~np.any([s.tones for s in spectra], axis=0)
     tonal = np.zeros(len(index), dtype=bool)
     tonal[non_excited[~tone_free]] = True
@@ -61,12 +74,17 @@ def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingN
     others = index[(index % repeats != 0) & ~tonal]
     order = np.concatenate([excited, others])
     ordered = np.maximum(order, 1) / (n * sample_step(recording))
-    levels = power_levels(spectra, ordered)
-    white = lines[non_excited[tone_free]] / np.sqrt(n * power_levels(spectra, frequency[tone_free]))
+    levels = line_powers(spectra, n, recording.samples_per_repeat, sample_step(recording))[order]
+    white = lines[tone_free] / np.sqrt(n * power_levels(spectra, frequency[tone_free]))
     root = _coherence_roots(non_excited[tone_free], white, order) / np.sqrt(levels)[:, None, :]
     freedom = sum(s.freedom for s in spectra) / len(spectra) / len(non_excited)
     plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
     return _recording_noise(recording, plain, spectra, ordered, events, tones)
+
+
+def _share_of_lines(basis: Array) -> Array:
+    """Share (n // 2 + 1,) of the power of white noise at each line that is in an orthonormal basis (n, k)."""
+    return np.asarray((np.abs(np.fft.rfft(basis, axis=0)) ** 2).sum(axis=1) / len(basis))
 
 
 def _recording_noise(
@@ -107,11 +125,17 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
     excited = np.arange(lines.shape[1])
     inner = excited[1:-1]
     frequency = np.maximum(excited, 0.5) / (period * sample_step(recording))
-    power = (np.abs(differences) ** 2).sum(0) / ((repeats - 1) * period)
-    spectra = smooth_power_spectra(frequency[inner], power[inner], shape=repeats - 1.0, start=float(frequency[0]))
+
+    def smoothed(differences: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
+        power, lowest = (np.abs(differences) ** 2).sum(0) / ((repeats - 1) * period), float(frequency[0])
+        return smooth_power_spectra(frequency[inner], power, shape=repeats - 1.0, start=lowest, nyquist=nyquist)
+
+    spectra, differences[:, inner] = leakage_free(
+        differences[:, inner], inner, period, period, sample_step(recording), smoothed
+    )
     tone_free = np.ones(len(excited), dtype=bool)
     tone_free[inner] = ~np.any([s.tones for s in spectra], axis=0)
-    levels = power_levels(spectra, frequency)
+    levels = line_powers(spectra, period, period, sample_step(recording))
     white = differences / np.sqrt(period * levels) * np.sqrt(repeats / (repeats - 1))
     used = tone_free & (excited > 0)
     index = np.tile(excited[used], repeats)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +29,18 @@ The curvature of a first-order corner is 1 at the most, that of 1/f noise meetin
 would not follow it to the few lines where drift is tested, whatever the many lines above give."""
 
 
+MAX_PIECES = 24
+"""Pieces of a spline in log f; twice as many in a `log_frequency` with an end, whose range is about twice as large."""
+
+
 @dataclass(frozen=True, eq=False)
 class PowerSpectrum:
-    """log S as a penalised cubic spline in log f: S(f) in the square of the signal's unit, per sample.
+    """log S as a penalised cubic spline in u(f): S(f) in the square of the signal's unit, per sample.
 
     tones   which of the ordinates were identified as tones and left out of the fit
     freedom effective number of parameters of the curve
-    lowest  log f of the lowest ordinate; below it the curve is extrapolated under the penalty
+    lowest  u of the lowest ordinate; below it the curve is extrapolated under the penalty
+    nyquist half the sampling rate (Hz) where the curve is in `log_frequency` below it; infinite for log f
     """
 
     knots: Array
@@ -43,6 +49,7 @@ class PowerSpectrum:
     tones: NDArray[np.bool_]
     freedom: float
     lowest: float
+    nyquist: float = inf
 
     def __call__(self, frequency: Array) -> Array:
         """S at positive frequencies; below the ordinates never less than at the lowest.
@@ -53,7 +60,7 @@ class PowerSpectrum:
 
     def level(self, frequency: Array, basis: Array) -> Array:
         """S at positive frequencies (m,), by `basis` there."""
-        curve, below = basis @ self.coefficients, np.log(frequency) < self.lowest
+        curve, below = basis @ self.coefficients, log_frequency(frequency, self.nyquist) < self.lowest
         if below.any():
             curve[below] = np.maximum(curve[below], self._rows(np.array([self.lowest])) @ self.coefficients)
         return np.asarray(np.exp(curve))
@@ -64,7 +71,7 @@ class PowerSpectrum:
 
     def basis(self, frequency: Array) -> Array:
         """Values (m, j) of the curve's j basis functions at frequencies (m,)."""
-        return self._rows(np.log(frequency))
+        return self._rows(log_frequency(frequency, self.nyquist))
 
     def mean_log_variance(self, basis: Array, shares: Array) -> Array:
         """Variance (g,) of the mean of log S over frequencies with the weights `shares` (m, g), by `basis` there."""
@@ -72,9 +79,21 @@ class PowerSpectrum:
         return np.asarray(((self.covariance @ loads) * loads).sum(axis=0))
 
     def _rows(self, u: Array) -> Array:
-        """Basis values at log f, constant beyond the end knots."""
+        """Basis values at u, constant beyond the end knots."""
         low, high = self.knots[3], self.knots[-4]
         return basis_matrix(np.clip(u, low, high), self.knots, 3)
+
+
+def log_frequency(frequency: Array, nyquist: float = inf) -> Array:
+    """u = log(2 fN / pi tan(pi f / 2 fN)) of positive frequencies (Hz): log f, but endless at half the sampling rate.
+
+    There a filtered series has next to no power: the spectrum of a Butterworth filter, whose zeros are there, is
+    1 / (1 + (f / corner)^2k) in the frequency exp(u), and nearly a straight line in u above its corner.
+    """
+    if nyquist == inf:
+        return np.asarray(np.log(frequency))
+    angle = np.pi / 2 * np.minimum(frequency / nyquist, 1.0)
+    return np.asarray(np.log(2 * nyquist / np.pi * np.tan(angle)))
 
 
 def power_levels(spectra: Sequence[PowerSpectrum], frequency: Array) -> Array:
@@ -91,9 +110,9 @@ def log_power_variances(spectra: Sequence[PowerSpectrum], frequency: Array) -> A
 
 def bases(spectra: Sequence[PowerSpectrum], frequency: Array) -> list[Array]:
     """Values (m, j) of each spectrum's basis functions; those of one record mostly have the same knots."""
-    different = {s.knots.tobytes(): s for s in spectra}
-    values = {knots: s.basis(frequency) for knots, s in different.items()}
-    return [values[s.knots.tobytes()] for s in spectra]
+    different = {(s.nyquist, s.knots.tobytes()): s for s in spectra}
+    values = {key: s.basis(frequency) for key, s in different.items()}
+    return [values[s.nyquist, s.knots.tobytes()] for s in spectra]
 
 
 def smooth_power_spectrum(
@@ -104,18 +123,24 @@ def smooth_power_spectrum(
 
 
 def smooth_power_spectra(
-    frequency: Array, ordinates: Array, *, shape: float = 1.0, start: float | None = None
+    frequency: Array,
+    ordinates: Array,
+    *,
+    shape: float = 1.0,
+    start: float | None = None,
+    nyquist: float = inf,
 ) -> tuple[PowerSpectrum, ...]:
     """Fit log S(f) to periodogram ordinates of each of p series by penalised Whittle likelihood.
 
     frequency  (m,) positive; ordinates (m, p) with mean S(f), distributed as Gamma of the given shape (1 for a single
-    periodogram, R-1 for an average over R-1 differences); `start` the lowest frequency at which S will be evaluated.
+    periodogram, R-1 for an average over R-1 differences); `start` the lowest frequency at which S will be evaluated;
+    `nyquist` half the sampling rate (Hz) of series that were filtered.
     With the log link the Fisher information of each ordinate is `shape` whatever S, so that each scoring step is one
     penalised least-squares solve; the penalty on the curvature is chosen by Akaike's criterion. Ordinates above the
     Bonferroni-corrected Gamma quantile (`LEVELS.ordinate`) are tones and left out, with their neighbours.
     """
     begin = float(frequency.min()) if start is None else min(start, float(frequency.min()))
-    grid = _Grid(np.log(frequency), np.log(begin))
+    grid = _Grid(log_frequency(frequency, nyquist), float(log_frequency(np.array([begin]), nyquist)[0]), nyquist)
     return tuple(_smoothed(grid, column, shape) for column in ordinates.T)
 
 
@@ -142,10 +167,15 @@ def _smoothed(grid: _Grid, ordinates: Array, shape: float) -> PowerSpectrum:
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Logarithms of the frequencies (m,) of ordinates, and of the lowest one at which a spectrum is evaluated."""
+    """u of the frequencies (m,) of ordinates, and of the lowest one at which a spectrum is evaluated."""
 
     u: Array
     begin: float
+    nyquist: float = inf
+
+    def pieces(self, ordinates: int) -> int:
+        """Pieces of a curve through so many ordinates."""
+        return int(np.clip(ordinates // 8, 4, MAX_PIECES if self.nyquist == inf else 2 * MAX_PIECES))
 
     def knots(self, pieces: int) -> Array:
         """Knots of so many pieces from the lowest to the highest frequency."""
@@ -170,10 +200,10 @@ def _penalised_spline(
     """The curve of least Akaike criterion, and its values (m,) at the frequencies.
 
     With knots h apart the curvature of a cubic spline is D c / h², D second differences of its coefficients c, so that
-    the integral of its square over log f is |D c|² / h³.
+    the integral of its square over u is |D c|² / h³.
     """
     power = ordinates[use]
-    pieces = int(np.clip(len(power) // 8, 4, 24))
+    pieces = grid.pieces(len(power))
     knots, whole = grid.knots(pieces), grid.basis(pieces)
     step, basis = knots[1] - knots[0], whole[use]
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
@@ -188,7 +218,7 @@ def _penalised_spline(
         if best is None or criterion < best[0]:
             best = (criterion, coefficients, covariance, freedom)
     assert best is not None
-    curve = PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(grid.u.min()))
+    curve = PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(grid.u.min()), grid.nyquist)
     return curve, np.exp(whole @ curve.coefficients)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from math import inf
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -44,6 +45,11 @@ class RecordingNoise:
     frequency: Array = field(default_factory=lambda: np.zeros(0))
     tones: tuple[float, ...] = ()
     motion: MotionNoise | None = None
+
+    @property
+    def filtered(self) -> bool:
+        """Whether the spectra fall below their leakage, as those of a filtered sensor do: `leakage_free`."""
+        return any(spectrum.nyquist < inf for spectrum in self.spectra)
 
     @cached_property
     def autoregression(self) -> NoiseModel:

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from estimation.distributions import chi2_isf
 from estimation.noise.disturbances.disturbance_basis import disturbance_basis, pulses
 from estimation.noise.disturbances.transient_windows import Window, Windows, cumulative_sums, variances_of_sums
-from estimation.noise.leakage import LEAKAGE_SAMPLES, impulse_responses
-from estimation.noise.power_spectrum import PowerSpectrum, power_levels, smooth_power_spectra
+from estimation.noise.leakage import leakage_free, line_powers, transients
+from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectra
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
+Lines = NDArray[np.complex128]
 
 MAX_EVENTS = 3
 
@@ -94,8 +95,8 @@ class _WeightedResidual:
     def weight(self) -> Array:
         """1 / S (lines, p) at the non-excited lines, else 0."""
         n, index = self.recording.samples, np.arange(self.recording.samples // 2 + 1)
-        frequency = np.maximum(index, 1) / (n * sample_step(self.recording))
-        return np.asarray((index % self.recording.repeats != 0)[:, None] / power_levels(self.spectra, frequency))
+        levels = line_powers(self.spectra, n, self.recording.samples_per_repeat, sample_step(self.recording))
+        return np.asarray((index % self.recording.repeats != 0)[:, None] / levels)
 
     def weighted(self, columns: Array, channel: int) -> Array:
         """Columns (n, k) with each line times a channel's weight."""
@@ -106,13 +107,17 @@ class _WeightedResidual:
     def nuisances(self) -> list[tuple[Array, Array]]:
         """Columns (n, k) of drift and leakage for each channel, and weighted."""
         n, dt = self.recording.samples, sample_step(self.recording)
-        drift, leakage = disturbance_basis(self.recording, ()), impulse_responses(self.spectra, n, dt)
+        drift = disturbance_basis(self.recording, ())
         found = []
-        for c in range(len(self.spectra)):
-            columns = np.column_stack([drift, leakage[:, c, c * LEAKAGE_SAMPLES : (c + 1) * LEAKAGE_SAMPLES]])
-            columns = columns / np.linalg.norm(columns, axis=0)
-            found.append((columns, self.weighted(columns, c)))
+        for c, leakage in enumerate(transients(self.spectra, n, dt)):
+            found.append(self.scaled(np.column_stack([drift, leakage]), c))
         return found
+
+    def scaled(self, columns: Array, channel: int) -> tuple[Array, Array]:
+        """Columns (n, k) with c' W c = 1 for each, and weighted."""
+        weighted = self.weighted(columns, channel)
+        length = np.sqrt((columns * weighted).sum(axis=0))
+        return columns / length, weighted / length
 
     @cached_property
     def products(self) -> Array:
@@ -130,11 +135,9 @@ class _WeightedResidual:
         """The scores of windows beside drift, leakage and the events (s) found before."""
         known = pulses(self.recording, found)
         known = known - self.recording.averaged(known)
-        known = known / np.linalg.norm(known, axis=0)
         product, nuisance = [], []
-        for c, (columns, weighted) in enumerate(self.nuisances):
-            columns = np.hstack([columns, known])
-            weighted = np.hstack([weighted, self.weighted(known, c)])
+        for c, own in enumerate(self.nuisances):
+            columns, weighted = (np.hstack(pair) for pair in zip(own, self.scaled(known, c), strict=True))
             values, vectors = np.linalg.eigh(columns.T @ weighted)
             independent = values > 1e-9 * values.max()
             orthonormal = weighted @ (vectors[:, independent] / np.sqrt(values[independent]))
@@ -155,10 +158,14 @@ def _event_free_spectra(recording: Recording, residual: Array) -> tuple[PowerSpe
     repeats, period = recording.repeats, recording.samples_per_repeat
     lines = np.fft.rfft(residual.reshape(repeats, period, -1), axis=1)[:, 1:-1]
     mean, shape = _white_quartile(repeats)
-    power = _lower_quartile_of_pairs(lines / np.sqrt(period)) / mean
-    frequency = np.arange(1, len(power) + 1) / (period * sample_step(recording))
-    lowest = 1 / (recording.samples * sample_step(recording))
-    return smooth_power_spectra(frequency, power, shape=shape, start=lowest)
+    index, step = np.arange(1, lines.shape[1] + 1), sample_step(recording)
+
+    def smoothed(lines: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
+        power = _lower_quartile_of_pairs(lines / np.sqrt(period)) / mean
+        frequency, lowest = index / (period * step), 1 / (recording.samples * step)
+        return smooth_power_spectra(frequency, power, shape=shape, start=lowest, nyquist=nyquist)
+
+    return leakage_free(lines, index, period, period, step, smoothed)[0]
 
 
 @lru_cache
