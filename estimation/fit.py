@@ -25,6 +25,7 @@ from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunk_information import RecordingOrChunk, require_channels
+from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of
 from modeling.noise.autoregressive_noise import NoiseModel
@@ -105,6 +106,11 @@ class Fit(Estimates):
     def problem(self) -> WhitenedProblem:
         """The whitened least-squares problem that was solved."""
         return WhitenedProblem(self.layout, self.recordings, self.noise)
+
+    def identifies(self, effect: Effect) -> bool:
+        """Whether an amplitude of one of its model's effects is identifiable."""
+        own = effect.qualified(self.model.space)
+        return any(np.isfinite(self.parameters[p.name].std) for p in own if not p.nuisance)
 
     def linearised(self) -> LinearisedRows:
         """Whitened residual and derivative at the estimate."""

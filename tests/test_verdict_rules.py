@@ -9,18 +9,25 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from diagnosis.acceptance.acceptance import accept
 from diagnosis.acceptance.acceptance_rules import ACCEPTANCE_RULES, AcceptanceEvidence
 from diagnosis.screening.score_test import ScoreTest
+from diagnosis.selection.subset_search import CandidateModel
 from diagnosis.verdict.aliasing import Alias
 from diagnosis.verdict.effect_refits import EffectRefits, FinalRefit
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectEvidence
 from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from diagnosis.verdict_rule import VerdictRule, judge
+from estimation.fit import fit, refit
 from estimation.multiplicity import holm_adjusted
+from estimation.recordings.reading import from_columns
+from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.errors import InputError
+from modeling.rig.rig import Rig
 from modeling.space import Space
+from truewrench.simulated_rig import PlanarRig, simulate
 
 DRAG = named("viscous_drag")
 TESTED = ScoreTest(DRAG, 1.0, 0.3, {}, {"viscous_drag.c": (0.1, 0.1)}, lambda: {"viscous_drag.c": 0.2})
@@ -228,6 +235,7 @@ class KnownEvidence:
 
     candidate: KnownSet = KnownSet()
     held_out: Sequence[str] = ()
+    unidentifiable: str | None = None
     at_bound: tuple[str, str] | None = None
     lasting: bool = True
     collinear_parameter: str | None = None
@@ -243,6 +251,13 @@ class KnownEvidence:
 CHANGE = ("viscous_drag", "its prediction changes by 25 % on run 7")
 ACCEPTANCE_CASES: dict[str, list[tuple[KnownEvidence, str | None, str]]] = {
     "no effect": [(KnownEvidence(candidate=KnownSet(frozenset())), None, "")],
+    "no identifiable parameter": [
+        (
+            KnownEvidence(unidentifiable="viscous_drag", at_bound=("sensor_lag", "at its bound"), adequate=True),
+            "viscous_drag",
+            "none of its parameters is identifiable in these data",
+        )
+    ],
     "a parameter on a physical bound": [
         (
             KnownEvidence(at_bound=("viscous_drag", "its c is at its bound"), adequate=True),
@@ -347,3 +362,18 @@ def test_every_rejection_has_a_reason() -> None:
     rejecting = [rule for rule in EFFECT_RULES if rule.verdict is EffectVerdict.NOT_SUPPORTED]
     assert rejecting
     assert all(rule.sentence for rule in rejecting)
+
+
+def test_an_event_that_lasts_as_long_as_the_record_is_not_accepted() -> None:
+    """Its wrench is a bias, so that none of its parameters is identifiable, however well the model fits."""
+    rig = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
+    frame = simulate(PlanarRig(), PlanarRig().random_motion(seed=1), repeats=4, samples_per_period=100, seed=2)
+    base = fit(planar(rig), from_columns({c: frame[c].to_numpy() for c in frame.columns}, rig=rig))
+    start = {**base.values, "contact_event.start": -10.0, "contact_event.end": 100.0}
+    push = refit(base.model + named("contact_event"), base.recordings, noise=base.noise, start=start)
+    candidate = CandidateModel(push, 1)
+    assert candidate.adequate
+    assert not push.identifies(candidate.added[0])
+    found = accept(candidate, CandidateModel(base, 1), [], [])
+    assert found.candidate.ids == frozenset()
+    assert found.reasons == {"contact_event": "none of its parameters is identifiable in these data"}

@@ -42,6 +42,12 @@ class AcceptanceEvidence:
     held_out: Sequence[HeldOut] = ()
 
     @cached_property
+    def unidentifiable(self) -> str | None:
+        """An effect without an identifiable amplitude: whatever its significance, nothing is known of it."""
+        fit = self.candidate.fit
+        return next((effect.id for effect in self.candidate.added if not fit.identifies(effect)), None)
+
+    @cached_property
     def at_bound(self) -> tuple[str, str] | None:
         """An effect with an estimate on a physical bound other than the nominal value, and the reason to reject it."""
         fitted = self.candidate.fit
@@ -187,6 +193,12 @@ def _foreign(evidence: AcceptanceEvidence) -> str | None:
 AcceptanceRule = VerdictRule[AcceptanceEvidence, RejectedEffect]
 ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
     VerdictRule("no effect", lambda e: not e.candidate.ids, _accepted),
+    VerdictRule(
+        "no identifiable parameter",
+        lambda e: e.unidentifiable is not None,
+        lambda e: e.unidentifiable,
+        "none of its parameters is identifiable in these data",
+    ),
     VerdictRule("a parameter on a physical bound", lambda e: e.at_bound is not None, _at_bound, "{e.at_bound[1]}"),
     VerdictRule(
         "collinear with a tool parameter",

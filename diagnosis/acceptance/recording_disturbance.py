@@ -97,14 +97,16 @@ def _relocated(held_out: HeldOut, fit: Fit, cache: ScreeningCache) -> HeldOut:
 def _with_each_significant(
     held_out: HeldOut, fit: Fit, effects: Sequence[Effect], cache: ScreeningCache
 ) -> list[HeldOut]:
-    """The recording with each of the significant effects in turn, from its score test's initial values."""
+    """The recording with each significant effect that is identifiable in turn, from its score test's initial values."""
     non_excited, cache = held_out.non_excited_fit(fit), cache.in_other_noise()
     found = []
     for screening in _significant(non_excited, effects, cache):
         start = {**held_out.start, **refit_initial_values(non_excited, screening, cache)}
         on_axis = replace(held_out, disturbances=(*held_out.disturbances, screening.effect), start=start)
         tested = effect_with_offsets(on_axis.non_excited_fit(fit), screening.effect, cache)
-        found.append(replace(on_axis, disturbances=(*held_out.disturbances, tested)))
+        extended = replace(on_axis, disturbances=(*held_out.disturbances, tested))
+        if extended.validation_fit(fit).identifies(tested):
+            found.append(extended)
     cache.forget()
     return found
 
