@@ -18,6 +18,7 @@ from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.score_test import run_searches, screen
 from diagnosis.screening.screening_cache import ScreeningCache
 from estimation.fit import Fit, fit
+from estimation.model_signals import model_signals
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial
 from modeling.effects import named
@@ -36,6 +37,25 @@ def fitted(seed: int, *hidden: HiddenEffect) -> Fit:
     )  # fmt: skip
     columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
     return fit(spatial(), from_columns(columns, name="run", rig=Rig.from_data({})))
+
+
+def test_what_depends_on_an_auxiliary_signal_is_judged_at_drawn_motions() -> None:
+    """A drag sought in a model with the temperature, and the temperature's effect sought beside a rigid tool.
+
+    The drag is significant in its own score test (p < 1e-6 in this seed), so that motions are drawn. Each draw has the
+    recording's temperature, smoothed as that is.
+    """
+    thermal, rigid = named("thermal_drift"), fitted(0, ViscousDrag(c=0.15))
+    recording = rigid.recordings[0]
+    (test,) = screen(fit(rigid.model + thermal, recording), [named("viscous_drag")])
+    assert test.p_value < 1e-6
+    drawn = DrawnMotion.of(rigid)
+    assert drawn is not None
+    for motion in (draw.recordings[0] for draw in drawn.fits):
+        assert motion.auxiliary == recording.auxiliary == ("temperature",)
+        np.testing.assert_array_equal(model_signals(motion)["temperature"], model_signals(recording)["temperature"])
+    (search,) = run_searches([(drawn.fits[0], thermal.restricted(rigid.model.space))], ScreeningCache())
+    assert isinstance(search, GridSearch)  # else an input is missing
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))])

@@ -263,9 +263,9 @@ class Recording(Tabular):
     def drawn_motions(self, rng: np.random.Generator, count: int) -> Recording:
         """`count` runs with motions at random from what the samples leave open, one after another in one recording.
 
-        Of the `derivatives` so far, those of `signals`; without auxiliary columns. Columns are held where those of this
-        recording are. The motion jumps between the runs, so that of several only what depends on single samples can be
-        predicted.
+        Of the `derivatives` so far, those of `signals`; auxiliary columns are in every run as they were recorded, and
+        columns are held where those of this recording are. The motion jumps between the runs, so that of several only
+        what depends on single samples can be predicted.
         """
         from estimation.recordings.derivatives.differentiation import SplineTimes
 
@@ -276,7 +276,7 @@ class Recording(Tabular):
         other = replace(
             self,
             wrench=np.tile(self.wrench, (count, 1)),
-            columns={name: np.tile(self.columns[name], count) for name in self.columns if name not in self.auxiliary},
+            columns={name: np.tile(column, count) for name, column in self.columns.items()},
             time=np.concatenate([self.time + i * span for i in range(count)]),
         )
         for (key, spline), own in zip(splines.items(), zip(*innovations, strict=True), strict=True):
