@@ -16,7 +16,9 @@ def judged(name: str, lack_of_fit: float) -> Any:
 
 
 def of(**parts: Any) -> Any:
-    return SimpleNamespace(verdict=RecordVerdict.UNEXPLAINED, fit=SimpleNamespace(converged=True), **parts)
+    return SimpleNamespace(
+        verdict=RecordVerdict.UNEXPLAINED, fit=SimpleNamespace(converged=True), rows_left_out=(), **parts
+    )
 
 
 def test_effects_that_could_not_be_tested_are_named() -> None:
