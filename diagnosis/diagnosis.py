@@ -26,7 +26,6 @@ from diagnosis.screening.initial_values import model_initial_values
 from diagnosis.screening.noise_draws import NoiseDraws
 from diagnosis.screening.score_test import screen
 from diagnosis.screening.screening_cache import ScreeningCache
-from diagnosis.selection.noise_reestimation import noise_without_transients
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, search_subsets
 from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
 from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
@@ -50,6 +49,7 @@ from estimation.fit import (
     check_channels,
     initial_noise,
     initial_values,
+    noise_without_transients,
     recordings_of,
     refit,
     require_positive_fitted_mass,

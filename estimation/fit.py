@@ -29,7 +29,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of
 from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 from modeling.significance import LEVELS
 from modeling.table import Table
 
@@ -52,10 +52,12 @@ __all__ = [
     "fit",
     "initial_noise",
     "initial_values",
+    "noise_without_transients",
     "recordings_of",
     "reestimated_noise",
     "refit",
     "require_positive_fitted_mass",
+    "residual_with_tones",
     "shared_objects",
 ]
 
@@ -63,6 +65,8 @@ Array = NDArray[np.float64]
 
 MAX_NOISE_ROUNDS = 4
 """Fits, each in the noise that the residual of the last one shows."""
+MIN_POWER_RATIO = 1.1
+"""Ratio of old to re-estimated noise power, in any channel, above which the fit, or the search, is repeated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +354,8 @@ def fit(
 
     Notes
     -----
-    Whitened nonlinear least squares by Levenberg-Marquardt. Where the noise comes from the residual, fit and noise
+    Whitened nonlinear least squares by Levenberg-Marquardt. What a transient effect explains of repeats is taken out of
+    their noise, and the fit repeated. Where the noise comes from the residual, fit and noise
     re-estimation are iterated; the parameters of a single run are then those of ordinary least squares, each channel
     weighted by the noise of its upper frequencies, with the std that the residual's spectrum gives: what the model
     lacks is in that spectrum, too, and would bias an estimate that is whitened by it. Where the rig states the noise of
@@ -381,6 +386,9 @@ def fit(
     decided, several = with_decided_convention(case.model, case.recordings), case.recordings
     require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
     estimated = refit(decided, several, noise=noise, start=start, constraints=stated)
+    without = noise_without_transients(estimated) if noise is None else None
+    if without is not None:
+        estimated = refit(decided, several, noise=without, start=estimated.values, constraints=stated)
     given = noise is not None or constraints is not None
     estimated = with_coloured_std(estimated) if given else with_ordinary_estimate(estimated)
     require_positive_fitted_mass(estimated)
@@ -558,3 +566,46 @@ def _base_model_fit(base: WrenchModel, recording: Recording, events: tuple[tuple
     rows = (response.derivative / spread[:, None])[kept].reshape(-1, size)
     target = ((recording.wrench - response.value) / spread)[kept].ravel()
     return np.asarray(least_squares_solution(SquareRootInformation.of(rows, target), rounding=1e-6))
+
+
+def noise_without_transients(fit: Fit) -> tuple[RecordingNoise, ...] | None:
+    """Noise of a fit's recordings without the effects that it explains; None where it hardly changes.
+
+    A payload change or a contact has a broad spectrum, and what event detection missed of it was attributed to noise.
+    So was what any effect makes of repeats that moved differently.
+    """
+    transient = any(e.has_role(Role.ONSET, fit.model.space) for e in fit.model.effects)
+    changed = [transient or (r.own_motion is not None and bool(fit.model.effects)) for r in fit.recordings]
+    if not any(changed):
+        return None
+    new_noise = tuple(_reestimated(fit, i) if new else fit.noise[i] for i, new in enumerate(changed))
+    ratios = [_power_ratio(old, new) for old, new in zip(fit.noise, new_noise, strict=True)]
+    return new_noise if max(ratios) > MIN_POWER_RATIO else None
+
+
+def _reestimated(fit: Fit, number: int) -> RecordingNoise:
+    """Noise of one recording, re-estimated; its detected events stay marked although the fit explains them."""
+    from estimation.noise.noise_estimation import estimate_noise
+
+    before = fit.noise[number]
+    if before.source is not NoiseSource.REPEATS:
+        return before
+    return replace(estimate_noise(fit.recordings[number], residual_with_tones(fit, number)), events=before.events)
+
+
+def residual_with_tones(fit: Fit, number: int) -> Array:
+    """Residual (n, p) of a fit without its tone effects: noise estimation excludes tones itself."""
+    own = fit.layout.models[number]
+    index = fit.layout.index[number]
+    values = {p.name: fit.theta[i] for p, i in zip(own.parameters, index, strict=True)}
+    without_tones = replace(own, effects=tuple(e for e in own.effects if not e.has_role(Role.FREQUENCY, own.space)))
+    theta = np.array([values[p.name] for p in without_tones.parameters])
+    return np.asarray(fit.recordings[number].wrench - predicted_readings(without_tones, fit.recordings[number], theta))
+
+
+def _power_ratio(old: RecordingNoise, new: RecordingNoise) -> float:
+    """Median over frequency of the ratio of the two power spectral densities; the largest over the channels."""
+    if not old.spectra or not new.spectra:
+        return 1.0
+    ratios = [np.median(a(new.frequency) / b(new.frequency)) for a, b in zip(old.spectra, new.spectra, strict=True)]
+    return float(max(ratios))

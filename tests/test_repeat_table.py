@@ -127,7 +127,7 @@ def test_noise_gain_is_what_averaging_brings_to_noise_of_that_spectrum(rho: floa
     recording = silent_recording(Setting(repeats=4, samples=60))
     assert recording.dt is not None
     empty = np.zeros(0)
-    spectrum = KnownSpectrum(empty, empty, empty, np.zeros(0, dtype=bool), 0.0, 0.0, rho, recording.dt)
+    spectrum = KnownSpectrum(empty, empty, empty, np.zeros(0, dtype=bool), 0.0, 0.0, rho=rho, dt=recording.dt)
     whitener = AutoregressiveWhitener(240, NoiseModel.white(np.ones(3)))
     noise = RecordingNoise(np.ones(3), whitener, NoiseSource.REPEATS, empty, (spectrum,) * 3)
     gains = averaging_noise_gains(recording, noise)

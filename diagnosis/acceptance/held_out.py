@@ -8,8 +8,7 @@ from functools import cached_property
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.data_split import non_excited_noise
 from diagnosis.comparison.validation import validation_fit
-from diagnosis.selection.noise_reestimation import residual_with_tones
-from estimation.fit import Fit
+from estimation.fit import Fit, residual_with_tones
 from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
 from estimation.recordings.recording import Recording
