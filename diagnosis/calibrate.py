@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import current_process, get_context
+from signal import SIG_IGN, SIGINT, signal
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +20,7 @@ from diagnosis.calibration.calibration import Calibration, EffectPower
 from diagnosis.calibration.rate import Rate
 from diagnosis.calibration.surrogate import surrogate_noise
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.parallel.progress import Progress, count_progress, silent
-from diagnosis.parallel.workers import Workers, run_spmd
+from diagnosis.progress import CountCallback, Progress, count_progress, counted, silent
 from diagnosis.screening.score_test import ScoreTest, screen
 from diagnosis.verdict.verdict import RecordVerdict
 from estimation.fit import Fit, refit
@@ -29,6 +35,7 @@ from modeling.errors import InputError
 from modeling.parameter import Parameter
 
 Array = NDArray[np.float64]
+Result = TypeVar("Result")
 
 DRAWS = 100
 """Surrogates by default: a rate of 1 % is then known within -1 and +4.4 %."""
@@ -70,7 +77,7 @@ def calibrate(
     progress : callable, optional
         Called with one line of text as the work goes on; by default silent.
     workers : int, optional
-        Number of processes, by default 1. The result does not depend on it.
+        Number of processes that diagnose surrogates, under Linux; by default 1. The result does not depend on it.
 
     Returns
     -------
@@ -100,9 +107,9 @@ def calibrate(
         what = f"{draws} surrogates, and {power_draws} of each effect, are no calibration"
         raise InputError(what=what, where="calibrate", remedy="ask for at least one, and for no negative number")
     candidates = None if effects is None else tuple(effects)
-    found = diagnose(model, recording, effects=candidates, progress=progress, workers=workers)
+    found = diagnose(model, recording, effects=candidates, progress=progress)
     source = _Source.of(found, candidates or catalogue(model.space), seed)
-    return run_spmd(workers, lambda team: _calibrated(found, source, draws, power_draws, progress, team))
+    return _calibrated(found, source, draws, power_draws, progress, workers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,14 +142,11 @@ class _Source:
 
 
 def _calibrated(
-    found: Diagnosis, source: _Source, draws: int, power_draws: int, progress: Progress, workers: Workers
+    found: Diagnosis, source: _Source, draws: int, power_draws: int, progress: Progress, workers: int
 ) -> Calibration:
-    """`calibrate` as run by each process."""
-    verdicts: list[tuple[str, tuple[str, ...]]] = workers.map(
-        lambda number: _diagnosed(source, number),
-        range(draws),
-        announce=count_progress(progress, "diagnose surrogates"),
-    )
+    """`calibrate`, once the recording is diagnosed."""
+    announce = count_progress(progress, "diagnose surrogates")
+    verdicts = _results(partial(_diagnosed, source), range(draws), workers, announce)
     diagnosed = [(verdict, added) for verdict, added in verdicts if verdict != REFUSED]
     doubted = {RecordVerdict.UNEXPLAINED.value, RecordVerdict.PARTLY_EXPLAINED.value}
     return Calibration(
@@ -171,15 +175,15 @@ def _diagnosed(source: _Source, number: int) -> tuple[str, tuple[str, ...]]:
     return found.verdict.value, found.added
 
 
-def _power(source: _Source, draws: int, progress: Progress, workers: Workers) -> tuple[EffectPower, ...]:
+def _power(source: _Source, draws: int, progress: Progress, workers: int) -> tuple[EffectPower, ...]:
     """The power for every effect that is identifiable and that changes the readings at its detectable amount."""
     found = [_HiddenEffect.of(source.fit, test) for test in screen(source.fit, source.candidates) if test.detectable]
     hidden = sorted((h for h in found if h.changes_readings), key=lambda h: h.test.effect.id)
-    detected: list[int] = workers.map(
-        lambda place: sum(_detected(source, hidden[place], (place + 1, number)) for number in range(draws)),
-        range(len(hidden)),
-        announce=count_progress(progress, "power for each effect"),
-    )
+
+    def detected_of(place: int) -> int:
+        return sum(_detected(source, hidden[place], (place + 1, number)) for number in range(draws))
+
+    detected = _results(detected_of, range(len(hidden)), workers, count_progress(progress, "power for each effect"))
     return tuple(h.power(Rate(count, draws)) for h, count in zip(hidden, detected, strict=True))
 
 
@@ -225,3 +229,39 @@ def _detected(source: _Source, hidden: _HiddenEffect, number: tuple[int, int]) -
     again = refit(fit.model, (source.surrogate(hidden.prediction, number),), start=fit.values)
     (tested,) = screen(again, [hidden.test.effect], candidates=candidates)
     return tested.excited and tested.p_value < bonferroni_level(candidates)
+
+
+# ---------------------------------------------------------------------------------------------- processes
+
+_inherited: Callable[[int], Any] | None = None
+"""In a process of the pool: what it does of each number. It is inherited, as an effect need not be picklable."""
+
+
+def _results(
+    work: Callable[[int], Result], numbers: Sequence[int], workers: int, announce: CountCallback
+) -> list[Result]:
+    """The result of each number, by so many processes; only forked ones, and none within a worker of another pool."""
+    count = min(workers, len(numbers))
+    if count < 2 or not sys.platform.startswith("linux") or current_process().daemon:
+        return [work(number) for number in counted(numbers, announce)]
+    with ProcessPoolExecutor(count, get_context("fork"), _inherit, (work,)) as pool:
+        running = [pool.submit(_inherited_result, number) for number in numbers]
+        try:
+            return [result.result() for result in counted(running, announce)]
+        except BrokenProcessPool:
+            remedy = "calibrate with fewer workers, or on a machine with more memory"
+            raise InputError(what="a worker was killed", where="calibrate", remedy=remedy) from None
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _inherit(work: Callable[[int], Any]) -> None:
+    """Begin a process of the pool; interrupts are the original's."""
+    global _inherited
+    signal(SIGINT, SIG_IGN)
+    _inherited = work
+
+
+def _inherited_result(number: int) -> Any:
+    assert _inherited is not None
+    return _inherited(number)

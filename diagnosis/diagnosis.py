@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,10 +19,8 @@ from diagnosis.comparison.error_table import noise_floors
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.comparison.unrecorded_acceleration import lacks_acceleration
 from diagnosis.comparison.validation import zero_shift
-from diagnosis.parallel.progress import Progress, silent
-from diagnosis.parallel.workers import WorkItem, run_spmd
+from diagnosis.progress import Progress, silent
 from diagnosis.screening.initial_values import model_initial_values
-from diagnosis.screening.noise_draws import NoiseDraws
 from diagnosis.screening.score_test import screen
 from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, search_subsets
@@ -48,7 +45,6 @@ from estimation.fit import (
     Fit,
     check_channels,
     initial_noise,
-    initial_values,
     noise_without_transients,
     recordings_of,
     refit,
@@ -57,17 +53,13 @@ from estimation.fit import (
 from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
-from estimation.model_response import model_response
 from estimation.multiplicity import bonferroni_p_value
-from estimation.noise.recording_noise import RecordingNoise
-from estimation.parameter_layout import parameter_layout
 from estimation.recordings.readings_digest import require_different_readings
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
 from modeling.effects import catalogue
-from modeling.errors import InputError
 from modeling.number_format import P_VALUE, SHARE, finite
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
@@ -246,7 +238,7 @@ def diagnose(
     progress : callable, optional
         Called with one line of text at each stage; by default silent.
     workers : int, optional
-        Number of processes, by default 1. The result does not depend on it.
+        Without effect: a diagnosis runs in one process. Accepted for programs that state it.
 
     Returns
     -------
@@ -276,14 +268,8 @@ def diagnose(
     training, others = recordings_of(recordings, "diagnose"), recordings_of(validate, "validate")
     require_different_readings((*training, *others), "diagnose")
     candidates = None if effects is None else effects_of(effects)
-    draws = NoiseDraws.shared_for(training)
     with threadpool_limits(1):  # tall, thin matrices: multithreaded linear algebra only slows down
-        return run_spmd(
-            workers,
-            lambda team: _diagnosed(
-                model, training, others, candidates, effect_rules, progress, ScreeningCache(team, draws)
-            ),
-        )
+        return _diagnosed(model, training, others, candidates, effect_rules, progress)
 
 
 def _diagnosed(
@@ -293,10 +279,9 @@ def _diagnosed(
     effects: tuple[Effect, ...] | None,
     effect_rules: Sequence[EffectRule],
     progress: Progress,
-    cache: ScreeningCache,
 ) -> Diagnosis:
-    """`diagnose` as run by each process; the `cache` is that of the first score tests."""
-    progress = progress if cache.workers.rank == 0 else silent
+    """`diagnose` of arguments that were checked, on one thread of linear algebra."""
+    cache = ScreeningCache()
     check_channels(model, training)
     case = with_gravity_direction(model, (*training, *others))
     training, others = case.recordings[: len(training)], case.recordings[len(training) :]
@@ -304,7 +289,9 @@ def _diagnosed(
     given = {effect.id for effect in model.effects}
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
-    base, noise = _initial_fit(model, training, others, cache)
+    start = model_initial_values(model, training) if model.effects else {}
+    base = refit(model, training, start=start)
+    noise = initial_noise(model, others) if others else ()
     held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
     selection = _selected(base, candidates, progress, cache)
     progress("check the selected effects on held-out data")
@@ -312,7 +299,7 @@ def _diagnosed(
     acceptance = accept(chosen, selection.base, held_out, candidates)
     final, reasons = acceptance.candidate, dict(acceptance.reasons)
     known = acceptance.held_out
-    steps = selection_steps(selection, final, known, final.screened(candidates))
+    steps = selection_steps(selection, final, known)
     tolerance, _ = channel_tolerance(steps[-1].fit)
     power = explainable_power_by_step(steps, final)
     rows = rows_left_out(steps[-1].fit)
@@ -323,7 +310,7 @@ def _diagnosed(
             selection.base,
             tuple(with_disturbances(h, selection.base.fit, candidates, cache) for h in held_out),
         )
-        steps = selection_steps(selection, final, known, final.screened(candidates))
+        steps = selection_steps(selection, final, known)
         tolerance, power = channel_tolerance(steps[-1].fit)[0], power[:1]
         rows = rows_left_out(steps[-1].fit)
     require_positive_fitted_mass(steps[-1].fit)
@@ -343,47 +330,6 @@ def _diagnosed(
         gravity=None if case.found is None else with_fitted_tilt(case.found, final.fit.model, steps[-1].fit.values),
         given_alternatives=alternatives, rows_left_out=rows,
     )  # fmt: skip
-
-
-def _initial_fit(
-    model: WrenchModel, training: tuple[Recording, ...], others: tuple[Recording, ...], cache: ScreeningCache
-) -> tuple[Fit, tuple[RecordingNoise, ...]]:
-    """The model fitted to the training recordings, and the initial noise of the held-out ones.
-
-    With held-out recordings the workers share the noise of both and the draws of the `cache`. While one of them makes
-    the fit, which takes hardly longer than to load the model's equations, the others load these for their score tests.
-    """
-    start = model_initial_values(model, training) if model.effects else {}
-    if not others:
-        return refit(model, training, start=start), ()
-    shared = [model, training, others, *(part for r in (*training, *others) for part in (r, r.rig)), model.arm]
-    tasks = [
-        WorkItem("noise", lambda: initial_noise(model, training)),
-        WorkItem("noise of others", lambda: initial_noise(model, others)),
-        WorkItem("noise draws", cache.noise_draws.draw),
-    ]
-    own_noise, other_noise, drawn = cache.workers.run(tasks, shared=shared)
-    cache.noise_draws.mark_drawn(drawn)
-    fits = [
-        WorkItem("fit", lambda: refit(model, training, first_noise=own_noise, start=start)),
-        *(
-            WorkItem("equations", lambda: _load_equations(model, training, start))
-            for _ in range(1, cache.workers.count)
-        ),
-    ]
-    return cache.workers.run(fits, shared=shared)[0], other_noise
-
-
-def _load_equations(model: WrenchModel, recordings: Sequence[Recording], start: Mapping[str, float]) -> None:
-    """Predict recordings at the initial values of a fit: this process has the equations and the signals then.
-
-    The fit of the same model, which another process makes, raises what may be wrong.
-    """
-    layout = parameter_layout(model, recordings)
-    theta = initial_values(layout, start)
-    with suppress(InputError):
-        for own, index, recording in zip(layout.models, layout.index, recordings, strict=True):
-            model_response(own, recording, theta[index])
 
 
 def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, cache: ScreeningCache) -> SubsetSearch:

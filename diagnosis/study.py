@@ -14,7 +14,7 @@ from diagnosis.comparison.error_table import RecordingErrors, error_table, recor
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.parallel.progress import Progress, count_progress, silent
+from diagnosis.progress import Progress, count_progress, silent
 from diagnosis.screening.initial_values import model_initial_values
 from diagnosis.screening.score_test import screen
 from diagnosis.screening.screening_cache import ScreeningCache
@@ -285,7 +285,7 @@ class Study(Tabular):
     def diagnose(self, *, workers: int = 1) -> Diagnosis:
         """Let the diagnosis go on from the current model; the effects that it adds become steps.
 
-        What the model has is given and stays. The result does not depend on the number of `workers`.
+        What the model has is given and stays. `workers` is without effect, as in `diagnose`.
         """
         found = diagnose(
             self.model,
@@ -293,7 +293,6 @@ class Study(Tabular):
             validate=[h.recording for h in self._held_out],
             effects=list(self._candidates.values()),
             progress=self._progress,
-            workers=workers,
         )
         for step in found.steps[1:]:
             self.steps = (*self.steps, StudyStep(f"+ {step.effect}", step.fit, step.training, step.validation))

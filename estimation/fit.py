@@ -58,7 +58,6 @@ __all__ = [
     "refit",
     "require_positive_fitted_mass",
     "residual_with_tones",
-    "shared_objects",
 ]
 
 Array = NDArray[np.float64]
@@ -267,12 +266,6 @@ def reading_frame(recording: Recording, readings: Array) -> pd.DataFrame:
     return pd.DataFrame(readings, index=pd.Index(time, name=name), columns=list(recording.channels))
 
 
-def shared_objects(fit: Fit) -> list[object]:
-    """Objects that results derived from a fit share with it, and that need no copy."""
-    recordings = [part for r in fit.recordings for part in (r, r.rig)]
-    return [fit, fit.recordings, fit.noise, *fit.noise, *recordings, fit.model.arm]
-
-
 def initial_values(unknowns: ParameterLayout, start: Mapping[str, float]) -> Array:
     """Initial values: those given by name, else the parameter's `start`, else its nominal value.
 
@@ -468,23 +461,21 @@ def refit(
     several: tuple[Recording, ...],
     *,
     noise: Sequence[RecordingNoise] | None = None,
-    first_noise: Sequence[RecordingNoise] | None = None,
     start: Mapping[str, float] | None = None,
     constraints: Constraints | None = None,
     far: float = np.inf,
 ) -> Fit:
     """`fit` with the sign convention decided, without the check of the mass; used by the model selection.
 
-    `noise` is kept; `first_noise`, by default `initial_noise`, is re-estimated where it comes from the residual. A
-    chi-square that stays far above `far` ends a refit with given noise and no constraints before it has converged
+    `noise` is kept; the default, `initial_noise`, is re-estimated where it comes from the residual. A chi-square that
+    stays far above `far` ends a refit with given noise and no constraints before it has converged
     (`levenberg_marquardt`).
     """
     unknowns = parameter_layout(model, several)
     theta = initial_values(unknowns, start or {})
     if constraints is not None:
         constraints.region(unknowns)  # raises before any work when they are invalid or infeasible
-    given = first_noise if noise is None else noise
-    known = initial_noise(model, several) if given is None else tuple(given)
+    known = initial_noise(model, several) if noise is None else tuple(noise)
     rounds = 1 if noise is not None else MAX_NOISE_ROUNDS
     while True:
         problem = WhitenedProblem(unknowns, several, known)

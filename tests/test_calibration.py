@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import binom, binomtest
 
-from diagnosis.calibrate import calibrate
+from diagnosis.calibrate import _results, calibrate
 from diagnosis.calibration.calibration import Calibration
 from diagnosis.calibration.rate import Rate
 from diagnosis.calibration.surrogate import surrogate_noise
@@ -129,6 +132,21 @@ def test_no_more_alarms_than_stated(repeats: int) -> None:
 
 def test_the_number_of_workers_changes_nothing() -> None:
     assert calibrated(4, workers=2).to_data() == calibrated(4).to_data()
+
+
+@pytest.mark.parametrize("workers", [1, 2, 30])
+def test_processes_give_what_one_gives_in_its_order(workers: int) -> None:
+    """Of work that cannot be pickled, too: an effect may be a class within a function."""
+    begun: list[tuple[int, int]] = []
+    found = _results(lambda number: number**2, range(20), workers, lambda *count: begun.append(count))
+    assert found == [number**2 for number in range(20)]
+    assert begun == [(number, 20) for number in range(20)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked under Linux alone")
+def test_a_killed_worker_is_said() -> None:
+    with pytest.raises(InputError, match="a worker was killed"):
+        _results(lambda number: os.kill(os.getpid(), signal.SIGKILL), range(2), 2, lambda *_count: None)
 
 
 def test_p_values_are_withheld_where_false_alarms_are_too_many() -> None:

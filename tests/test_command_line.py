@@ -124,8 +124,8 @@ def diagnosed(bench: Bench) -> Diagnosed:
     printed, kept = io.StringIO(), []
     original = diagnose_command.diagnosed
 
-    def keep(case: Any, own: Any, workers: Any) -> Diagnosis:
-        kept.append(original(case, own, workers))
+    def keep(case: Any, own: Any) -> Diagnosis:
+        kept.append(original(case, own))
         return kept[0]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -203,7 +203,7 @@ def test_the_text_starts_with_the_verdict_and_says_what_to_check(diagnosed: Diag
 def test_the_command_prints_the_summary(
     bench: Bench, diagnosed: Diagnosed, run: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(diagnose_command, "diagnosed", lambda _case, _own, _workers: diagnosed.found)
+    monkeypatch.setattr(diagnose_command, "diagnosed", lambda _case, _own: diagnosed.found)
     outcome = run("diagnose", bench.training, "--rig", bench.rig)
     assert outcome == Outcome(0, diagnosis_text(diagnosed.found) + "\n", "")
 

@@ -5,11 +5,9 @@ A magnet is hidden, which no candidate describes: many effects are significant, 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,7 +16,6 @@ from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening.score_test import ScoreTest
 from diagnosis.selection import subset_search
 from diagnosis.selection.subset_search import MAX_REFITS, CandidateModel, SubsetSearch
-from diagnosis.verdict import effect_refits
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
 from estimation.multiplicity import bonferroni_threshold
@@ -280,24 +277,3 @@ def test_the_set_that_was_preferred_is_named() -> None:
     )
     delay = next(c for c in seen.refits if c.ids == {"time_delay"})
     assert subset_search.refit_effects(delay, ()).cost - delay.cost > bonferroni_threshold(1, len(FEW))
-
-
-def test_the_number_of_workers_changes_no_reason(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Nor what any process has on record: each writes its own down, before the last batch that all take part in."""
-    recording, usual = simulated(Magnet(), seed=3, repeats=6), effect_refits.refit_beside
-
-    def noted(selection: SubsetSearch, *given: Any) -> CandidateModel | None:
-        record, workers = selection.record, selection.base.cache.workers
-        sets = (record.tried, record.reduced, record.extended, record.passed_over, record.unsolved)
-        text = str([sorted(sorted(ids) for ids in each) for each in sets])
-        (tmp_path / f"{workers.rank} of {workers.count}").write_text(text)
-        return usual(selection, *given)
-
-    monkeypatch.setattr("diagnosis.verdict.finding.refit_beside", noted)
-    found = [diagnose(planar(RIG), recording, effects=FEW, workers=count) for count in (1, 2)]
-    one, two = ([(f.effect.id, f.verdict, f.reason) for f in d.findings] for d in found)
-    assert one == two
-    written = {path.name: path.read_text() for path in tmp_path.iterdir()}
-    assert written.keys() == {"0 of 1", "0 of 2", *(["1 of 2"] if sys.platform == "linux" else [])}
-    assert len(set(written.values())) == 1
-    assert "time_delay" in written["0 of 1"]

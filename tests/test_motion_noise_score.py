@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.robot_motions import raster
-from diagnosis.parallel.workers import Workers
 from diagnosis.screening.grid_search import GridSearch
 from diagnosis.screening.motion_noise_score import DRAWS, DrawnMotion
 from diagnosis.screening.null_model import NullModel
@@ -107,23 +104,3 @@ def test_motions_are_drawn_of_recordings_that_nothing_was_derived_from_yet() -> 
     assert drawn is not None
     assert again is not None
     assert again.largest_power == pytest.approx(drawn.largest_power, rel=1e-9) != 0.0
-
-
-class _CountedWorkers(Workers):
-    """One process that notes how many items each batch has."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.batches: list[int] = []
-
-    def map(self, function: Any, items: Sequence[Any], **options: Any) -> list[Any]:
-        self.batches.append(len(items))
-        return super().map(function, items, **options)
-
-
-def test_score_tests_at_drawn_motions_are_one_batch_of_the_workers() -> None:
-    """Those of all effects together, so that no process waits for the others' effects; after the limit for all."""
-    workers = _CountedWorkers()
-    effects = [named("sensor_hysteresis"), named("viscous_drag"), named("quadratic_drag")]
-    screen(fitted(0, ViscousDrag(c=0.04)), effects, cache=ScreeningCache(workers))
-    assert workers.batches == [len(effects), DRAWS, len(effects) * DRAWS]

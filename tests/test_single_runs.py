@@ -231,16 +231,6 @@ def test_the_gain_of_each_fit_is_computed_once(monkeypatch: pytest.MonkeyPatch) 
     assert len({id(whole) for whole in asked}) == len(asked) > 1
 
 
-def test_steps_bring_the_comparison_that_the_power_left_needs() -> None:
-    """Shared out with the others, as each process would make it by itself otherwise."""
-    base, best = with_drag(run(3000, ViscousDrag(c=0.3, d=0.12), noise=PinkNoise(tones=())))
-    fresh = CandidateModel(best.fit, best.candidates)
-    assert fresh.reported_fit is not fresh.fit  # whose comparisons would do otherwise
-    assert "comparisons" not in vars(fresh)
-    selection_steps(SubsetSearch(base, fresh), fresh, ())
-    assert "comparisons" in vars(fresh)
-
-
 def test_explainable_power_is_that_of_the_effect() -> None:
     """By the other route: the drag's prediction at its true size, less what the rigid tip soaks up of it.
 

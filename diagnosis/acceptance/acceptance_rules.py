@@ -15,7 +15,6 @@ from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.data_split import half_splits
 from diagnosis.comparison.removed_share import remaining_power, removed_power
-from diagnosis.selection.reported_models import report_by_all
 from diagnosis.selection.subset_search import CandidateModel
 from diagnosis.verdict_rule import VerdictRule
 from estimation.fit import Fit, refit
@@ -113,7 +112,7 @@ class AcceptanceEvidence:
             half = refit(whole.model, whole.recordings, noise=trained_on, start=whole.values)
             return _cost(half, trained_on), _cost(half, tested_on)
 
-        both_ways = np.array(self.candidate.cache.workers.map(costs, ways)).reshape(2, 2, 2).sum(axis=1)
+        both_ways = np.array([costs(way) for way in ways]).reshape(2, 2, 2).sum(axis=1)
         fitted_drop, tested_drop = both_ways[0] - both_ways[1]
         return bool(tested_drop > fitted_drop / 2)
 
@@ -132,13 +131,11 @@ class AcceptanceEvidence:
         """Of single runs alone the effect that removes least, if less than what remains and `LEAST_SHARE` of all."""
         if any(noise.source is not NoiseSource.RESIDUAL for noise in self.candidate.fit.noise):
             return None
-        report_by_all([self.candidate, self.base])
         whole = self.candidate.reported
         remains = remaining_power(whole)
         if not remains:
             return None
         smaller = self.candidate.without_each()
-        report_by_all(list(smaller.values()))
         removed = {i: removed_power(without.reported, whole) for i, without in smaller.items()}
         least = min(removed, key=lambda effect_id: removed[effect_id])
         limit = min(remains, LEAST_SHARE * (removed_power(self.base.reported, whole) + remains))

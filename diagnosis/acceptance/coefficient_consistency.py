@@ -12,7 +12,7 @@ from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.data_split import half_splits
 from diagnosis.selection.subset_search import CandidateModel
 from estimation.distributions import chi2_sf
-from estimation.fit import Fit, refit, shared_objects
+from estimation.fit import Fit, refit
 from estimation.least_squares.column_space import orthonormal_basis
 from estimation.model_response import model_response
 from modeling.chain.effect import Effect
@@ -51,12 +51,11 @@ def _fit_pairs(candidate: CandidateModel, held_out: Sequence[HeldOut]) -> list[t
         alone = refit(model + other.disturbances, (other.recording,), noise=(other.noise,), start=start)
         pairs.append((trained, alone, f"on {other.recording.name}"))
     if not pairs or noise_from_residual(trained):
-        halves = candidate.cache.workers.map(
-            lambda noise: refit(trained.model, trained.recordings, noise=noise, start=trained.values),
-            half_splits(trained),
-            shared=shared_objects(trained),
+        first, second = (
+            refit(trained.model, trained.recordings, noise=noise, start=trained.values)
+            for noise in half_splits(trained)
         )
-        pairs.append((halves[0], halves[1], "between two halves of the data"))
+        pairs.append((first, second, "between two halves of the data"))
     return pairs
 
 

@@ -1,1 +1,1 @@
-"""Process pool in SPMD style, and progress."""
+"""Memory of a process."""

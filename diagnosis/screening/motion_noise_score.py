@@ -33,10 +33,7 @@ class DrawnMotion:
 
     @classmethod
     def of(cls, fit: Fit, cache: ScreeningCache | None = None) -> DrawnMotion | None:
-        """Of a fit; None where no recording's motion is noisy.
-
-        The workers of the `cache` share out the score tests of all fits: each must screen the same fits in one order.
-        """
+        """Of a fit; None where no recording's motion is noisy."""
         noisy = tuple(noise.motion is not None for noise in fit.noise)
         if not any(noisy):
             return None
@@ -47,12 +44,8 @@ class DrawnMotion:
     @cached_property
     def largest_power(self) -> float:
         """Upper limit of any score: the whitened chi-square of the residual itself."""
-
-        def power(fit: Fit) -> float:
-            rows = NullModel.of(fit, self.cache).residual
-            return float(rows @ rows)
-
-        return max(self.cache.workers.map(power, self.fits))
+        residuals = (NullModel.of(fit, self.cache).residual for fit in self.fits)
+        return max(float(rows @ rows) for rows in residuals)
 
 
 def _drawn_motions(recordings: Sequence[Recording], noisy: Sequence[bool]) -> list[tuple[Recording, ...]]:

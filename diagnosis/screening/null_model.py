@@ -45,11 +45,6 @@ class NullModel:
         """The null model of a fit, cached."""
         return cache.null_model(fit, lambda: cls(fit, cache))
 
-    def prepare(self) -> None:
-        """Compute what every effect's score test needs, before the tests are shared out."""
-        self.cache.draws(self.fit.noise)
-        _ = self.draws_in_basis, self.residual
-
     @cached_property
     def column_space(self) -> FitColumnSpace:
         """Whitened residual, and the column space of the fit's parameters in the rows where it is not zero."""

@@ -6,16 +6,15 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from math import inf
 
-from diagnosis.parallel.progress import CountCallback
+from diagnosis.progress import CountCallback
 from diagnosis.screening.finite_difference import GridPoint
 from diagnosis.screening.grid_search import GridSearch, refine_onsets
 from diagnosis.screening.motion_noise_score import DrawnMotion
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.screening.search_domain import search_domain
-from estimation.fit import Fit, shared_objects
+from estimation.fit import Fit
 from estimation.model_response import missing_inputs
 from estimation.multiplicity import bonferroni_level, holm_adjusted
 from estimation.noise.recording_noise import NoiseSource, RecordingNoise
@@ -27,7 +26,6 @@ from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.parameter import Role
 from modeling.significance import LEVELS
-from modeling.space import Space
 
 CLEARLY_SIGNIFICANT = 1e-6
 """P-value by a limit of the motion's noise that needs no better one, whatever the number of effects."""
@@ -98,30 +96,8 @@ def absent_effects(fit: Fit, effects: Sequence[Effect]) -> list[tuple[Fit, Effec
 def run_searches(
     wanted: Sequence[tuple[Fit, Effect]], cache: ScreeningCache, announce: CountCallback | None = None
 ) -> list[GridSearch | ScoreTest]:
-    """Grid searches of effects, each given a fit, shared out among the workers and cached."""
-    fits = list({fit: None for fit, _ in wanted})
-    for fit in {fit: None for fit, effect in wanted if not cache.contains((fit, effect))}:
-        NullModel.of(fit, cache).prepare()
-    return cache.results(
-        wanted,
-        lambda key: _search(NullModel.of(key[0], cache), key[1]),
-        label=lambda key: key[1].id,
-        guess=lambda key: _relative_duration(key[1], key[0].model.space),
-        shared=[thing for fit in fits for thing in shared_objects(fit)],
-        announce=announce,
-    )
-
-
-def _relative_duration(effect: Effect, space: Space) -> float:
-    """Guess of how long a search takes: a deflection longest, five times as long once the model has an event.
-
-    Then effects with amplitudes of their own in each recording, or searched over a grid, by their number of parameters.
-    """
-    if effect.stage is Stage.DEFLECTION:
-        return inf
-    parameters = effect.parameters(space)
-    searched = effect.per_recording or any(p.role is not Role.AMPLITUDE for p in parameters)
-    return float(len(parameters) * searched)
+    """Grid searches of effects, each given a fit; no search is made twice."""
+    return cache.results(wanted, lambda key: _search(NullModel.of(key[0], cache), key[1]), announce)
 
 
 def refit_initial_values(fit: Fit, screening: ScoreTest, cache: ScreeningCache | None = None) -> NuisanceValues:
@@ -208,8 +184,7 @@ def _score_test(search: GridSearch, candidates: int, motion: Mapping[str, float]
 def _scores_of_motion(searches: Sequence[GridSearch], fit: Fit, cache: ScreeningCache) -> dict[str, float]:
     """Score that the noise of the motion alone gives each significant effect, by its id.
 
-    The limit that holds for every effect is tried first, as it costs nothing; the others' searches at drawn motions are
-    shared out among the workers.
+    The limit that holds for every effect is tried first, as it costs nothing.
     """
     significant = [s for s in searches if s.best.rank and s.p_value() < LEVELS.effect]
     motion = cache.drawn_motion(fit, lambda: DrawnMotion.of(fit, cache)) if significant else None

@@ -10,8 +10,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.parallel.progress import CountCallback
-from diagnosis.parallel.workers import Workers
+from diagnosis.progress import CountCallback, counted
 from diagnosis.screening.noise_draws import NoiseDraws
 from estimation.fit_column_space import fit_column_space
 from estimation.noise.recording_noise import RecordingNoise
@@ -39,10 +38,9 @@ MAX_FITS = 4
 class ScreeningCache:
     """Noise draws, whitened sensitivities that do not depend on the fit, null models, and finished searches.
 
-    Its contents depend neither on the order of requests nor on the number of `workers`.
+    Its contents do not depend on the order of requests.
     """
 
-    workers: Workers = field(default_factory=Workers)
     noise_draws: NoiseDraws = field(default_factory=NoiseDraws)
     _sensitivities: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
     _null_models: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
@@ -57,12 +55,8 @@ class ScreeningCache:
         fit_column_space.cache_clear()
 
     def in_other_noise(self) -> ScreeningCache:
-        """An empty cache for score tests in another noise, with the same workers, noise draws and drawn motions."""
-        return ScreeningCache(self.workers, self.noise_draws, _motions=self._motions)
-
-    def contains(self, key: Hashable) -> bool:
-        """Whether the result of a key is cached."""
-        return key in self._found
+        """An empty cache for score tests in another noise, with the same noise draws and drawn motions."""
+        return ScreeningCache(self.noise_draws, _motions=self._motions)
 
     def null_model(self, fit: Hashable, make: Callable[[], Result]) -> Result:
         """The null model of a fit; the MAX_FITS used last are cached."""
@@ -102,19 +96,11 @@ class ScreeningCache:
         return found
 
     def results(
-        self,
-        keys: Sequence[Key],
-        make: Callable[[Key], Result],
-        *,
-        label: Callable[[Key], str] | None = None,
-        guess: Callable[[Key], float] | None = None,
-        shared: Sequence[object] = (),
-        announce: CountCallback | None = None,
+        self, keys: Sequence[Key], make: Callable[[Key], Result], announce: CountCallback | None = None
     ) -> list[Result]:
-        """The result of each key, computed once, shared out among the workers."""
-        new = [key for key in keys if key not in self._found]
-        made = self.workers.map(make, new, label=label, guess=guess, shared=shared, announce=announce)
-        self._found.update(zip(new, made, strict=True))
+        """The result of each key, computed once."""
+        for key in counted([key for key in keys if key not in self._found], announce):
+            self._found[key] = make(key)
         return [self._found[key] for key in keys]  # type: ignore[misc]
 
 

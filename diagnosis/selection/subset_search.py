@@ -8,7 +8,7 @@ from functools import cached_property
 from math import inf
 
 from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
-from diagnosis.parallel.progress import CountCallback, Progress, count_progress, silent
+from diagnosis.progress import CountCallback, Progress, count_progress, counted, silent
 from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.score_test import (
     ScoreTest,
@@ -20,7 +20,7 @@ from diagnosis.screening.score_test import (
 )
 from diagnosis.screening.screening_cache import ScreeningCache
 from diagnosis.selection.offset_test import refit_in_own_noise, with_offsets_tested
-from estimation.fit import Fit, refit, shared_objects, with_ordinary_estimate
+from estimation.fit import Fit, refit, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi_square_penalty
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
@@ -78,18 +78,9 @@ class CandidateModel:
         return self._without[effect_id]
 
     def without_each(self, tried: Sequence[CandidateModel] = ()) -> dict[str, CandidateModel]:
-        """The candidate without each of its effects in turn, by effect id; refitted by all workers unless `tried`."""
-        own, known = self.added, {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
-        found = {e.id: known.get(self.ids - {e.id}, self._without.get(e.id)) for e in own}
-        new = [e for e in own if found[e.id] is None]
-        smaller = self.cache.workers.map(
-            lambda effect: self.without(effect.id),
-            new,
-            label=lambda effect: effect.id,
-            shared=[self, *shared_objects(self.fit), self.cache],
-        )
-        self._without.update(zip((e.id for e in new), smaller, strict=True))
-        return {e.id: found[e.id] or self._without[e.id] for e in own}
+        """The candidate without each of its effects in turn, by effect id; refitted unless `tried`."""
+        known = {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
+        return {e.id: known.get(self.ids - {e.id}) or self.without(e.id) for e in self.added}
 
     def screened(self, effects: Sequence[Effect], announce: CountCallback | None = None) -> list[ScoreTest]:
         """Score tests of the effects that it lacks; those of the same effects are made once."""
@@ -141,7 +132,7 @@ class CandidateModel:
 
 @dataclass(eq=False)
 class SearchRecord:
-    """What a search has done with each set of effects, by the ids of the set; equal in all processes.
+    """What a search has done with each set of effects, by the ids of the set.
 
     tried        refitted as an extension; and the base model
     reduced      refitted without an effect of a larger set, and not tried
@@ -289,13 +280,7 @@ def _best_in_noise_of(best: CandidateModel, others: Sequence[CandidateModel]) ->
 
     A refit stops once its slope does not lead below the criterion of the set, far above it: `levenberg_marquardt`.
     """
-    shared = [*shared_objects(best.fit), best.cache]
-    refits = best.cache.workers.map(
-        lambda c: refit_effects(best, c.added, c.fit.values, far=best.criterion),
-        others,
-        label=lambda c: _ids(c.added),
-        shared=shared,
-    )
+    refits = [refit_effects(best, c.added, c.fit.values, far=best.criterion) for c in others]
     return min([best, *refits], key=lambda c: c.criterion)
 
 
@@ -313,16 +298,8 @@ def _extended_sets(
     while wanted := [extension for extension in wanted if extension.ids not in record.tried]:
         first = list({extension.ids: extension for extension in reversed(wanted)}.values())[::-1]
         doing = "refit with " + "; ".join(" + ".join(sorted(extension.ids)) for extension in first)
-        shared = [thing for c in level for thing in (*shared_objects(c.fit), c.cache)]
-        workers, announce = level[0].cache.workers, count_progress(progress, doing)
-        found = workers.map(
-            _refit_extension,
-            first,
-            label=lambda extension: extension.screening.effect.id,
-            shared=shared,
-            announce=announce,
-        )
-        for extension, new in zip(first, found, strict=True):
+        for extension in counted(first, count_progress(progress, doing)):
+            new = _refit_extension(extension)
             if new is None:
                 record.unsolved.add(extension.ids)
             else:

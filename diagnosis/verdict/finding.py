@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.comparison.comparison import noise_from_residual
-from diagnosis.parallel.workers import WorkItem
 from diagnosis.screening.score_test import ScoreTest, adjusted_p_values, screen, significant_effects
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
 from diagnosis.verdict.aliasing import (
@@ -115,7 +113,7 @@ class Evidence:
 def gather_evidence(
     selection: SubsetSearch, final: CandidateModel, effects: Sequence[Effect], rejections: Mapping[str, str]
 ) -> Evidence:
-    """Aliases of the final model's effects; limits and refits of those that it lacks: the last batch of work."""
+    """Aliases of the final model's effects; limits and refits of those that it lacks."""
     alternatives = alias_candidates(selection, final, effects)
     significant = [s.effect.id for s in significant_effects(final.screened(effects))]
     beside = {i: larger for i in significant if (larger := refit_beside(selection, final, i)) is not None}
@@ -125,13 +123,9 @@ def gather_evidence(
         if s.excited and s.effect.id not in rejections and beyond_range(s, final.fit.model.space) is None
     ]
     target = WhitenedModel.of(final)
-    tasks = [WorkItem(c.screening.effect.id, partial(alias_of, target, c)) for c in alternatives]
-    tasks += [WorkItem(s.effect.id, partial(contribution_upper_limit, final.fit, s, final.cache)) for s in limited]
-    tasks += [WorkItem(i, partial(judge_refit, larger, final, i)) for i, larger in beside.items()]
-    found = iter(final.cache.workers.run(tasks, last=True))
-    fitted = [next(found) for _ in alternatives]
-    limits = {s.effect.id: next(found) for s in limited}
-    judged = {i: next(found) for i in beside}
+    fitted = [alias_of(target, alternative) for alternative in alternatives]
+    limits = {s.effect.id: contribution_upper_limit(final.fit, s, final.cache) for s in limited}
+    judged = {i: judge_refit(larger, final, i) for i, larger in beside.items()}
     refits = {i: effect_refits(selection, final, i, judged.get(i, FinalRefit.NONE)) for i in significant}
     return Evidence(aliases(alternatives, fitted), limits, rejections, refits)
 

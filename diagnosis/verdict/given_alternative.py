@@ -9,7 +9,7 @@ from typing import Any
 from diagnosis.screening.score_test import ScoreTest
 from diagnosis.selection.subset_search import MAX_REFITS, CandidateModel
 from diagnosis.verdict.aliasing import most_significant
-from estimation.fit import refit, shared_objects
+from estimation.fit import refit
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
 from modeling.significance import LEVELS
@@ -56,16 +56,10 @@ def _best(final: CandidateModel, given: Effect, candidates: Sequence[Effect]) ->
         final.candidates, final.cache, rest,
     )  # fmt: skip
     tests = most_significant(without.screened(candidates))[:MAX_REFITS]
-    refits = final.cache.workers.map(
-        lambda test: _refitted(without, test),
-        tests,
-        label=lambda test: test.effect.id,
-        shared=[without, *shared_objects(without.fit), final.cache],
-    )
     gains = [
         GivenAlternative(given.id, test.effect, final.criterion - new.criterion)
-        for test, new in zip(tests, refits, strict=True)
-        if new is not None
+        for test in tests
+        if (new := _refitted(without, test)) is not None
     ]
     return max(gains, key=lambda alternative: alternative.gain, default=None)
 

@@ -9,16 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.acceptance.held_out import HeldOut, HeldOutPrediction
+from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.compared_step import ComparedFit
-from diagnosis.comparison.comparison import Comparison, noise_from_residual
+from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.removed_share import removed_share
 from diagnosis.comparison.slow_residual import Part, SlowResidual
-from diagnosis.parallel.cached_values import CachedValue
-from diagnosis.screening.score_test import ScoreTest
-from diagnosis.selection.reported_models import report_by_all
 from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
-from estimation.fit import Fit, shared_objects
+from estimation.fit import Fit
 from estimation.noise.recording_noise import NoiseSource
 
 Array = NDArray[np.float64]
@@ -62,37 +59,18 @@ def _optional(values: Mapping[str, float] | None) -> dict[str, float] | None:
 
 
 def selection_steps(
-    selection: SubsetSearch, final: CandidateModel, held_out: Sequence[HeldOut], tested: Sequence[ScoreTest] = ()
+    selection: SubsetSearch, final: CandidateModel, held_out: Sequence[HeldOut]
 ) -> tuple[SelectionStep, ...]:
-    """The models from the base model to the last effect added, each refitted.
-
-    Their comparisons are shared out among the workers, and with them that of the last in the noise of the search, which
-    `explainable_power_by_step` needs, and what the test of each of the `tested` effects detects.
-    """
+    """The models from the base model to the last effect added, each refitted, with their comparisons."""
     effects = final.added
     models = [selection.base]
     for count in range(1, len(effects) + 1):
         models.append(final if count == len(effects) else selection.refitted(final, effects[:count]))
-
-    def predictions(model: CandidateModel) -> list[HeldOutPrediction]:
-        return [h.prediction(model.reported_fit) for h in held_out]
-
-    def beside_comparisons() -> list[CachedValue]:
-        held_out_ones = [p for model in models for p in predictions(model)]
-        return [
-            *(CachedValue(f"held-out {number}", p, "comparison") for number, p in enumerate(held_out_ones)),
-            *([CachedValue("last comparison", final, "comparisons")] if noise_from_residual(final.fit) else []),
-            *(CachedValue(t.effect.id, t, "detectable") for t in tested),
-        ]
-
-    shared: list[object] = [part for h in held_out for part in (h.recording, h.recording.rig, h.noise)]
-    shared += shared_objects(final.fit)
-    report_by_all(models, beside_comparisons, shared)
-    ids = (None, *(effect.id for effect in effects))
-    return tuple(
-        SelectionStep(i, m.reported_fit, m.fit, m.reported, tuple(p.comparison for p in predictions(m)))
-        for i, m in zip(ids, models, strict=True)
-    )
+    steps = []
+    for added, model in zip((None, *(effect.id for effect in effects)), models, strict=True):
+        validation = tuple(h.prediction(model.reported_fit).comparison for h in held_out)
+        steps.append(SelectionStep(added, model.reported_fit, model.fit, model.reported, validation))
+    return tuple(steps)
 
 
 def explainable_power_by_step(steps: Sequence[SelectionStep], final: CandidateModel) -> Array:

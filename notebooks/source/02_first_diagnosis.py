@@ -78,7 +78,7 @@ suspects.plot()
 
 # %%
 rigid = study.fit
-found = study.diagnose(workers=2)
+found = study.diagnose()
 found
 
 # %%
@@ -114,7 +114,7 @@ for name, true in hidden.items():
 # %%
 (magnet,) = resolve_effects(arm, motions["train"], [HIDDEN_EFFECTS["magnet"]])
 pulled, pulled_again = (record(f"magnet_{motion}", motion, magnet) for motion in motions)
-unknown = tw.diagnose(tw.planar(rig), pulled, validate=pulled_again, workers=2)
+unknown = tw.diagnose(tw.planar(rig), pulled, validate=pulled_again)
 unknown
 
 # %% [markdown]

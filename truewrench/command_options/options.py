@@ -101,9 +101,16 @@ def provenance_of(arguments: argparse.Namespace, *files: str | Path | None) -> P
 MAX_WORKERS = 1000
 
 
-def add_workers(command: argparse.ArgumentParser) -> None:
+def available_cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+WORKERS = "number of processes (default: one for each core, under Linux); the result does not depend on N"
+
+
+def add_workers(command: argparse.ArgumentParser, text: str = WORKERS) -> None:
     """Add the number of processes."""
-    text = "number of processes (default: one for each core, under Linux); the result does not depend on N"
     command.add_argument("--workers", type=worker_count, metavar="N", help=text)
 
 

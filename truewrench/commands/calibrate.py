@@ -18,6 +18,7 @@ from truewrench.command_options.options import (
     add_custom_effects,
     add_period,
     add_workers,
+    available_cores,
     print_result,
     suspicions_named,
 )
@@ -49,7 +50,6 @@ def run(arguments: argparse.Namespace) -> None:
     """Calibrate, write the file of --out, print rates and powers."""
     from diagnosis.calibrate import DRAWS, POWER_DRAWS, calibrate
     from diagnosis.parallel.freed_memory import keep_freed_memory
-    from diagnosis.parallel.workers import available_cores
     from truewrench.files.calibration_file import write_calibration
     from truewrench.files.data_set import DataSet
     from truewrench.files.output import progress_line

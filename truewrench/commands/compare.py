@@ -46,11 +46,10 @@ def run(arguments: argparse.Namespace) -> None:
         found = compare_models(models, recordings)
     written = []
     if arguments.report is not None:
-        from diagnosis.parallel.workers import available_cores
         from truewrench.reports.comparison_report import comparison_report
         from truewrench.reports.report_files import write_report_files
 
         provenance = provenance_of(arguments, *paths, *arguments.on)
-        texts = comparison_report(found, provenance, available_cores())
+        texts = comparison_report(found, provenance)
         written = write_report_files(texts, arguments.report)
     print_result(arguments, lambda: found, found.to_data, written)

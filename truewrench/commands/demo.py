@@ -42,7 +42,6 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Simulate, diagnose the recordings written, compare with the truth."""
-    from diagnosis.parallel.workers import available_cores
     from truewrench.command_options.options import provenance_of
     from truewrench.commands.diagnose import FILES, diagnosed, report_texts, write
     from truewrench.files.data_set import DataSet
@@ -56,9 +55,8 @@ def run(arguments: argparse.Namespace) -> None:
     names = ("rig.toml", *(r.name for r in runs))
     print("Recorded: " + ", ".join(str(out / name) for name in names), end="\n\n", flush=True)
     training, validation = str(out / TRAINING.name), str(out / VALIDATION.name)
-    cores = available_cores()
-    found = diagnosed(DataSet.read([training], validation=[validation], rig=str(out / "rig.toml")), workers=cores)
-    texts = report_texts(found, provenance_of(arguments, *(out / name for name in names[:3])), cores)
+    found = diagnosed(DataSet.read([training], validation=[validation], rig=str(out / "rig.toml")))
+    texts = report_texts(found, provenance_of(arguments, *(out / name for name in names[:3])))
     write(found, found.to_data(), texts, out)
     print(diagnosis_text(found), end="\n\n")
     print(outcome(found, arguments.effect), end="\n\n")

@@ -22,13 +22,13 @@ from design.trajectories.fourier import FreeSeries, PaperSeries
 from design.trajectories.rest_to_rest import RestToRest
 from design.trajectories.spline import SplineSeries
 from design.trajectories.trajectory import TrajectorySeries
-from diagnosis.parallel.workers import available_cores
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.noise.autoregressive_noise import NoiseModel
 from modeling.rig.rig import Convention, Rig
 from modeling.space import Space
+from truewrench.command_options.options import available_cores
 from truewrench.files.model_file import ModelFile
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)

@@ -53,7 +53,7 @@ def add_to(commands: Subcommands[Any]) -> None:
     command.add_argument("--calibration", type=Path, metavar="FILE", help=text)
     command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
     add_report(command)
-    add_workers(command)
+    add_workers(command, "accepted, and without effect: a diagnosis runs in one process")
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
     command.set_defaults(run=run, result_files=result_files)
 
@@ -66,27 +66,24 @@ def result_files(arguments: argparse.Namespace) -> list[Path]:
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
     from diagnosis.parallel.freed_memory import keep_freed_memory
-    from diagnosis.parallel.workers import available_cores
     from truewrench.files.data_set import DataSet, frame_sentences, frames_data, with_fitted_gravity
     from truewrench.files.output import make_folder
+    from truewrench.text.diagnosis_text import diagnosis_text
 
     keep_freed_memory()
-    workers = available_cores() if arguments.workers is None else arguments.workers
     case = DataSet.read(
         arguments.recordings,
         validation=arguments.validate,
         rig=arguments.rig,
         period=arguments.period,
         one_run=arguments.no_period,
-        workers=workers,
-        meanwhile=_import_diagnosis,
     )
     calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
     with suspicions_named((*case.training, *case.validation)):
-        found = diagnosed(case, candidates, workers)
+        found = diagnosed(case, candidates)
     found = found if calibration is None else found.calibrated(calibration)
     case = with_fitted_gravity(case, found.fit)
     out = None if arguments.out is None else make_folder(arguments.out)
@@ -95,18 +92,10 @@ def run(arguments: argparse.Namespace) -> None:
     if out is not None or arguments.report is not None:
         inputs = (arguments.rig, arguments.effects, arguments.calibration)
         provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
-        texts = report_texts(found, provenance, workers)
+        texts = report_texts(found, provenance)
         written = write(found, data, texts, out, arguments.report)
-    from truewrench.text.diagnosis_text import diagnosis_text  # slow to import: while the recordings are read
-
     frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(case))
     print_result(arguments, lambda: diagnosis_text(found) + frames, lambda: data, written)
-
-
-def _import_diagnosis() -> None:
-    """Import what diagnoses and says what was found, which takes as long as reading a recording does."""
-    import diagnosis.diagnosis  # noqa: F401
-    import truewrench.text.diagnosis_text  # noqa: F401
 
 
 def _calibration_of(case: DataSet, path: Path) -> Calibration:
@@ -118,37 +107,28 @@ def _calibration_of(case: DataSet, path: Path) -> Calibration:
     return calibration
 
 
-def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None, workers: int | None = 1) -> Diagnosis:
+def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None) -> Diagnosis:
     """Diagnosis of a data set with these candidate effects, None for the catalogue.
 
-    `workers` processes share the work, None for all cores.
     Raises InputError when the mass comes out negative.
     """
     from diagnosis.diagnosis import diagnose
-    from diagnosis.parallel.workers import available_cores
     from truewrench.files.data_set import with_fitted_gravity
     from truewrench.files.output import progress_line
 
     with progress_line() as progress:
-        found = diagnose(
-            case.model,
-            case.training,
-            validate=case.validation,
-            effects=candidates,
-            progress=progress,
-            workers=available_cores() if workers is None else workers,
-        )
+        found = diagnose(case.model, case.training, validate=case.validation, effects=candidates, progress=progress)
     return found if case.gravity is None else replace(found, gravity=with_fitted_gravity(case, found.fit).gravity)
 
 
-def report_texts(found: Diagnosis, provenance: Provenance, workers: int) -> ReportTexts:
-    """The report as HTML and as Markdown, drawn by so many processes."""
+def report_texts(found: Diagnosis, provenance: Provenance) -> ReportTexts:
+    """The report as HTML and as Markdown."""
     from truewrench.files.output import progress_line
     from truewrench.reports.report_html import diagnosis_report
 
     with progress_line() as progress:
         progress("write the report")
-        return diagnosis_report(found, provenance, workers)
+        return diagnosis_report(found, provenance)
 
 
 def write(

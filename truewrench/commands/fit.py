@@ -91,14 +91,13 @@ def run(arguments: argparse.Namespace) -> None:
 
 def write_report(arguments: argparse.Namespace, found: FitSummary, case: DataSet) -> list[Path]:
     """Write the report of --report; return its files."""
-    from diagnosis.parallel.workers import available_cores
     from truewrench.files.data_set import frame_sentences
     from truewrench.reports.fit_report import fit_report
     from truewrench.reports.report_files import write_report_files
 
     inputs = (arguments.rig, arguments.effects, arguments.bounds, arguments.prior)
     provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
-    texts = fit_report(found, provenance, frame_sentences(case), workers=available_cores())
+    texts = fit_report(found, provenance, frame_sentences(case))
     return write_report_files(texts, arguments.report)
 
 

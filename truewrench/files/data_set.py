@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import atan2, degrees
 from pathlib import Path
@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.parallel.workers import Workers, run_spmd
 from estimation.fit import Fit
 from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
@@ -26,10 +25,6 @@ from estimation.recordings.sign_convention import (
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel, planar, spatial
 from modeling.errors import InputError
 from modeling.rig.rig import Convention, Rig
-
-DIFFERENTIATED_SAMPLES = 100_000
-"""Samples of a recording up to which the process that reads it differentiates its motion too: a hundred columns, which
-that process sends, and which both hold meanwhile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +54,10 @@ class DataSet:
         rig: Rig | str | None = None,
         period: float | None = None,
         one_run: bool = False,
-        workers: int = 1,
-        meanwhile: Callable[[], object] = object,
     ) -> DataSet:
         """Data set of these files; `rig` is a rig, or the path of its file; with `one_run` no repeats are looked for.
 
-        `period`, s, is that of the training recordings' motion: others have their own. `workers` processes read, and
-        this one calls `meanwhile` before it does.
+        `period`, s, is that of the training recordings' motion: others have their own.
 
         Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
         sensors, a convention that the data cannot decide.
@@ -73,9 +65,7 @@ class DataSet:
         description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
         periods = (*(period for _ in training), *(None for _ in validation))
         files = (*training, *validation)
-        recordings = read_recordings(
-            files, rig=description, periods=periods, one_run=one_run, workers=workers, meanwhile=meanwhile
-        )
+        recordings = read_recordings(files, rig=description, periods=periods, one_run=one_run)
         return cls.of(recordings[: len(training)], recordings[len(training) :], description)
 
     @classmethod
@@ -95,39 +85,19 @@ def read_recordings(
     rig: Rig | None,
     periods: Sequence[float | None] | None = None,
     one_run: bool = False,
-    workers: int = 1,
-    meanwhile: Callable[[], object] = object,
 ) -> list[Recording]:
     """Recordings of one sensor, each under its file's label; with `one_run` no repeats are looked for.
 
-    `periods` (s) of the files' motion cut them into repeats; by default, and where None, as `read` does. Each of
-    `workers` processes reads the next file and differentiates its motion, this one after it has called `meanwhile`.
+    `periods` (s) of the files' motion cut them into repeats; by default, and where None, as `read` does.
 
     Raises InputError for a file that cannot be used, one given twice, and recordings of different sensors.
     """
     paths = [Path(file) for file in files]
     require_different(paths, "the recording is given twice")
-    sources = list(zip(paths, file_labels(paths), periods or [None] * len(paths), strict=True))
-
-    def recording(source: tuple[Path, str, float | None] | None) -> Recording | None:
-        if source is None:
-            return None
-        path, name, period = source
-        found = replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
-        if found.samples <= DIFFERENTIATED_SAMPLES:
-            found.signals  # noqa: B018  its motion is differentiated by the process that reads it
-        return found
-
-    # A single item is not shared out: beside one file there is an empty one, which this process takes.
-    batch = sources if len(sources) > 1 else [*sources, None]
-
-    def program(team: Workers) -> list[Recording]:
-        if team.rank == 0:
-            meanwhile()
-        read = team.map(recording, batch, shared=[] if rig is None else [rig, rig.arm], last=True)
-        return [found for found in read if found is not None]
-
-    recordings = run_spmd(min(workers, len(batch)), program)
+    recordings = [
+        replace(read_with_rig(path, rig=rig, period=period, one_run=one_run), name=name)
+        for path, name, period in zip(paths, file_labels(paths), periods or [None] * len(paths), strict=True)
+    ]
     require_different_readings(recordings, "REC")
     return recordings
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from urllib.parse import quote
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-
-from diagnosis.parallel.workers import run_spmd
 
 SYSTEM_FONTS = "-apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'Liberation Sans', sans-serif"
 _FONT = re.compile(r"'DejaVu Sans'[^;\"]*sans-serif")
@@ -54,7 +52,7 @@ class Drawing:
 
 @dataclass(eq=False)
 class SvgImage:
-    """A figure of a page, with alternative text and caption; drawn when it is asked for, or by `draw_images`."""
+    """A figure of a page, with alternative text and caption; drawn when it is asked for."""
 
     figure: Callable[[], Figure]
     alt: str
@@ -79,10 +77,3 @@ class SvgImage:
     def height(self) -> int:
         """CSS pixels."""
         return self.drawing.height
-
-
-def draw_images(images: Sequence[SvgImage], workers: int) -> None:
-    """Draw the images of a page in so many processes; a page takes longer to draw than to diagnose or to write."""
-    drawn = run_spmd(min(workers, len(images)), lambda team: team.map(lambda image: image.drawing, images, last=True))
-    for image, drawing in zip(images, drawn, strict=True):
-        image.drawing = drawing

@@ -9,7 +9,7 @@ from modeling.significance import LEVELS
 from truewrench.plots.residuals.labelled_comparison import LabelledComparison
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
 from truewrench.reports.provenance import Provenance
-from truewrench.reports.recording_section import RecordingSection, full_section, line_count, recording_images
+from truewrench.reports.recording_section import RecordingSection, full_section, line_count
 from truewrench.reports.report_files import ReportTexts
 from truewrench.reports.zoom.zoomable_figure import points_of_line
 
@@ -17,10 +17,9 @@ COLOURS = (MISFIT_COLOUR, ADEQUATE_COLOUR, HELD_OUT)
 """Of the models in the pictures, in the order given; more models are in the tables alone."""
 
 
-def comparison_report(comparison: ModelComparison, provenance: Provenance, workers: int = 1) -> ReportTexts:
-    """The report as HTML and as Markdown, drawn by so many processes; names given by users are escaped."""
-    values = _values(comparison, provenance)
-    return ReportTexts.of("comparison", values, recording_images(values["recordings"]), workers)
+def comparison_report(comparison: ModelComparison, provenance: Provenance) -> ReportTexts:
+    """The report as HTML and as Markdown; names given by users are escaped."""
+    return ReportTexts.of("comparison", _values(comparison, provenance))
 
 
 def _values(comparison: ModelComparison, provenance: Provenance) -> dict[str, Any]:

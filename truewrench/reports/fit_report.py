@@ -17,13 +17,7 @@ from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
 from truewrench.reports.effect_card import effect_cards
 from truewrench.reports.parameter_changes import ParameterChanges
 from truewrench.reports.provenance import Provenance
-from truewrench.reports.recording_section import (
-    RecordingSection,
-    full_section,
-    line_count,
-    recording_images,
-    short_section,
-)
+from truewrench.reports.recording_section import RecordingSection, full_section, line_count, short_section
 from truewrench.reports.report_files import ReportTexts
 from truewrench.reports.zoom.zoomable_figure import points_of_line
 from truewrench.text.fit_summary import FitSummary
@@ -51,18 +45,11 @@ def study_report(study: Study, provenance: Provenance) -> ReportTexts:
 
 
 def fit_report(
-    summary: FitSummary,
-    provenance: Provenance,
-    frames: Sequence[str] = (),
-    steps: StudySteps | None = None,
-    workers: int = 1,
+    summary: FitSummary, provenance: Provenance, frames: Sequence[str] = (), steps: StudySteps | None = None
 ) -> ReportTexts:
-    """The report as HTML and as Markdown, drawn by so many processes.
-
-    `frames` are sentences on what the data decided of frames.
-    """
+    """The report as HTML and as Markdown; `frames` are sentences on what the data decided of frames."""
     values = _values(summary, provenance) | {"notes": [*frames, *summary.fit.remarks()], "study": steps}
-    return ReportTexts.of("fit", values, recording_images(values["recordings"]), workers)
+    return ReportTexts.of("fit", values)
 
 
 def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:

@@ -53,18 +53,8 @@ class RecordingSection:
     spectrum: SvgImage | None = None
     disturbances: tuple[str, ...] = ()
 
-    @property
-    def images(self) -> list[SvgImage]:
-        """All figures, in their order on the page."""
-        return [*self.series, *self.maps, *filter(None, (self.spectrum, self.nonperiodic))]
-
 
 Sides = Sequence[LabelledComparison]
-
-
-def recording_images(sections: Sequence[RecordingSection]) -> list[SvgImage]:
-    """The figures of all recordings, in their order on the page."""
-    return [image for section in sections for image in section.images]
 
 
 def line_count(recordings: Sequence[Sides]) -> int:

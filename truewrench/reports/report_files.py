@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 from truewrench.files.output import atomic_write, make_folder
-from truewrench.plots.svg_image import SvgImage, draw_images
 from truewrench.reports.page_templates import html_page, markdown_page
 
 REPORT_FILES = ("report.html", "report.md")
@@ -23,9 +22,8 @@ class ReportTexts:
     markdown: str
 
     @classmethod
-    def of(cls, template: str, values: Mapping[str, Any], images: Sequence[SvgImage], workers: int) -> Self:
-        """The values in the templates of this name; their images are drawn by so many processes."""
-        draw_images(images, workers)
+    def of(cls, template: str, values: Mapping[str, Any]) -> Self:
+        """The values in the templates of this name."""
         return cls(html_page(f"{template}.html", values), markdown_page(f"{template}.md", values))
 
 

@@ -18,7 +18,7 @@ from truewrench.reports.effect_row import effect_row
 from truewrench.reports.page_templates import html_page
 from truewrench.reports.parameter_changes import ParameterChanges
 from truewrench.reports.provenance import Provenance
-from truewrench.reports.recording_section import diagnosis_sections, recording_images
+from truewrench.reports.recording_section import diagnosis_sections
 from truewrench.reports.report_files import ReportTexts
 from truewrench.reports.verdict_section import verdict_section
 from truewrench.text.step_names import base_name, step_names
@@ -46,11 +46,9 @@ def report_page(diagnosis: Diagnosis, provenance: Provenance | None = None) -> s
     return html_page("report.html", _values(diagnosis, provenance or Provenance.now()))
 
 
-def diagnosis_report(diagnosis: Diagnosis, provenance: Provenance, workers: int = 1) -> ReportTexts:
-    """The report as HTML and as Markdown, drawn by so many processes; names given by users are escaped."""
-    values = _values(diagnosis, provenance)
-    leading = filter(None, (values["head"]["picture"], values["error_image"]))
-    return ReportTexts.of("report", values, [*leading, *recording_images(values["recordings"])], workers)
+def diagnosis_report(diagnosis: Diagnosis, provenance: Provenance) -> ReportTexts:
+    """The report as HTML and as Markdown; names given by users are escaped."""
+    return ReportTexts.of("report", _values(diagnosis, provenance))
 
 
 def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:

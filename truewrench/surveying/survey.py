@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from pydantic import TypeAdapter, ValidationError
 
-from diagnosis.parallel.progress import Progress, count_progress, silent
+from diagnosis.progress import Progress, count_progress, silent
 from modeling.checksum import verified, with_checksum
 from modeling.errors import InputError
 from modeling.rig.rig import Rig

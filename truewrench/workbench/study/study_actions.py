@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.parallel.workers import available_cores
 from diagnosis.screening.suspects import Suspects
 from diagnosis.study import Study, StudyStep, study
 from modeling.errors import InputError, quoted
@@ -186,7 +185,7 @@ class StudyActions:
 
     def diagnose(self, _request: Mapping[str, Any]) -> PageUpdate:
         """Let the diagnosis go on from the current model."""
-        self._diagnosis = self.study.diagnose(workers=available_cores())
+        self._diagnosis = self.study.diagnose()
         if self._case is not None and self._case.gravity is not None:
             self._diagnosis = replace(self._diagnosis, gravity=self._case.gravity)
         return self._changed("diagnosed", {"verdict": verdict_words(self._diagnosis)}, keep_verdict=True)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from time import monotonic
+from typing import TypeVar
+
+T = TypeVar("T")
 
 Progress = Callable[[str], None]
 """Called with one line of text."""
@@ -16,6 +19,14 @@ MIN_REMAINING = 2.0
 
 def silent(_message: str) -> None:
     """Report no progress."""
+
+
+def counted(items: Sequence[T], announce: CountCallback | None) -> Iterator[T]:
+    """The items, each announced as it is begun."""
+    for done, item in enumerate(items):
+        if announce is not None:
+            announce(done, len(items))
+        yield item
 
 
 def count_progress(progress: Progress, doing: str) -> CountCallback:
