@@ -49,12 +49,10 @@ def add_to(commands: Subcommands[Any]) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Calibrate, write the file of --out, print rates and powers."""
     from diagnosis.calibrate import DRAWS, POWER_DRAWS, calibrate
-    from diagnosis.parallel.freed_memory import keep_freed_memory
     from truewrench.files.calibration_file import write_calibration
     from truewrench.files.data_set import DataSet
     from truewrench.files.output import progress_line
 
-    keep_freed_memory()
     case = DataSet.read([arguments.recording], rig=arguments.rig, period=arguments.period, one_run=arguments.no_period)
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))

@@ -65,12 +65,10 @@ def result_files(arguments: argparse.Namespace) -> list[Path]:
 
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
-    from diagnosis.parallel.freed_memory import keep_freed_memory
     from truewrench.files.data_set import DataSet, frame_sentences, frames_data, with_fitted_gravity
     from truewrench.files.output import make_folder
     from truewrench.text.diagnosis_text import diagnosis_text
 
-    keep_freed_memory()
     case = DataSet.read(
         arguments.recordings,
         validation=arguments.validate,

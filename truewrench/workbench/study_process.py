@@ -163,10 +163,8 @@ def work(connection: Connection) -> None:
     busy = _cancellable()
     _bound_memory()
 
-    from diagnosis.parallel.freed_memory import keep_freed_memory
     from truewrench.workbench.study.study_actions import StudyActions
 
-    keep_freed_memory()
     connection.send(Started())
     actions = StudyActions(lambda text: connection.send(Progress(text)))
     while True:
