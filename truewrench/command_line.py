@@ -7,8 +7,6 @@ No numerical library is imported here or by the options of the commands, so that
 from __future__ import annotations
 
 import argparse
-import atexit
-import gc
 import os
 import shlex
 import sys
@@ -53,8 +51,6 @@ EXIT_CODES = (
 COMPLETED_BY = 'eval "$(register-python-argcomplete truewrench)" completes commands, options and effects in the shell.'
 COMPLETION = "_ARGCOMPLETE"
 """Variable of the environment in which a shell asks for completions."""
-GC_THRESHOLDS = (200_000, 20, 50)
-"""Of the garbage collector: a command's objects live until it ends, and collections take a thirtieth of its time."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -181,8 +177,6 @@ def _prepare(*, as_program: bool) -> None:
         for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
             os.environ.setdefault(variable, "1")  # matrices are tall and thin: threads only wait for one another
         postpone_imports()
-        gc.set_threshold(*GC_THRESHOLDS)
-        atexit.register(gc.freeze)  # no collection when the process ends
 
 
 def _internal_error_text(error: Exception) -> str:
