@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import copy
+import inspect
 import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from inspect import isabstract
 from pathlib import Path
 from typing import Any
@@ -315,6 +318,13 @@ def test_everything_public_is_completed() -> None:
     shown = {name for name in dir(tw) if not name.startswith("_")}
     assert shown == set(tw.__all__)  # type: ignore[attr-defined]
     assert all(hasattr(tw, name) for name in shown)
+
+
+def test_type_checkers_read_the_same_public_names() -> None:
+    imports = [node for node in ast.walk(ast.parse(inspect.getsource(tw))) if isinstance(node, ast.ImportFrom)]
+    read = {alias.asname: getattr(import_module(f"{node.module}"), alias.name) for node in imports
+            for alias in node.names if alias.asname}  # fmt: skip
+    assert read == {name: getattr(tw, name) for name in tw.__all__}  # type: ignore[attr-defined]
 
 
 def test_arrays_have_names_and_units() -> None:

@@ -1,48 +1,164 @@
 """Force/torque sensor models: identification, residual diagnosis and experiment design (public names).
 
-The names and their modules stand in `__init__.pyi`, which a type checker reads too; each is imported at its first use,
-so that importing truewrench stays fast.
+Each name is imported at its first use, so that importing truewrench stays fast; type checkers read the imports below.
 """
 
 from __future__ import annotations
 
-from functools import cache
 from importlib import import_module
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+_NAMES: dict[str, tuple[str, ...]] = {
+    "design.bound": ("upper_bound",),
+    "design.criteria": ("AOptimal", "DOptimal", "EOptimal", "Subset"),
+    "design.discrimination": ("discriminate",),
+    "design.information.experiment": ("Experiment",),
+    "design.limits.limit_use": ("LimitUse",),
+    "design.trajectories.fourier": ("FreeSeries", "PaperSeries"),
+    "design.trajectories.rest_to_rest": ("RestToRest",),
+    "design.trajectories.spline": ("SplineSeries",),
+    "design.trajectories.trajectory": ("Trajectory",),
+    "design.trajectory_design": ("design",),
+    "diagnosis.calibrate": ("calibrate",),
+    "diagnosis.comparison.model_comparison": ("compare",),
+    "diagnosis.diagnosis": ("diagnose",),
+    "diagnosis.study": ("Study", "study"),
+    "estimation.confidence_intervals": ("intervals",),
+    "estimation.contact.contact_filter": ("ContactFilter",),
+    "estimation.contact.contact_point": ("contact_point",),
+    "estimation.contact.contact_wrench": ("compensate",),
+    "estimation.contact.local_polynomial": ("LocalPolynomial",),
+    "estimation.contact.surface": ("Capsule", "Plane", "Sphere"),
+    "estimation.errors_in_variables.errors_in_variables_fit": ("errors_in_variables_fit",),
+    "estimation.errors_in_variables.input_noise": ("InputNoise",),
+    "estimation.fit": ("fit",),
+    "estimation.least_squares.constrained": ("Bounds", "Constraints", "Prior"),
+    "estimation.logs.array_reading": ("from_arrays", "from_dataframe"),
+    "estimation.logs.log_reading": ("read",),
+    "estimation.recordings.recording": ("Recording",),
+    "estimation.repeatability.bootstrap": ("bootstrap",),
+    "estimation.repeatability.repeat_table": ("RepeatTable",),
+    "estimation.robust.robust_fit": ("robust_fit",),
+    "estimation.robust.robust_loss": ("Huber", "StudentT"),
+    "estimation.static.centre_of_mass": ("CentreOfMass",),
+    "estimation.static.pose_advice": ("PoseAdvice",),
+    "estimation.streaming.chunk": ("Chunk", "chunks"),
+    "estimation.streaming.long_log": ("read_chunks",),
+    "modeling.chain.model": ("WrenchModel", "planar", "spatial"),
+    "modeling.errors": ("InputError", "TruewrenchError"),
+    "modeling.formulas.custom_effects.python_definition": ("own_effect",),
+    "modeling.noise.autoregressive_noise": ("NoiseModel",),
+    "modeling.noise.stationary_noise": ("ColouredNoise",),
+    "modeling.rig.rig": ("Rig",),
+    "modeling.space": ("signals",),
+    "truewrench.emitted": ("emit",),
+    "truewrench.files.effects_file": ("read_effects",),
+    "truewrench.files.model_file": ("load", "save"),
+    "truewrench.plots.reading.reading_plot": ("plot_reading",),
+    "truewrench.reports.reported": ("report",),
+    "truewrench.simulated_rig": ("simulate",),
+    "truewrench.surveying.survey": ("survey",),
+}
+"""Public names, by the module that defines them."""
+_SUBMODULES = {
+    "effects": "modeling.effects",
+    "reference": "modeling.reference",
+    "simulated_rig": "truewrench.simulated_rig",
+}
+"""Public modules."""
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 
-@cache
-def _modules() -> dict[str, str]:
-    """The module of every public name, from the imports of the stub."""
-    import ast
+if TYPE_CHECKING:
+    from design.bound import upper_bound as upper_bound
+    from design.criteria import AOptimal as AOptimal
+    from design.criteria import DOptimal as DOptimal
+    from design.criteria import EOptimal as EOptimal
+    from design.criteria import Subset as Subset
+    from design.discrimination import discriminate as discriminate
+    from design.information.experiment import Experiment as Experiment
+    from design.limits.limit_use import LimitUse as LimitUse
+    from design.trajectories.fourier import FreeSeries as FreeSeries
+    from design.trajectories.fourier import PaperSeries as PaperSeries
+    from design.trajectories.rest_to_rest import RestToRest as RestToRest
+    from design.trajectories.spline import SplineSeries as SplineSeries
+    from design.trajectories.trajectory import Trajectory as Trajectory
+    from design.trajectory_design import design as design
+    from diagnosis.calibrate import calibrate as calibrate
+    from diagnosis.comparison.model_comparison import compare as compare
+    from diagnosis.diagnosis import diagnose as diagnose
+    from diagnosis.study import Study as Study
+    from diagnosis.study import study as study
+    from estimation.confidence_intervals import intervals as intervals
+    from estimation.contact.contact_filter import ContactFilter as ContactFilter
+    from estimation.contact.contact_point import contact_point as contact_point
+    from estimation.contact.contact_wrench import compensate as compensate
+    from estimation.contact.local_polynomial import LocalPolynomial as LocalPolynomial
+    from estimation.contact.surface import Capsule as Capsule
+    from estimation.contact.surface import Plane as Plane
+    from estimation.contact.surface import Sphere as Sphere
+    from estimation.errors_in_variables.errors_in_variables_fit import (
+        errors_in_variables_fit as errors_in_variables_fit,
+    )
+    from estimation.errors_in_variables.input_noise import InputNoise as InputNoise
+    from estimation.fit import fit as fit
+    from estimation.least_squares.constrained import Bounds as Bounds
+    from estimation.least_squares.constrained import Constraints as Constraints
+    from estimation.least_squares.constrained import Prior as Prior
+    from estimation.logs.array_reading import from_arrays as from_arrays
+    from estimation.logs.array_reading import from_dataframe as from_dataframe
+    from estimation.logs.log_reading import read as read
+    from estimation.recordings.recording import Recording as Recording
+    from estimation.repeatability.bootstrap import bootstrap as bootstrap
+    from estimation.repeatability.repeat_table import RepeatTable as RepeatTable
+    from estimation.robust.robust_fit import robust_fit as robust_fit
+    from estimation.robust.robust_loss import Huber as Huber
+    from estimation.robust.robust_loss import StudentT as StudentT
+    from estimation.static.centre_of_mass import CentreOfMass as CentreOfMass
+    from estimation.static.pose_advice import PoseAdvice as PoseAdvice
+    from estimation.streaming.chunk import Chunk as Chunk
+    from estimation.streaming.chunk import chunks as chunks
+    from estimation.streaming.long_log import read_chunks as read_chunks
+    from modeling import effects as effects
+    from modeling import reference as reference
+    from modeling.chain.model import WrenchModel as WrenchModel
+    from modeling.chain.model import planar as planar
+    from modeling.chain.model import spatial as spatial
+    from modeling.errors import InputError as InputError
+    from modeling.errors import TruewrenchError as TruewrenchError
+    from modeling.formulas.custom_effects.python_definition import own_effect as own_effect
+    from modeling.noise.autoregressive_noise import NoiseModel as NoiseModel
+    from modeling.noise.stationary_noise import ColouredNoise as ColouredNoise
+    from modeling.rig.rig import Rig as Rig
+    from modeling.space import signals as signals
+    from truewrench import simulated_rig as simulated_rig
+    from truewrench.emitted import emit as emit
+    from truewrench.files.effects_file import read_effects as read_effects
+    from truewrench.files.model_file import load as load
+    from truewrench.files.model_file import save as save
+    from truewrench.plots.reading.reading_plot import plot_reading as plot_reading
+    from truewrench.reports.reported import report as report
+    from truewrench.simulated_rig import simulate as simulate
+    from truewrench.surveying.survey import survey as survey
 
-    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    return {alias.name: node.module or "" for node in imports for alias in node.names}
+    __version__: str
+else:
 
-
-@cache
-def _register() -> None:
-    """Say who presents results: `fit.summary()` asks the module named here."""
-    import_module("modeling.presenter").register_presenter("truewrench.presentation")
-
-
-def __getattr__(name: str) -> Any:
-    """The public name, from its module."""
-    if name == "__version__":
-        return import_module("importlib.metadata").version("truewrench")
-    if name == "__all__":
-        return sorted(_modules())
-    if name in _modules():
-        _register()
-        if _modules()[name] == __name__:
-            return import_module(f"{__name__}.{name}")
-        return getattr(__import__(_modules()[name], fromlist=[name]), name)
-    raise AttributeError(f"module 'truewrench' has no attribute '{name}'")
+    def __getattr__(name: str) -> Any:
+        """The public name, from its module."""
+        if name == "__version__":
+            return import_module("importlib.metadata").version("truewrench")
+        if name == "__all__":
+            return sorted([*_MODULES, *_SUBMODULES])
+        if name not in _MODULES and name not in _SUBMODULES:
+            raise AttributeError(f"module 'truewrench' has no attribute '{name}'")
+        # who presents results: `fit.summary()` asks the module named here
+        import_module("modeling.presenter").register_presenter("truewrench.presentation")
+        if name in _SUBMODULES:
+            return import_module(_SUBMODULES[name])
+        return getattr(import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:
     """Everything that `__getattr__` gives, for completion in a notebook."""
     own = [name for name in globals() if name.startswith("__")]
-    return sorted([*own, *_modules(), "__version__"])
+    return sorted([*own, *_MODULES, *_SUBMODULES, "__version__"])
