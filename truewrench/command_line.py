@@ -35,7 +35,6 @@ from truewrench.commands import (
     workbench,
 )
 from truewrench.files.output import say
-from truewrench.postponed_imports import postpone_imports
 
 COMMANDS = (
     demo, import_recording, diagnose, calibrate, fit, compare, survey, design, compensate, emit, effects, workbench,
@@ -176,7 +175,6 @@ def _prepare(*, as_program: bool) -> None:
     if as_program:
         for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
             os.environ.setdefault(variable, "1")  # matrices are tall and thin: threads only wait for one another
-        postpone_imports()
 
 
 def _internal_error_text(error: Exception) -> str:
