@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
+from estimation.distributions import normal_isf
 from modeling.errors import InputError
 from modeling.significance import LEVELS
 
@@ -94,7 +94,7 @@ class VarianceComponents:
 
     def interval(self, level: float = LEVELS.confidence) -> tuple[float, float]:
         """Confidence interval of the systematic RMS: square roots of the interval of `square`, clipped at zero."""
-        half_width = float(norm.ppf(0.5 + level / 2)) * float(np.sqrt(self.square_variance))
+        half_width = float(normal_isf(0.5 - level / 2)) * float(np.sqrt(self.square_variance))
         low, high = (float(np.sqrt(max(end, 0.0))) for end in (self.square - half_width, self.square + half_width))
         return low, high
 
