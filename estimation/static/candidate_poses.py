@@ -9,7 +9,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import qmc
 
 from estimation.model_signals import model_signals
 from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
@@ -77,6 +76,8 @@ def _postures(recording: Recording) -> PosesAndDescriptions:
         limits = np.where(np.isfinite(rig.position_limits), rig.position_limits, limits)
     factors = np.array([DISPLAY_UNITS[unit][0] for unit in arm.units])
     low, high = np.ceil(factors * limits[:, 0]), np.floor(factors * limits[:, 1])
+    from scipy.stats import qmc  # a third of the time of a `fit`, which rarely advises postures
+
     cube = qmc.Sobol(arm.joints, scramble=False).random(POSTURE_SAMPLES)
     q = np.unique(np.round(low + cube * (high - low)), axis=0) / factors
     pose = arm.pose(q, np.zeros_like(q), np.zeros_like(q))
