@@ -24,6 +24,8 @@ from benchmarks.diagnosis_cases import GROUPS
 SHARED = Path(os.environ.get("TRUEWRENCH_DATA", Path(__file__).parents[2] / "shared" / "data"))
 MAIN = "import sys; from truewrench.command_line import main; sys.exit(main())"
 HEADER = ("recording", "CPU s", "before", "ratio", "wall s", "before", "MB", "before", "same")
+ONE_WORKER = ("--workers", "1")
+"""Earlier commits shared a diagnosis out among processes."""
 AGREEMENT = 0.1
 """Of a parameter's standard deviation."""
 
@@ -98,10 +100,11 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
 def compared(files: Files, before: Path, after: Path, rounds: int) -> tuple[tuple[str, ...], float, float]:
     """A row of the table, and the CPU seconds after and before.
 
-    The first run of all derives the models, once for each version of the code and library, and is not counted.
+    The first run of each derives the models, once for each version of the code and library, and is not counted.
     """
-    run_once(after, files, ("--workers", "1"))
-    pairs = [(run_once(before, files), run_once(after, files, ("--workers", "1"))) for _ in range(rounds)]
+    run_once(before, files, ONE_WORKER)
+    run_once(after, files, ONE_WORKER)
+    pairs = [(run_once(before, files, ONE_WORKER), run_once(after, files, ONE_WORKER)) for _ in range(rounds)]
     wrong = sorted({name for old, new in pairs for name in differences(old.result, new.result)})
     old_cpu, new_cpu = (median(pair[i].cpu for pair in pairs) for i in (0, 1))
     old_wall, new_wall = (median(pair[i].wall for pair in pairs) for i in (0, 1))

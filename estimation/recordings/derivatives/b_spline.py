@@ -1,6 +1,6 @@
 """Sum of B-splines on given knots, and its derivatives.
 
-`scipy.interpolate` has it too, but its import takes longer than reading a recording and differentiating its motion.
+`scipy.interpolate` has it too, but its import takes a sixth of a `diagnose` in the plane (28 November 2026).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cubic spline through equidistant values: SciPy's `CubicSpline`, whose import takes longer than a solution."""
+"""Cubic spline through equidistant values: SciPy's `CubicSpline`, whose import takes a sixth of a `diagnose`."""
 
 from __future__ import annotations
 
