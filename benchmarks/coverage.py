@@ -20,16 +20,16 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.bootstrap import bootstrap
 from estimation.confidence_intervals import Intervals, intervals
 from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, with_readings
-from estimation.repeatability.bootstrap import bootstrap
-from estimation.robust.robust_fit import robust_fit
-from estimation.robust.robust_loss import Huber, Loss
+from estimation.robust_fit import robust_fit
+from estimation.robust_loss import Huber, Loss
 from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from modeling.table import Table
 from truewrench import simulated_rig as simulated

@@ -23,13 +23,13 @@ from benchmarks.rivals.reference import ARM, FREE, LIMITS, RIG, SAMPLES
 from benchmarks.rivals.unoptimised import chapter_optimum
 from benchmarks.scatter import TAIL, Scatter, span
 from design.information.experiment import Experiment
-from design.limits.random_feasible import random_feasible_trajectory
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.trajectory import Trajectory
 from estimation.fit import fit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, with_readings
 from modeling.chain.model import planar
-from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise import NoiseModel
 from truewrench import simulated_rig as simulated
 
 Array = npt.NDArray[np.float64]

@@ -22,8 +22,8 @@ import numpy as np
 
 from benchmarks.design_variance import shown
 from design.discrimination import DirectedPair, DiscriminationDesign, Hypothesis, with_effect_replaced
-from design.limits.random_feasible import random_feasible_trajectory
-from design.trajectories.random_periodic import random_periodic_trajectory
+from design.random_feasible import random_feasible_trajectory
+from design.trajectories.fourier import random_periodic_trajectory
 from design.trajectories.trajectory import Trajectory
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.next_experiment import next_experiment, recorded_experiment
@@ -34,8 +34,8 @@ from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel, planar
 from modeling.effects import named
 from modeling.errors import InputError
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.rig.rig import Limits, Rig
+from modeling.noise import NoiseModel
+from modeling.rig import Limits, Rig
 from truewrench import simulated_rig as simulated
 
 ROBOT = simulated.PlanarRig()

@@ -38,12 +38,12 @@ from benchmarks.measure import Cost, cost, peak_bytes, process
 from benchmarks.row import Row, table
 from estimation.fit import fit
 from estimation.streaming.chunk import Chunk
-from estimation.streaming.regressor_map import linear_regressor_map
+from estimation.streaming.chunk_information import linear_regressor_map
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.codegen.code_target import code_target
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.rig.rig import STANDARD_GRAVITY, Convention
+from modeling.noise import NoiseModel
+from modeling.rig import STANDARD_GRAVITY, Convention
 from modeling.space import Space
 
 Array = npt.NDArray[np.float64]

@@ -26,9 +26,9 @@ from benchmarks.measure import peak_bytes, peak_resident, rounds
 from benchmarks.row import Row, table
 from estimation.fit import fit
 from estimation.streaming.chunk import Chunk
-from estimation.streaming.regressor_map import linear_regressor_map
+from estimation.streaming.chunk_information import linear_regressor_map
 from modeling.chain.model import planar
-from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise import NoiseModel
 
 Array = npt.NDArray[np.float64]
 

@@ -26,14 +26,14 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from benchmarks.orthogonal_regression import orthogonal
-from estimation.errors_in_variables.errors_in_variables_fit import errors_in_variables_fit
-from estimation.errors_in_variables.input_noise import InputNoise
+from estimation.errors_in_variables import errors_in_variables_fit
 from estimation.fit import Fit, fit
+from estimation.input_noise import InputNoise
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.kinematics.arm import PlanarArm
+from modeling.rig import Convention, Rig, SensorDescription
 from modeling.table import Table
 from truewrench.simulated_rig import (
     HiddenEffect,

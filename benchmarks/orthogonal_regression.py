@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from estimation.errors_in_variables.error_propagation import ErrorPropagation
-from estimation.errors_in_variables.input_noise import InputNoise
+from estimation.errors_in_variables import ErrorPropagation
+from estimation.input_noise import InputNoise
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction

@@ -31,12 +31,12 @@ from benchmarks.measure import rounds
 from benchmarks.row import Row, table
 from estimation.fit import Fit, WhitenedProblem, fit
 from estimation.least_squares.whitened_problem import LinearisedRows
-from estimation.model_signals import model_signals
+from estimation.model_response import model_signals
 from estimation.recordings.reading import read
 from modeling import effects
 from modeling.chain.model import planar
 from modeling.chain.prediction import compiled_prediction
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.simulated_rig import CableSpring, PlanarRig, resolve_effects, simulate, write_recording
 
 Array = npt.NDArray[np.float64]

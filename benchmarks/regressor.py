@@ -2,7 +2,7 @@
 
 Compared are ways to the same array from the same signals, and every way is first checked to give it:
 
-numpy emission      `modeling.expressions.compilation.numpy_function`: subexpressions shared, all samples at once
+numpy emission      `modeling.compiled.symbolic_vector.numpy_function`: subexpressions shared, all samples at once
 casadi map          `modeling.chain.prediction.Emitted`: a CasADi graph mapped over samples, as fits and searches use it
 lambdify, loop      `sympy.lambdify` of the same matrix as its documentation has it (no cse), called for each sample
 lambdify, arrays    the same without cse, called once with arrays, for users who vectorise by hand
@@ -31,8 +31,8 @@ from benchmarks.row import Row, table
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import VectorFunction
 from modeling.chain.regressor import regressor
-from modeling.expressions.compilation import numpy_function
-from modeling.rig.rig import Convention
+from modeling.compiled.symbolic_vector import numpy_function
+from modeling.rig import Convention
 
 Array = npt.NDArray[np.float64]
 Evaluation = Callable[[], Array]

@@ -22,7 +22,7 @@ from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
     CableSpring,

@@ -13,7 +13,7 @@ from benchmarks.robot_motions import NearlyRepeated, QuinticPath, point_to_point
 from benchmarks.single_run import POSITION, RIG, UNSTATED, SingleRun, held_pose, noisy_pose, recorded, truth_of
 from benchmarks.unlisted_physics import GuidingHand
 from estimation.recordings.recording import Recording
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.simulated_rig import (
     BiasDrift,
     CableSpring,

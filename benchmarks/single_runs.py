@@ -41,7 +41,7 @@ from benchmarks.single_run import (
 from benchmarks.single_run_rows import rows
 from benchmarks.unlisted_physics import UNLISTED
 from diagnosis.diagnosis import diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import Fit, fit
 from modeling.chain.model import spatial
 from modeling.errors import InputError

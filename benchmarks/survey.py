@@ -30,7 +30,7 @@ from benchmarks.dask_processes import DaskProcesses, dask_processes
 if TYPE_CHECKING:
     from truewrench.simulated_rig import HiddenEffect
     from truewrench.surveying import Survey
-    from truewrench.surveying.survey_row import SurveyRow
+    from truewrench.surveying.survey_task import SurveyRow
 
 RECORDINGS = 40
 WORKERS, PROCESSES = 2, 2

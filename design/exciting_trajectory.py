@@ -14,7 +14,7 @@ from design.bound import BoundKind, DualityBound, WeakDuality
 from design.criteria import Criterion, DOptimal
 from design.information import Experiment
 from design.information.sample_information import SampleInformation
-from design.limits.limit_use import LimitUse
+from design.limits import LimitUse
 from design.optimiser.design_task import DesignTask
 from design.optimiser.local_optimum import LocalOptimum
 from design.trajectories.trajectory import Trajectory

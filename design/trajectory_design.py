@@ -11,27 +11,28 @@ from design.bound import DualityBound, GenerationRound, upper_bound
 from design.criteria import BayesianCriterion, Criterion, DOptimal
 from design.exciting_trajectory import DesignInterrupted, ExcitingTrajectory
 from design.information import DiscretePrior, Experiment, unidentifiable_combinations
-from design.information.parameter_values import ParameterValues
-from design.limits.rig_limits import arm_and_limits, require_enough_samples, require_motion_within_period
+from design.information.experiment import ParameterValues
+from design.limits import arm_and_limits, require_enough_samples, require_motion_within_period
 from design.optimiser.design_task import LOW_HARMONICS, DesignTask
+from design.optimiser.interior_point import TerminationStatus
 from design.optimiser.local_optimum import (
     LocalOptimum,
+    LocalSearch,
     contracted_optimum,
     local_optimum,
+    optimise,
     refine_optimum,
     screen_start,
 )
-from design.optimiser.multistart import LocalSearch, optimise
-from design.optimiser.nonlinear_program import TerminationStatus
 from design.optimiser.objective import Objective
 from design.trajectories.fourier import FourierSeries, FreeSeries, PaperSeries
-from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
-from modeling.noise.stationary_noise import StationaryNoise
-from modeling.rig.rig import Limits, Rig
+from modeling.noise import StationaryNoise
+from modeling.rig import Limits, Rig
 from modeling.space import Space
 
 DEFAULT_PERIOD, DEFAULT_SAMPLES = 5.0, 200

@@ -10,36 +10,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.acceptance.acceptance import accept
-from diagnosis.acceptance.held_out import HeldOut
-from diagnosis.acceptance.recording_disturbance import RecordingDisturbance, disturbances_of, with_disturbances
-from diagnosis.calibration.calibration import Calibration
+from diagnosis.acceptance import accept
+from diagnosis.calibration import Calibration
+from diagnosis.comparison.compared_step import noise_floors
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
-from diagnosis.comparison.error_table import noise_floors
-from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
-from diagnosis.comparison.unrecorded_acceleration import lacks_acceleration
+from diagnosis.comparison.slow_residual import SlowResidual, lacks_acceleration, slow_residuals
 from diagnosis.comparison.validation import zero_shift
+from diagnosis.held_out import HeldOut, RecordingDisturbance, disturbances_of, with_disturbances
 from diagnosis.progress import Progress, silent
-from diagnosis.screening.initial_values import model_initial_values
-from diagnosis.screening.score_test import screen
-from diagnosis.screening.screening_cache import ScreeningCache
-from diagnosis.selection.subset_search import CandidateModel, SubsetSearch, search_subsets
-from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
-from diagnosis.verdict.finding import Finding, gather_evidence, judge_effects
-from diagnosis.verdict.given_alternative import GivenAlternative, given_alternatives
-from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
-from diagnosis.verdict.result_json import disturbance_data, unexplained_data
+from diagnosis.screening.null_model import ScreeningCache
+from diagnosis.screening.score_test import model_initial_values, screen
+from diagnosis.subset_search import CandidateModel, SubsetSearch, search_subsets
+from diagnosis.verdict.aliasing import (
+    GivenAlternative,
+    channel_tolerance,
+    contribution_upper_limit,
+    given_alternatives,
+    within_tolerance,
+)
+from diagnosis.verdict.finding import EFFECT_RULES, EffectRule, Finding, gather_evidence, judge_effects
 from diagnosis.verdict.selection_step import (
     SelectionStep,
     explainable_power_by_step,
     removed_share_by_steps,
     selection_steps,
 )
-from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
-from diagnosis.verdict.unknown_tool import unknown_tool_reason
-from diagnosis.verdict.upper_limit import channel_tolerance, contribution_upper_limit, within_tolerance
-from diagnosis.verdict.verdict import RecordVerdict
-from diagnosis.verdict_rule import judge
+from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual, unknown_tool_reason
+from diagnosis.verdict_rule import RecordVerdict, VerdictRule, judge
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import (
     Fit,
@@ -54,8 +51,7 @@ from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
-from estimation.recordings.readings_digest import require_different_readings
-from estimation.recordings.recording import Recording
+from estimation.recordings.recording import Recording, require_different_readings
 from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
@@ -63,6 +59,99 @@ from modeling.effects import catalogue
 from modeling.number_format import P_VALUE, SHARE, finite
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
+
+# Verdict rules on the recordings as a whole.
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordEvidence:
+    """Evidence on the recordings, with the final model.
+
+    lack_of_fit           p-value in training, corrected for the number of recordings
+    held_out_lack_of_fit  smallest p-value over the held-out recordings, 1 without any
+    effects               number of effects added
+    unaccepted            whether, in noise that is estimated from the residual, some effect was significant in the
+                          search: the lack-of-fit test has little power there
+    slow                  whether a slow part of a single run's residual exceeds the noise: drift or slow physics
+    removed_share         what the effects removed of a single run's residual, over that and what remains of it in the
+                          band of the motion beyond 1/f noise; 1 where the noise is known
+    within_tolerance      whether the systematic error is within tolerance in every channel of every recording, of a
+                          held-out one without what errors of the estimates kept explain
+    power_share           systematic power of the final model's residual over that of the rigid tool's
+    deviates_outside      whether the readings differ from the model outside the whole repeats that were cut from a log
+    unrecorded_acceleration  whether a residual looks like mass times an acceleration that was not recorded, which no
+                          test shows where the noise is estimated from that residual
+    """
+
+    lack_of_fit: float
+    held_out_lack_of_fit: float = 1.0
+    effects: int = 0
+    unaccepted: bool = False
+    slow: bool = False
+    removed_share: float = 1.0
+    within_tolerance: bool = False
+    power_share: float = 1.0
+    deviates_outside: bool = False
+    unrecorded_acceleration: bool = False
+
+    @property
+    def adequate(self) -> bool:
+        """Whether no lack of fit is significant, neither in training nor on held-out data, and nothing else remains."""
+        if self.slow or self.unrecorded_acceleration or self.deviates_outside:
+            return False
+        return self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
+
+    @property
+    def rigid_tool_suffices(self) -> bool:
+        """Whether the model without effects is adequate, and none was significant on the way."""
+        return self.adequate and not self.effects and not self.unaccepted
+
+
+RecordRule = VerdictRule[RecordEvidence, RecordVerdict]
+V = RecordVerdict
+RECORD_RULES: tuple[RecordRule, ...] = (
+    VerdictRule(
+        "adequate without effects", lambda e: not e.effects and e.adequate and not e.unaccepted, V.NOTHING_MISSING
+    ),
+    VerdictRule("no effect accepted", lambda e: not e.effects, V.UNEXPLAINED),
+    VerdictRule(
+        "a single run of which little was removed", lambda e: e.adequate and e.removed_share < 0.5, V.PARTLY_EXPLAINED
+    ),
+    VerdictRule("no lack of fit", lambda e: e.adequate, V.EXPLAINED),
+    VerdictRule("error within tolerance", lambda e: e.within_tolerance and not e.deviates_outside, V.EXPLAINED),
+    VerdictRule("systematic power at least halved", lambda e: e.power_share <= 0.5, V.PARTLY_EXPLAINED),
+    VerdictRule(
+        "more than half of the systematic power remains",
+        lambda e: True,
+        V.UNEXPLAINED,
+        "it removes less than half of the systematic error, and the residual stays significant",
+    ),
+)
+"""In order; a model without effects ends at the second rule."""
+
+
+# Parts of result.json that are no results of their own.
+
+
+def disturbance_data(own: RecordingDisturbance) -> dict[str, Any]:
+    """A recording-specific disturbance as plain data."""
+    return {
+        "recording": own.recording.name,
+        "id": own.effect.id,
+        "swing": dict(own.swing),
+        "parameters": estimates_data(own.parameters),
+    }
+
+
+def unexplained_data(residual: UnexplainedResidual) -> dict[str, Any]:
+    """The unexplained residual as plain data."""
+    return {
+        "where": residual.where,
+        "explainable_rms": dict(residual.explainable_rms),
+        "looks_like": list(residual.looks_like),
+        "share": residual.share,
+    }
+
 
 Array = NDArray[np.float64]
 

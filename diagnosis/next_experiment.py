@@ -8,20 +8,19 @@ from concurrent.futures import Executor
 import numpy as np
 
 from design.discrimination import DiscriminationDesign, WhitenedPrediction, discriminate, with_effect_replaced
-from design.discrimination.exchange_algorithm import ExchangeProgress
-from design.information.sampling import Sampling
+from design.discrimination.discriminating_trajectory import ExchangeProgress
+from design.information.sensitivities import Sampling
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import TrajectorySeries
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
-from diagnosis.verdict.verdict import EffectVerdict
-from estimation.model_signals import model_signals
+from diagnosis.verdict_rule import EffectVerdict
+from estimation.model_response import model_signals
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.stationary_noise import ColouredNoise, StationaryNoise
-from modeling.rig.rig import Rig
+from modeling.noise import ColouredNoise, NoiseModel, StationaryNoise
+from modeling.rig import Rig
 
 HARMONICS = (1, 2, 3, 4, 5, 6)
 """Harmonics of the trajectory when no series is given: low ones suffice to discriminate between kinds of force."""

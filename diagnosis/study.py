@@ -7,22 +7,25 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from diagnosis.acceptance.held_out import HeldOut
-from diagnosis.comparison.compared_step import ComparedFit
+from diagnosis.comparison.compared_step import (
+    ComparedFit,
+    RecordingErrors,
+    error_table,
+    recording_errors,
+    systematic_error,
+)
 from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
-from diagnosis.comparison.error_table import RecordingErrors, error_table, recording_errors, systematic_error
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.held_out import HeldOut
 from diagnosis.progress import Progress, count_progress, silent
-from diagnosis.screening.initial_values import model_initial_values
-from diagnosis.screening.score_test import screen
-from diagnosis.screening.screening_cache import ScreeningCache
+from diagnosis.screening.null_model import ScreeningCache
+from diagnosis.screening.score_test import model_initial_values, screen
 from diagnosis.screening.suspects import Suspects
-from diagnosis.selection.subset_search import CandidateModel, refit_with_effect
-from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual
-from diagnosis.verdict.unknown_tool import unknown_tool_reason
-from diagnosis.verdict.upper_limit import channel_tolerance
+from diagnosis.subset_search import CandidateModel, refit_with_effect
+from diagnosis.verdict.aliasing import channel_tolerance
+from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual, unknown_tool_reason
 from estimation.fit import (
     Fit,
     check_channels,
@@ -35,15 +38,14 @@ from estimation.fit import (
     with_ordinary_estimate,
 )
 from estimation.gravity.gravity_direction import with_gravity_direction
-from estimation.logs.log_reading import read
-from estimation.recordings.readings_digest import require_different_readings
-from estimation.recordings.recording import Recording
+from estimation.reading.log_reading import read
+from estimation.recordings.recording import Recording, require_different_readings
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue, named
 from modeling.errors import InputError, quoted, suggestion
 from modeling.number_format import P_VALUE
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 

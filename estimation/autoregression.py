@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.stationary_noise import NoiseSource
+from modeling.noise import NoiseModel, NoiseSource
 
 Array = NDArray[np.float64]
 

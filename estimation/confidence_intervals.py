@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
-from estimation.distributions import inverse_trigamma, student_isf
-from estimation.least_squares.column_space import orthonormal_basis
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, fixed_parameters
+from estimation.least_squares.square_root_information import orthonormal_basis
 from estimation.least_squares.whitened_problem import WhitenedProblem
+from estimation.multiplicity import inverse_trigamma, student_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth_power_spectra
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
+from modeling.noise import NoiseSource
 from modeling.parameter import Parameter
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular

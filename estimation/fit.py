@@ -11,16 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.gravity.gravity_direction import with_gravity_direction
-from estimation.initial_value_names import require_known_start
-from estimation.least_squares.estimates import Estimate, Estimates
-from estimation.least_squares.familiar_names import unknown_attribute
-from estimation.least_squares.linear_least_squares import least_squares_solution
-from estimation.least_squares.positive_mass import require_positive_mass
-from estimation.least_squares.square_root_information import SquareRootInformation
+from estimation.least_squares.estimates import Estimate, Estimates, require_positive_mass, unknown_attribute
+from estimation.least_squares.square_root_information import SquareRootInformation, least_squares_solution
 from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
 from estimation.model_response import ModelResponse, model_response, predicted_readings
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise, sample_step
-from estimation.parameter_layout import ParameterLayout, parameter_layout
+from estimation.noise.recording_noise import RecordingNoise, sample_step
+from estimation.parameter_layout import ParameterLayout, parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from estimation.streaming.chunk import Chunk
@@ -28,7 +24,7 @@ from estimation.streaming.chunk_information import RecordingOrChunk, require_cha
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of
-from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise import NoiseModel, NoiseSource
 from modeling.parameter import Parameter, Role
 from modeling.significance import LEVELS
 from modeling.table import Table
@@ -39,8 +35,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from estimation.confidence_intervals import Intervals
-    from estimation.least_squares.constrained import ConstrainedMinimum, Constraints
-    from estimation.least_squares.constraints.constraints import StatedConstraints
+    from estimation.least_squares.constrained_minimum import ConstrainedMinimum
+    from estimation.least_squares.constraints import Constraints, StatedConstraints
     from estimation.ordinary_estimate import OrdinaryEstimate
     from estimation.streaming.streamed_fit import StreamedFit
 
@@ -492,13 +488,13 @@ def refit(
 
 
 def _constraints(given: StatedConstraints) -> Constraints:
-    from estimation.least_squares.constrained import Constraints  # loads cone programs
+    from estimation.least_squares.constraints import Constraints
 
     return Constraints.of(given)
 
 
 def _constrained(problem: WhitenedProblem, theta: Array, constraints: Constraints) -> ConstrainedMinimum:
-    from estimation.least_squares.constrained import minimise_constrained  # loads cvxpy where a cone needs it
+    from estimation.least_squares.constrained_minimum import minimise_constrained
 
     return minimise_constrained(problem, theta, constraints)
 
@@ -518,15 +514,15 @@ def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[
     Transient events detected in a single run are excluded from that fit, and have a noise of their own. Repeats of one
     motion need no fit, as what a model predicts of them is their mean.
     """
-    from estimation.noise.disturbances.events_in_single_runs import find_events_in_single_runs
+    from estimation.noise.events_in_single_runs import find_events_in_single_runs
 
     events = find_events_in_single_runs(model, recordings)
     return tuple(_initial_noise(model.base, r, own) for r, own in zip(recordings, events, strict=True))
 
 
 def _initial_noise(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> RecordingNoise:
-    from estimation.noise.motion_noise import MotionNoise
     from estimation.noise.noise_estimation import estimate_noise  # spectra, splines and tests: slow to import
+    from estimation.noise.recording_noise import MotionNoise
 
     if recording.repeats > 1 and recording.own_motion is None:
         return estimate_noise(recording, recording.wrench - recording.averaged(recording.wrench))

@@ -18,12 +18,11 @@ from scipy.fft import dct
 
 from estimation.confidence_intervals import intervals
 from estimation.least_squares.whitened_problem import WhitenedProblem
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.channel_whitening import block_means
+from modeling.noise import NoiseModel, NoiseSource, block_means
 from modeling.parameter import Parameter
 
 Array = NDArray[np.float64]

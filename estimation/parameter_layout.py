@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,22 @@ from estimation.model_response import missing_inputs
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
+from modeling.errors import InputError, quoted, suggestion
 from modeling.parameter import Parameter
+
+# Names of the initial values given to a fit.
+
+
+def require_known_start(start: Iterable[str], model: WrenchModel, unknowns: Iterable[Parameter]) -> None:
+    """Raise InputError for the first initial value of no unknown; biases of other recordings (`bias_fx@name`) pass."""
+    known = [p.name for p in unknowns]
+    biases = {p.name for p in model.biases}
+    for name in start:
+        label, _, recording = name.partition("@")
+        if name not in known and not (recording and label in biases):
+            what = f"no parameter is called {quoted(name)}"
+            raise InputError(what=what, where="start", remedy=suggestion(name, known))
+
 
 Array = NDArray[np.float64]
 

@@ -6,15 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.bound import DualityBound, Effort, PolynomialDegrees, ViableStates, upper_bound
-from design.bound.dual_function import DualFunction, DualVariables
-from design.bound.periodicity_conditions import PeriodicityConditions
+from design.bound.dual_function import DualFunction, DualVariables, PeriodicityConditions
 from design.information import Experiment
-from design.limits.random_feasible import random_feasible_trajectory
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import Trajectory
 from modeling.chain.model import planar
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.rig.rig import Limits
+from modeling.kinematics.arm import PlanarArm
+from modeling.rig import Limits
 
 Array = NDArray[np.float64]
 ARM = PlanarArm((0.6, 0.4))

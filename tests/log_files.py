@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from estimation.logs.log_table import Array
+from estimation.reading.log_reader import Array
 from truewrench.simulated_rig import SpatialRig, ViscousDrag, simulate
 
 DRAG = ViscousDrag(c=1.0, d=0.12)

@@ -9,9 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from time import sleep
 
-from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome, StoredEstimate
 from truewrench.surveying.survey import survey
-from truewrench.surveying.survey_task import SurveyTask
+from truewrench.surveying.survey_task import DiagnosisOutcome, StoredEstimate, SurveyTask
 
 SLOW = 0.25
 """Seconds of a slow task: long enough to be killed in."""

@@ -14,14 +14,13 @@ from design.criteria import Criterion
 from design.trajectories.fourier import FreeSeries
 from design.trajectory_design import design
 from diagnosis.diagnosis import diagnose
-from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectRule
-from diagnosis.verdict.verdict import EffectVerdict
-from diagnosis.verdict_rule import VerdictRule
+from diagnosis.verdict.finding import EFFECT_RULES, EffectRule
+from diagnosis.verdict_rule import EffectVerdict, VerdictRule
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import planar
 from modeling.effects import named
-from modeling.effects.friction import ViscousDrag
-from modeling.rig.rig import Limits, Rig
+from modeling.effects.loads import ViscousDrag
+from modeling.rig import Limits, Rig
 from truewrench import simulated_rig
 from truewrench.simulated_rig import PlanarRig, simulate
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline as SciPySpline
 
-from estimation.recordings.derivatives.b_spline import BasisRows, BSpline, basis_matrix
+from estimation.recordings.smoothing_spline import BasisRows, BSpline, basis_matrix
 
 
 def clamped(pieces: int, degree: int, rng: np.random.Generator) -> NDArray[np.float64]:

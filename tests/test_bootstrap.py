@@ -13,9 +13,9 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.coverage import LAG, NOISES, Setting
+from estimation.bootstrap import Agreement, Bootstrap, bootstrap
 from estimation.fit import Fit, WhitenedProblem, fit
 from estimation.recordings.recording import Recording, with_readings
-from estimation.repeatability.bootstrap import Agreement, Bootstrap, bootstrap
 from modeling.chain.model import planar
 from modeling.errors import InputError
 

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from design.bound import DualityBound, Effort, PolynomialDegrees, ViableStates, WeakDuality, upper_bound
-from design.bound.restricted_master import DualCoordinates, RestrictedMaster
-from design.bound.symmetry import SignChange
+from design.bound.column_generation import DualCoordinates, RestrictedMaster
+from design.bound.dual_function import SignChange
 from design.bound.upper_bound import dual_function
 from design.information import Experiment
-from design.limits.limit_use import LimitUse
-from design.limits.random_feasible import random_feasible_trajectory
+from design.limits import LimitUse
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import Trajectory
 from modeling.chain.model import planar
-from modeling.effects.gravity_load import GravityTilt
-from modeling.effects.linear_dynamics import SensorLag
+from modeling.effects.geometry import GravityTilt
+from modeling.effects.sensor import SensorLag
 from modeling.errors import InputError
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.kinematics.arm import PlanarArm
+from modeling.noise import NoiseModel
 from tests.bound_cases import (
     ARM,
     CASES,

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimation.least_squares.constrained import Bounds, Constraints, Prior
-from estimation.least_squares.constraints.feasible_region import BoundSide, FeasibleRegion
-from estimation.least_squares.constraints.infeasible_subset import irreducible_infeasible_subset
+from estimation.least_squares.bounds import Bounds
+from estimation.least_squares.constraints import BoundSide, Constraints, FeasibleRegion, irreducible_infeasible_subset
+from estimation.least_squares.prior import Prior
 from estimation.parameter_layout import ParameterLayout
 from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from design.bound import BoundKind, Effort, PolynomialDegrees
-from design.bound.branch_and_bound import DualFunctionEnclosure
-from design.bound.interval_arithmetic import IntervalEvaluation
+from design.bound.branch_and_bound import DualFunctionEnclosure, IntervalEvaluation
+from modeling.compiled.tape import Tape
 from modeling.errors import InputError
-from modeling.evaluation.tape import Tape
 from tests.bound_cases import (
     CASES,
     bound_of,

@@ -21,12 +21,12 @@ from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.prediction import Prediction
-from modeling.chain.stages.bias_stage import Bias
-from modeling.evaluation import cache as store
-from modeling.evaluation.cache import cached, source_digest, trim
-from modeling.evaluation.tape_evaluation import TapeEvaluation
-from modeling.evaluation.vector_function import CompiledVector
-from modeling.formulas.custom_effects.custom_effect import CustomEffect
+from modeling.chain.stages import Bias
+from modeling.compiled import cache as store
+from modeling.compiled.cache import cached, source_digest, trim
+from modeling.compiled.tape_evaluation import TapeEvaluation
+from modeling.compiled.vector_function import CompiledVector
+from modeling.formulas.custom_effect import CustomEffect
 from modeling.parameter import Parameter
 from modeling.space import Space
 from tests.effects.cases import CASES, Case
@@ -191,7 +191,7 @@ def test_effects_of_other_packages_are_not_kept(folder: Path) -> None:
 
 def test_nothing_is_derived_twice_by_two_commands(folder: Path) -> None:
     code = (
-        "import sys\nimport numpy as np\nfrom modeling.chain.model import planar\nfrom modeling.rig.rig import Rig\n"
+        "import sys\nimport numpy as np\nfrom modeling.chain.model import planar\nfrom modeling.rig import Rig\n"
         "from modeling import effects\nfrom modeling.chain.prediction import compiled_prediction\n"
         "rig = Rig(link_lengths=(1.0, 0.97, 0.4))\nq = np.linspace(0, 1, 30).reshape(10, 3)\n"
         "signals = rig.arm.pose(q, q, q)\nmodel = planar(rig) + [effects.viscous_drag(), effects.sensor_lag()]\n"
@@ -257,7 +257,7 @@ def test_a_folder_that_cannot_be_written_is_no_error(tmp_path: Path, monkeypatch
 def test_a_read_only_folder_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     """As another user, where there is one to become: nothing is forbidden to root."""
     code = (
-        "import os, sys\nfrom modeling.evaluation.cache import cached\n"
+        "import os, sys\nfrom modeling.compiled.cache import cached\n"
         "def ask(what, derive): return cached({'what': what}, derive, dict)\n"
         "ask('it', lambda: sys.exit('derived again'))\nif os.geteuid() == 0:\n    os.setuid(65534)\n"
         "print(ask('it', lambda: sys.exit('derived again')), ask('new', lambda: {'new': 1}))"
@@ -312,7 +312,7 @@ def test_a_process_older_than_its_source_leaves_no_entry(upgraded: bool, folder:
     copied = tmp_path / "library" / "modeling"
     shutil.copytree(store.PACKAGE, copied, ignore=shutil.ignore_patterns("__pycache__"))
     code = (
-        "import sys\nfrom modeling.evaluation.cache import cached\n"
+        "import sys\nfrom modeling.compiled.cache import cached\n"
         f"with open({str(copied / 'number_format.py')!r}, 'a') as module: module.write({'# new' * upgraded!r})\n"
         "print(cached({'what': 'it'}, lambda: {'it': 1}, dict))"
     )

@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import binom, binomtest
 
-from diagnosis.calibrate import _results, calibrate
-from diagnosis.calibration.calibration import Calibration
-from diagnosis.calibration.rate import Rate
-from diagnosis.calibration.surrogate import surrogate_noise
+from diagnosis.calibrate import _results, calibrate, surrogate_noise
+from diagnosis.calibration import Calibration, Rate
 from diagnosis.diagnosis import diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, with_readings
 from modeling.chain.model import planar

@@ -18,20 +18,19 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from estimation.fit import Fit, fit
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from estimation.streaming.chunk import Chunk, chunks
-from estimation.streaming.chunk_information import RecordingOrChunk
-from estimation.streaming.regressor_map import linear_regressor_map
+from estimation.streaming.chunk_information import RecordingOrChunk, linear_regressor_map
 from estimation.streaming.streamed_fit import MAX_PENDING_PARTS, StreamedFit, estimate_streamed
 from modeling import effects
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.rig.rig import Convention
+from modeling.noise import NoiseModel, NoiseSource
+from modeling.rig import Convention
 from modeling.space import Space
 from tests.test_fit import base, columns, recorded
 from truewrench import simulated_rig as simulated

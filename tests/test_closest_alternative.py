@@ -7,8 +7,8 @@ from functools import cache
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.selection.subset_search import CandidateModel
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.subset_search import CandidateModel
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import refit
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar

@@ -22,8 +22,7 @@ from modeling.chain.prediction import compiled_prediction
 from modeling.codegen.code_target import CodeTarget, code_target, target_names
 from modeling.codegen.generated_code import GeneratedCode
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
-from modeling.expressions.operation_count import OperationCount
-from modeling.expressions.straight_line_program import StraightLineProgram
+from modeling.compiled.straight_line_program import OperationCount, StraightLineProgram
 from modeling.space import Space
 from tests.emitted import Library, balanced, module, pointer
 from truewrench.command_line import main

@@ -16,27 +16,25 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.contact.contact_wrench import compensate
-from estimation.model_signals import model_signals
+from estimation.model_response import model_signals
 from estimation.recordings.reading import read
 from modeling import effects
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.prediction import compiled_prediction
-from modeling.chain.stages.bias_stage import Bias
-from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
-from modeling.codegen.c_target import CTarget
+from modeling.chain.stages import Bias, LinearDynamics
 from modeling.codegen.casadi_target import casadi_model
 from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.latex_target import LatexTarget
-from modeling.codegen.numpy_target import NumpyTarget
+from modeling.codegen.template import CTarget, NumpyTarget
+from modeling.compiled.straight_line_program import laplace
+from modeling.dynamics.motion_record import TimeBase
 from modeling.dynamics.play import PlayResponse
-from modeling.dynamics.time_base import TimeBase
 from modeling.effects import catalogue, named
-from modeling.expressions.laplace_variable import laplace
-from modeling.formulas.custom_effects.python_definition import own_effect
+from modeling.formulas.python_definition import own_effect
 from modeling.parameter import Parameter
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
 from modeling.space import Space, signals
 from tests.emitted import CasadiFilter, CFilter, DiscreteTimeModel, Library, balanced, module
 from truewrench.command_line import main

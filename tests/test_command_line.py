@@ -21,17 +21,16 @@ import pytest
 
 from design.trajectories.trajectory import Trajectory
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
+from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
 from modeling.effects import CATALOGUE
-from modeling.rig.rig import Convention
+from modeling.rig import Convention
 from truewrench.command_line import COMMANDS, main, parser
-from truewrench.command_options.effect_choice import ids_apart
-from truewrench.command_options.options import READ
 from truewrench.commands import diagnose as diagnose_command
 from truewrench.commands import effects
 from truewrench.files import demonstration, output
 from truewrench.files.model_file import ModelFile
 from truewrench.files.output import ERASE_LINE, ProgressStyle, atomic_write, progress_line, progress_style
+from truewrench.options import READ, ids_apart
 from truewrench.simulated_rig import HIDDEN_EFFECTS, PlanarRig, SpatialRig, simulate, static_poses, write_recording
 from truewrench.text.diagnosis_text import diagnosis_text, error_reduction_text, verdict_sentence
 

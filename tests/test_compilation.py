@@ -19,9 +19,9 @@ from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import VectorFunction, compiled_prediction
+from modeling.compiled.symbolic_vector import casadi_expressions, common_subexpressions, numpy_function
 from modeling.effects import catalogue
 from modeling.errors import InputError
-from modeling.expressions.compilation import casadi_expressions, common_subexpressions, numpy_function
 from modeling.space import Space
 
 Array = NDArray[np.float64]

@@ -16,24 +16,24 @@ from numpy.typing import NDArray
 from scipy.optimize import NonlinearConstraint, least_squares, lsq_linear, minimize
 from scipy.stats import chi2
 
-from estimation.least_squares.constrained import (
-    Bounds,
+from estimation.least_squares.bounds import Bounds
+from estimation.least_squares.constrained_minimum import (
     ConstrainedMinimum,
     ConstraintInterpretation,
-    Constraints,
-    Prior,
+    constraints_lifted,
 )
-from estimation.least_squares.constrained import minimise_constrained as constrained
-from estimation.least_squares.constrained.active_constraint import constraints_lifted
+from estimation.least_squares.constrained_minimum import minimise_constrained as constrained
+from estimation.least_squares.constraints import Constraints
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
 from estimation.least_squares.levenberg_marquardt import levenberg_marquardt as free_minimum
+from estimation.least_squares.prior import Prior
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.parameter_layout import ParameterLayout
 from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.pseudo_inertia import pseudo_inertia
-from modeling.codegen.payload.payload_format import payload_format
-from modeling.codegen.payload.tool_inertia import ToolInertia
+from modeling.codegen.payload_format import payload_format
+from modeling.codegen.tool_inertia import ToolInertia
 from modeling.space import Space
 
 Array = NDArray[np.float64]

@@ -12,15 +12,17 @@ import pytest
 from numpy.typing import NDArray
 
 from estimation.fit import WhitenedProblem, initial_noise, initial_values
-from estimation.least_squares.constrained import Bounds, ConstrainedMinimum, ConstraintInterpretation, Constraints
-from estimation.least_squares.constrained import minimise_constrained as constrained
+from estimation.least_squares.bounds import Bounds
+from estimation.least_squares.constrained_minimum import ConstrainedMinimum, ConstraintInterpretation
+from estimation.least_squares.constrained_minimum import minimise_constrained as constrained
+from estimation.least_squares.constraints import Constraints
 from estimation.parameter_layout import parameter_layout
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.rig import Convention, Rig, SensorDescription
 from truewrench import simulated_rig as simulated
 
 Array = NDArray[np.float64]

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation.contact.calibrated_model import CalibratedModel
-from estimation.contact.contact_wrench import ContactWrench, compensate
+from estimation.contact.contact_wrench import CalibratedModel, ContactWrench, compensate
 from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 

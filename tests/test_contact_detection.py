@@ -15,11 +15,12 @@ from estimation.contact.contact_detection import (
     BlockMeans,
     ContactDetection,
     ContactSearch,
+    MeanDifferences,
+    VarianceOfMeans,
     WindowSums,
     detect_contacts,
 )
-from estimation.contact.variance_of_means import MeanDifferences, VarianceOfMeans
-from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise import NoiseModel
 from truewrench.simulated_rig import NOISE_MODELS
 
 Array = NDArray[np.float64]

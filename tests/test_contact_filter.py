@@ -17,18 +17,16 @@ from scipy.signal import cont2discrete, dlsim, savgol_coeffs, savgol_filter
 from scipy.spatial.transform import Rotation
 
 from benchmarks.coverage import RIGS, Setting, silent_recording
-from estimation.contact.calibrated_model import CalibratedModel
-from estimation.contact.contact_filter import ContactFilter
-from estimation.contact.contact_wrench import compensate
-from estimation.contact.local_polynomial import LocalPolynomial
+from estimation.contact.contact_filter import ContactFilter, LocalPolynomial
+from estimation.contact.contact_wrench import CalibratedModel, compensate
 from estimation.recordings.recording import QUATERNION, Recording, with_readings
 from modeling import effects
 from modeling.chain.contact_gain import contact_gain_at
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.kinematics.arm import PlanarArm
+from modeling.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimation.contact.contact_detection import detect_contacts
-from estimation.contact.contact_mean import ContactMean, ContactSeries
+from estimation.contact.contact_wrench import ContactMean, ContactSeries
 from modeling.significance import LEVELS
 from truewrench.simulated_rig import NOISE_MODELS
 

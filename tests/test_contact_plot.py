@@ -12,8 +12,8 @@ from matplotlib.patches import Polygon
 
 import truewrench as tw
 from estimation.contact.contact_wrench import ContactWrench
-from truewrench.plots.charts.chart import Band, Chart, Line, Panel, Span
-from truewrench.plots.charts.matplotlib_chart import LINE_COLUMNS, matplotlib_figure
+from truewrench.plots.chart import Band, Chart, Line, Panel, Span
+from truewrench.plots.matplotlib_chart import LINE_COLUMNS, matplotlib_figure
 from truewrench.plots.result_figure import result_chart
 from truewrench.simulated_rig import ContactEvent, PlanarRig, simulate
 

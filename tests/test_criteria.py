@@ -21,7 +21,7 @@ from design.criteria import AOptimal, BayesianCriterion, Criterion, DOptimal, EO
 from design.information import Experiment
 from modeling.chain.model import planar
 from modeling.errors import InputError
-from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.arm import PlanarArm
 
 Array = NDArray[np.float64]
 

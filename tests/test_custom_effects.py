@@ -25,11 +25,11 @@ from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect, SearchDomain
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import compiled_prediction
+from modeling.compiled.symbolic_vector import numpy_function
 from modeling.effects import CATALOGUE, named
 from modeling.errors import InputError
-from modeling.expressions.compilation import numpy_function
-from modeling.formulas.custom_effects.custom_effect import CustomEffect
-from modeling.formulas.custom_effects.definition_parser import LARGEST_GRID
+from modeling.formulas.custom_effect import CustomEffect
+from modeling.formulas.definition import LARGEST_GRID
 from modeling.parameter import Role
 from modeling.space import Space
 from truewrench.command_line import main

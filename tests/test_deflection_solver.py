@@ -11,13 +11,16 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from modeling.dynamics.deflection import deflection_solver as bending
-from modeling.dynamics.deflection.anderson_mixing import ANDERSON_DEPTH, AndersonMixing
-from modeling.dynamics.deflection.deflection_solver import _OscillatingTool, solve_deflection
-from modeling.dynamics.deflection.equidistant_spline import SplineSlopes, interpolated
-from modeling.dynamics.deflection.oscillator import Oscillator, OscillatorCoefficients
-from modeling.dynamics.deflection.transient_response import TransientResponse
-from modeling.dynamics.time_base import TimeBase
+from modeling.dynamics import deflection_solver as bending
+from modeling.dynamics.deflection_solver import ANDERSON_DEPTH, AndersonMixing, _OscillatingTool, solve_deflection
+from modeling.dynamics.motion_record import TimeBase
+from modeling.dynamics.oscillator import (
+    Oscillator,
+    OscillatorCoefficients,
+    SplineSlopes,
+    TransientResponse,
+    interpolated,
+)
 from modeling.errors import InputError
 from tests.test_dynamics import PERIOD, SPATIAL, TOOL, bent, grid, integrated, solved, three_axes, turn, vector
 

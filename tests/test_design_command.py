@@ -16,7 +16,7 @@ import pytest
 
 from modeling.chain.model import planar
 from modeling.chain.prediction import compiled_prediction
-from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.arm import PlanarArm
 from truewrench.command_line import main
 
 RIG_TEXT = """

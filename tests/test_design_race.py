@@ -13,7 +13,7 @@ from benchmarks.rivals import evolution, finite_differences, nelder_mead, unopti
 from benchmarks.rivals.objective import Objective
 from benchmarks.rivals.reference import ARM, CHAPTER, FREE, LARGEST, LIMITS, PERIOD, SAMPLES
 from benchmarks.rivals.trace import TOLERANCE, Recorder, Trace
-from design.limits.limit_use import LimitUse
+from design.limits import LimitUse
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import planar
 from modeling.chain.prediction import compiled_prediction

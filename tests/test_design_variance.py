@@ -16,7 +16,7 @@ from benchmarks.rivals import finite_differences
 from benchmarks.rivals.reference import LIMITS, SAMPLES
 from benchmarks.rivals.unoptimised import chapter_optimum
 from benchmarks.scatter import Scatter
-from design.limits.limit_use import LimitUse
+from design.limits import LimitUse
 from design.trajectories.trajectory import Trajectory
 from estimation.recordings.recording import Recording
 

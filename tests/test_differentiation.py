@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from estimation.recordings.derivatives.differentiation import (
+from estimation.recordings.differentiation import (
     fourier_derivatives,
     fourier_or_spline_derivatives,
     highest_excited_line,

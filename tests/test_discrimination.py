@@ -28,18 +28,18 @@ from design.discrimination import (
     rival_models,
     with_effect_replaced,
 )
-from design.discrimination.directed_pair import LinearisedRival, maximin_experiment
-from design.discrimination.exchange_algorithm import ExchangeRound
-from design.discrimination.rival_along_trajectories import (
+from design.discrimination.discriminating_trajectory import ExchangeRound
+from design.discrimination.model_pair import (
+    LinearisedRival,
     RivalAlongTrajectories,
+    maximin_experiment,
     parameter_bounds,
     rival_starts,
     whitened_predictions,
 )
 from design.exciting_trajectory import DesignInterrupted
 from design.information import Experiment, prediction_terms, sensitivity_terms
-from design.trajectories.fourier import FreeSeries
-from design.trajectories.random_periodic import random_periodic_trajectory
+from design.trajectories.fourier import FreeSeries, random_periodic_trajectory
 from design.trajectories.trajectory import Trajectory
 from diagnosis.diagnosis import diagnose
 from diagnosis.next_experiment import next_experiment, sensor_noise_of
@@ -51,12 +51,11 @@ from modeling import effects
 from modeling.chain.chain import Chain
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
-from modeling.effects.joints import JointOffset
+from modeling.effects.geometry import JointOffset
 from modeling.errors import InputError
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.stationary_noise import ColouredNoise, StationaryNoise
+from modeling.noise import ColouredNoise, NoiseModel, StationaryNoise
 from modeling.parameter import Parameter
-from modeling.rig.rig import Limits, Rig
+from modeling.rig import Limits, Rig
 from modeling.rival_fit import fit_rival
 from modeling.space import Space
 from truewrench import simulated_rig as simulated

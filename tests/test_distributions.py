@@ -7,8 +7,15 @@ import pytest
 from scipy.special import polygamma
 from scipy.stats import binom, f, false_discovery_control, ncf, ncx2
 
-from estimation.distributions import binomial_sf, chi2_isf, f_isf, f_noncentrality, inverse_trigamma, noncentrality
-from estimation.multiplicity import false_discovery_rates
+from estimation.multiplicity import (
+    binomial_sf,
+    chi2_isf,
+    f_isf,
+    f_noncentrality,
+    false_discovery_rates,
+    inverse_trigamma,
+    noncentrality,
+)
 
 
 @pytest.mark.parametrize("value", np.geomspace(1e-8, 1e8, 17))

@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from modeling.chain.model import planar, spatial
 from modeling.chain.prediction import DeflectedLoad, compiled_prediction
-from modeling.dynamics.deflection.deflection_solver import DeflectionSeries, solve_deflection
-from modeling.dynamics.deflection.discrete_deflection import DiscreteDeflection, deflected
+from modeling.dynamics.deflection_solver import DeflectionSeries, solve_deflection
+from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
+from modeling.dynamics.motion_record import TimeBase
 from modeling.dynamics.play import PlayResponse
 from modeling.dynamics.sample_program import SampleProgramBuilder
-from modeling.dynamics.time_base import TimeBase
-from modeling.effects.tip_flexibility import TipFlexibility
+from modeling.effects.flexibility import TipFlexibility
 from modeling.errors import InputError
 from modeling.space import signals
 from tests.emitted import sampled

@@ -14,11 +14,11 @@ from matplotlib.textpath import TextPath
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue, named
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.space import Space
 from truewrench.effect_description import SKETCHES, effect_sketch, parameter_meaning
-from truewrench.effect_description.drawing import HEIGHT, WIDTH
 from truewrench.effect_description.effect_equations import effect_equations
+from truewrench.effect_description.effect_sketch import HEIGHT, WIDTH
 from truewrench.effect_description.equation_texts import EquationTexts, equation_texts
 from truewrench.effect_description.formula_mathml import GREEK, formula_mathml
 from truewrench.effect_description.mathml import mathml

@@ -12,19 +12,19 @@ from typing import Any
 
 import pytest
 
+from diagnosis import subset_search
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening.score_test import ScoreTest
-from diagnosis.selection import subset_search
-from diagnosis.selection.subset_search import MAX_REFITS, CandidateModel, SubsetSearch
+from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch
 from diagnosis.verdict.finding import Finding
-from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
+from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
 from estimation.multiplicity import bonferroni_threshold
 from estimation.recordings.recording import Recording
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
-from modeling.effects.friction import ViscousDrag
+from modeling.effects.loads import ViscousDrag
 from modeling.errors import InputError
 from modeling.significance import LEVELS
 from tests.test_hidden_effects import RIG, recorded

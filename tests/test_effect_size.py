@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from estimation.fit import fit
-from estimation.model_signals import model_signals
+from estimation.model_response import model_signals
 from modeling.chain.model import planar
 from modeling.effects import named
 from tests.test_given_effects import simulated
 from tests.test_hidden_effects import RIG
-from truewrench.effect_description.effect_size import largest_change, size_sentence
+from truewrench.effect_description.effect_words import largest_change, size_sentence
 
 pytest.importorskip("mujoco")
 

@@ -21,7 +21,7 @@ from design.trajectories.trajectory import Trajectory
 from modeling import effects
 from modeling.chain.model import planar
 from modeling.chain.regressor import regressor, regressor_functions
-from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.arm import PlanarArm
 from modeling.reference import contact_statics as printed_contact
 from modeling.reference.body_wrench import BODY_ABOUT_CENTRE, FREE_CONSTANTS, I_G, INERTIA, MASS, MLG, PRINTED_22_5
 from modeling.reference.body_wrench import G as GRAVITY

@@ -17,27 +17,32 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.noisy_motion import CASES, LOGGED, Case, planar_poses, planar_run, spatial_poses
-from estimation.errors_in_variables.corrected_score import CorrectedScoreProblem, effective_noise
-from estimation.errors_in_variables.error_propagation import ErrorPropagation
-from estimation.errors_in_variables.errors_in_variables_fit import ErrorsInVariables, errors_in_variables_fit
-from estimation.errors_in_variables.input_noise import InputNoise
+from estimation.errors_in_variables import (
+    CorrectedScoreProblem,
+    ErrorPropagation,
+    ErrorsInVariables,
+    effective_noise,
+    errors_in_variables_fit,
+)
 from estimation.fit import fit
-from estimation.model_signals import model_signals
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.input_noise import InputNoise
+from estimation.model_response import model_signals
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
+from estimation.recordings.column_table import ORIENTATION_ERRORS
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from estimation.recordings.signal_unit import ORIENTATION_ERRORS
 from modeling import effects
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.chain.regressor import regressor
+from modeling.compiled.symbolic_vector import numpy_function
 from modeling.errors import InputError
-from modeling.expressions.compilation import numpy_function
+from modeling.noise import NoiseSource
 from modeling.parameter import Parameter
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.space import Space, signals
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from estimation.noise.disturbances.events_in_single_runs import BlockAverages
-from estimation.noise.disturbances.transient_windows import inside
+from estimation.noise.events_in_single_runs import BlockAverages
+from estimation.noise.transient_windows import inside
 from estimation.parameter_layout import parameter_layout
 from modeling.chain.model import planar
 

@@ -18,12 +18,12 @@ from scipy.stats import binom
 from diagnosis.comparison.comparison import comparison_of
 from diagnosis.diagnosis import diagnose
 from diagnosis.screening.score_test import adjusted_p_values, screen
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import fit
 from estimation.recordings.reading import from_columns, read
 from modeling.chain.model import planar, spatial
 from modeling.effects import catalogue
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.significance import LEVELS
 from truewrench.simulated_rig import (
     AutoregressiveNoise,

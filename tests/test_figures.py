@@ -22,14 +22,12 @@ import truewrench as tw
 from modeling.table import Table
 from tests.test_given_effects import simulated
 from tests.test_results import RESULTS, fitted
-from truewrench.plots.charts.bokeh_chart import DARK, SYMBOLS, bokeh_chart, figures_of, legend_html, log_ticks
-from truewrench.plots.charts.chart import Array, Chart, Level, Line, Panel, Points, in_rows, legend_labels
-from truewrench.plots.charts.line_decimation import decimated
-from truewrench.plots.charts.matplotlib_chart import draw_on, matplotlib_figure, typeset
-from truewrench.plots.charts.plotly_chart import plotly_figure
-from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual_figure
-from truewrench.plots.residuals.worst_channel_plot import worst_channel_figure
+from truewrench.plots.bokeh_chart import DARK, SYMBOLS, bokeh_chart, figures_of, legend_html, log_ticks
+from truewrench.plots.chart import Array, Chart, Level, Line, Panel, Points, decimated, in_rows, legend_labels
+from truewrench.plots.matplotlib_chart import draw_on, matplotlib_figure, typeset
+from truewrench.plots.plotly_chart import plotly_figure
 from truewrench.plots.result_figure import FIGURES, PAGES, _sides, result_chart
+from truewrench.plots.time_series_plot import nonperiodic_residual_figure, worst_channel_figure
 
 pytest.importorskip("mujoco")
 

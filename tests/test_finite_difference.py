@@ -9,23 +9,22 @@ from math import inf
 import numpy as np
 import pytest
 
-from diagnosis.screening import finite_difference as secants
-from diagnosis.screening.finite_difference import GridPoint, score_columns
+from diagnosis.screening import whitened_sensitivity as secants
 from diagnosis.screening.grid_search import grid_points
-from diagnosis.screening.null_model import NullModel
-from diagnosis.screening.row_selection import RowSet
+from diagnosis.screening.null_model import NullModel, RowSet
 from diagnosis.screening.score_test import screen
+from diagnosis.screening.whitened_sensitivity import GridPoint, score_columns
 from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
 from modeling.chain.effect import NuisanceValues, SearchDomain
 from modeling.chain.model import planar
-from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE
+from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.effects import named
-from modeling.effects.calibration import Saturation, SensorGain
-from modeling.effects.friction import ViscousDrag
-from modeling.effects.tip_flexibility import TipFlexibility
+from modeling.effects.flexibility import TipFlexibility
+from modeling.effects.loads import ViscousDrag
+from modeling.effects.sensor import Saturation, SensorGain
 from modeling.parameter import Parameter
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench import simulated_rig
 from truewrench.simulated_rig import PlanarRig, simulate
 

@@ -13,17 +13,16 @@ import pytest
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
-from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from estimation.robust.robust_fit import robust_fit
+from estimation.robust_fit import robust_fit
 from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue
 from modeling.errors import InputError
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.noise import NoiseModel, NoiseSource
+from modeling.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import truewrench as tw
-from estimation.streaming.regressor_map import linear_regressor_map
+from estimation.streaming.chunk_information import linear_regressor_map
 from modeling.chain.model import planar
 from truewrench.command_line import main
 from truewrench.files.model_file import ModelFile

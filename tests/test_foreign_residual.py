@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from diagnosis.acceptance.foreign_residual import effect_of_foreign_residual
+from diagnosis.acceptance import effect_of_foreign_residual
 from diagnosis.screening.score_test import screen
-from diagnosis.selection.subset_search import CandidateModel, refit_with_effect
+from diagnosis.subset_search import CandidateModel, refit_with_effect
 from estimation.fit import fit
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
 from modeling.effects import viscous_drag
-from modeling.formulas.custom_effects.custom_effect import CustomEffect
+from modeling.formulas.custom_effect import CustomEffect
 from tests.test_single_runs import run
 from truewrench.simulated_rig import HiddenEffect, ViscousDrag
 

@@ -18,16 +18,24 @@ import sympy as sp
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from modeling.compiled.symbolic_vector import casadi_expressions, numpy_function
 from modeling.errors import InputError
-from modeling.expressions.compilation import casadi_expressions, numpy_function
-from modeling.formulas.custom_effects.python_definition import formula_text
-from modeling.formulas.functions import FORMULA_FUNCTIONS
-from modeling.formulas.parser import DEEPEST_TREE, FILE_NAME, MOST_NODES, parse_formula
-from modeling.formulas.sympy_expression import to_sympy
-from modeling.formulas.syntax_tree import LARGEST_EXPONENT, child_nodes, exponent, nodes_in
-from modeling.formulas.tokens import LONGEST_FORMULA, FormulaSource
-from modeling.formulas.unit_check import require_unit, unit_of
-from modeling.formulas.units import dimension
+from modeling.formulas.parser import (
+    DEEPEST_TREE,
+    FILE_NAME,
+    FORMULA_FUNCTIONS,
+    LARGEST_EXPONENT,
+    LONGEST_FORMULA,
+    MOST_NODES,
+    FormulaSource,
+    child_nodes,
+    exponent,
+    nodes_in,
+    parse_formula,
+    to_sympy,
+)
+from modeling.formulas.python_definition import formula_text
+from modeling.formulas.units import dimension, require_unit, unit_of
 
 NAMES = ("x", "y", "z", "k")
 SYMBOLS = {name: sp.Symbol(name, real=True) for name in NAMES}

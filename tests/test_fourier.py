@@ -7,8 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries, fourier_trajectory
-from design.trajectories.random_periodic import random_periodic_trajectory
+from design.trajectories.fourier import (
+    CHAPTER_OPTIMUM_DEGREES,
+    FreeSeries,
+    PaperSeries,
+    fourier_trajectory,
+    random_periodic_trajectory,
+)
 from design.trajectories.trajectory import Trajectory
 from modeling.errors import InputError
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
 from tests.test_hidden_effects import RIG, recorded
 from truewrench.command_line import main
-from truewrench.command_options.effect_choice import candidate_effects
+from truewrench.options import candidate_effects
 from truewrench.simulated_rig import PlanarRig, SensorCrosstalk, ViscousDrag, simulate
 from truewrench.text.diagnosis_text import diagnosis_text
 

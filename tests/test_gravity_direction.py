@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnosis import diagnose
-from diagnosis.screening.initial_values import model_initial_values
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.screening.score_test import model_initial_values
+from diagnosis.verdict_rule import RecordVerdict
+from estimation.candidate_poses import CandidatePoses
 from estimation.contact.contact_wrench import compensate
 from estimation.fit import Fit, fit
 from estimation.gravity.gravity_direction import (
@@ -27,21 +28,20 @@ from estimation.gravity.gravity_direction import (
     with_fitted_tilt,
     with_gravity_direction,
 )
-from estimation.gravity.weight_moments import WeightMoments
-from estimation.logs.log_reading import imported
-from estimation.logs.motion_evidence import motion_evidence
+from estimation.gravity.gravity_estimate import WeightMoments
+from estimation.reading.log_reading import imported
+from estimation.reading.motion_evidence import motion_evidence
 from estimation.recordings.reading import from_columns
+from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
-from estimation.recordings.reports.reading_report import StepKind
 from estimation.recordings.sign_convention import with_decided_convention
-from estimation.static.candidate_poses import CandidatePoses
 from estimation.streaming.long_log import read_chunks
 from modeling.chain.model import ALIGNED_MOUNTING, planar, spatial
 from modeling.effects import cable_spring, gravity_tilt, viscous_drag
 from modeling.errors import InputError
-from modeling.kinematics.base_mounting import Direction, base_angle, base_placement, motion_in_world
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.kinematics.arm import PlanarArm
+from modeling.kinematics.placement import Direction, base_angle, base_placement, motion_in_world
+from modeling.rig import Convention, Rig, SensorDescription
 from truewrench.files.data_set import DataSet, frame_sentences
 from truewrench.files.model_file import ModelFile
 from truewrench.simulated_rig import HIDDEN_EFFECTS, CableSpring, PlanarRig, SpatialRig, simulate, static_poses

@@ -9,24 +9,22 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnosis import diagnose
-from diagnosis.screening.finite_difference import score_columns
-from diagnosis.screening.grid_search import affected_rows, grid_points, projected_columns
-from diagnosis.screening.null_model import NullModel
+from diagnosis.screening.grid_search import affected_rows, grid_points, projected_columns, search_domain
+from diagnosis.screening.null_model import NullModel, ScreeningCache
 from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
 from diagnosis.screening.score_test import absent_effects, run_searches, screen
-from diagnosis.screening.screening_cache import ScreeningCache
-from diagnosis.screening.search_domain import search_domain
-from diagnosis.selection.subset_search import MAX_EFFECTS
+from diagnosis.screening.whitened_sensitivity import score_columns
+from diagnosis.subset_search import MAX_EFFECTS
 from estimation.fit import Fit, fit
-from estimation.least_squares.column_space import orthonormal_basis
+from estimation.least_squares.square_root_information import orthonormal_basis
 from estimation.least_squares.whitened_problem import LinearisedRows
 from estimation.recordings.reading import from_columns
 from modeling.chain.effect import Effect, GridSuperposition, NuisanceValues
 from modeling.chain.model import planar
 from modeling.effects import catalogue, named
-from modeling.effects.friction import ViscousDrag
-from modeling.effects.linear_dynamics import SensorLag
-from modeling.rig.rig import Rig
+from modeling.effects.loads import ViscousDrag
+from modeling.effects.sensor import SensorLag
+from modeling.rig import Rig
 from truewrench import simulated_rig
 from truewrench.simulated_rig import PlanarRig, simulate
 

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from modeling.evaluation.half_angles import with_half_angles
-from modeling.evaluation.tape import Tape
-from modeling.evaluation.tape_evaluation import TapeEvaluation
+from modeling.compiled.tape import Tape
+from modeling.compiled.tape_evaluation import TapeEvaluation, with_half_angles
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ import pandas as pd
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar, spatial
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench import simulated_rig
 from truewrench.simulated_rig import (
     Buoyancy,

@@ -22,7 +22,7 @@ from modeling.identifiability import (
     unidentifiable_directions,
 )
 from modeling.parameter import Parameter
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.rig import Convention, Rig, SensorDescription
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 import truewrench as tw
-from estimation.logs.readers import delimited_text
+from estimation.reading import delimited_text
 from modeling.effects import named
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
 from tests.log_files import (
     CHANNELS,
     DRAG,

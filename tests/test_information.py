@@ -23,13 +23,12 @@ from design.information import (
     sensitivity_terms,
     unidentifiable_combinations,
 )
-from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries
-from design.trajectories.random_periodic import random_periodic_trajectory
-from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries, random_periodic_trajectory
+from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Trajectory
 from estimation.fit import WhitenedProblem
 from estimation.model_response import model_response, predicted_readings
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.parameter_layout import parameter_layout
 from estimation.recordings.reading import from_columns
@@ -39,12 +38,11 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.regressor import regressor
 from modeling.errors import InputError
-from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.arm import PlanarArm
 from modeling.kinematics.urdf import read_urdf
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.stationary_noise import ColouredNoise, StationaryNoise
+from modeling.noise import ColouredNoise, NoiseModel, NoiseSource, StationaryNoise
 from modeling.parameter import Parameter
-from modeling.rig.rig import Limits, Rig, SensorDescription
+from modeling.rig import Limits, Rig, SensorDescription
 from modeling.space import Space
 
 Array = NDArray[np.float64]

@@ -12,17 +12,19 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from design.optimiser.design_task import DesignTask
-from design.optimiser.interior_point import InteriorPoint, newton_descent_step
+from design.optimiser.interior_point import (
+    InteriorPoint,
+    TerminationStatus,
+    limit_constrained_program,
+    newton_descent_step,
+)
 from design.optimiser.limit_constraints import LimitConstraints
-from design.optimiser.local_optimum import refine_optimum, screen_start
-from design.optimiser.multistart import optimise
-from design.optimiser.nonlinear_program import TerminationStatus, limit_constrained_program
-from design.optimiser.objective_derivatives import ObjectiveDerivatives
+from design.optimiser.local_optimum import optimise, refine_optimum, screen_start
+from design.optimiser.objective import ObjectiveDerivatives
 from design.trajectories.fourier import FreeSeries, PaperSeries
-from design.trajectories.rest_to_rest import RestToRest
-from design.trajectories.spline import SplineSeries
+from design.trajectories.spline import RestToRest, SplineSeries
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
-from modeling.rig.rig import Workspace
+from modeling.rig import Workspace
 from tests.test_optimiser import ARM, CASES, FREE, functions, objective, task
 
 Array = NDArray[np.float64]

@@ -15,23 +15,22 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from estimation.contact.calibrated_model import CalibratedModel
-from estimation.contact.contact_filter import ContactFilter
-from estimation.contact.local_polynomial import LocalPolynomial
-from estimation.errors_in_variables.error_propagation import ErrorPropagation
-from estimation.errors_in_variables.input_noise import InputNoise
+from estimation.candidate_poses import CandidatePoses
+from estimation.contact.contact_filter import ContactFilter, LocalPolynomial
+from estimation.contact.contact_wrench import CalibratedModel
+from estimation.errors_in_variables import ErrorPropagation
 from estimation.fit import fit
+from estimation.input_noise import InputNoise
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import MotionForm
-from estimation.repeatability.repeat_table import motion_error_rows
-from estimation.static.candidate_poses import CandidatePoses
+from estimation.repeat_table import motion_error_rows
 from estimation.streaming.long_log import read_chunks
 from modeling.chain.model import spatial
 from modeling.chain.prediction import compiled_prediction
 from modeling.effects import viscous_drag
 from modeling.errors import InputError
 from modeling.kinematics.urdf import read_urdf
-from modeling.rig.rig import Convention, Rig, SensorDescription, Workspace
+from modeling.rig import Convention, Rig, SensorDescription, Workspace
 from truewrench.command_line import main
 from truewrench.simulated_rig import SpatialRig, ViscousDrag, simulate
 

@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 from numpy.typing import NDArray
 
-from modeling.kinematics.planar_arm import POSE_SIGNALS, PlanarArm, forward_kinematics, joint_symbols
+from modeling.kinematics.arm import POSE_SIGNALS, PlanarArm, forward_kinematics, joint_symbols
 
 Array = NDArray[np.float64]
 States = tuple[Array, Array, Array]

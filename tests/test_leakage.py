@@ -10,8 +10,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, freqz, lfilter
 
-from estimation.noise.leakage import FIRST_INNOVATIONS, LEAST_LEAKAGE, _transients, leakage_free, line_powers
-from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectra
+from estimation.noise.power_spectrum import (
+    FIRST_INNOVATIONS,
+    LEAST_LEAKAGE,
+    PowerSpectrum,
+    _transients,
+    leakage_free,
+    line_powers,
+    smooth_power_spectra,
+)
 
 Array = NDArray[np.float64]
 Lines = NDArray[np.complex128]

@@ -21,14 +21,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from estimation.least_squares.column_space import orthonormal_basis
 from estimation.least_squares.levenberg_marquardt import (
     LeastSquaresMinimum,
     levenberg_marquardt,
     levenberg_marquardt_step,
 )
-from estimation.least_squares.linear_least_squares import least_squares_solution
-from estimation.least_squares.square_root_information import EPS, SquareRootInformation, qr_factors
+from estimation.least_squares.square_root_information import (
+    EPS,
+    SquareRootInformation,
+    least_squares_solution,
+    orthonormal_basis,
+    qr_factors,
+)
 from modeling.identifiability import ScaledSVD
 
 Array = NDArray[np.float64]

@@ -9,20 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from design.limits.limit_use import LimitUse
-from design.limits.random_feasible import random_feasible_trajectory
-from design.limits.tip_workspace import lever_arms, tip_acceleration_bound, tip_enclosure, tip_path
+from design.limits import LimitUse, lever_arms, tip_acceleration_bound, tip_enclosure, tip_path
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries, PaperSeries, fourier_trajectory
-from design.trajectories.rest_to_rest import RestToRest
-from design.trajectories.spline import SplineSeries
+from design.trajectories.spline import RestToRest, SplineSeries
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries
 from modeling.errors import InputError
-from modeling.kinematics.arm import Arm
-from modeling.kinematics.joint import JointKind
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
+from modeling.kinematics.placement import JointKind
 from modeling.kinematics.urdf import read_urdf
-from modeling.rig.rig import Limits, Workspace
+from modeling.rig import Limits, Workspace
 
 ARM, TIP = PlanarArm((1.0, 0.97, 0.4)), 0.2
 LIMITS = Limits(

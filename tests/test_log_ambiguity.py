@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.logs.columns.column_map import ColumnMap
-from estimation.logs.log_reading import imported
+from estimation.reading.column_map import ColumnMap
+from estimation.reading.log_reading import imported
 from modeling.errors import InputError
 from tests.log_files import CHANNELS, QUATERNION, Frame, original
 

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from estimation.logs.clocks.clock_offset import MotionRegressors
-from estimation.logs.columns.column_map import ColumnMap
-from estimation.logs.log_reading import imported
-from estimation.recordings.reports.reading_report import StepKind
+from estimation.reading.clock_offset import MotionRegressors
+from estimation.reading.column_map import ColumnMap
+from estimation.reading.log_reading import imported
+from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from tests.log_files import CHANNELS, POSITION, QUATERNION, Frame, original, poses_at, two_clocks
 from truewrench.simulated_rig import (
     CableSpring,

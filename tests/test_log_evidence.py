@@ -14,14 +14,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimation.fit import fit
-from estimation.logs.checks.contact_evidence import LEAST_SHARE, deviations
-from estimation.logs.checks.frame_check import ROLLED
-from estimation.logs.columns.column_map import ColumnMap
-from estimation.logs.frame_evidence import FrameEvidence, frame_evidence, sampled_rows
-from estimation.logs.log_import import ImportedRecording
-from estimation.logs.log_reading import imported
-from estimation.logs.log_table import Array
-from estimation.recordings.reports.reading_report import StepKind
+from estimation.reading.column_map import ColumnMap
+from estimation.reading.frame_check import LEAST_SHARE, ROLLED, deviations
+from estimation.reading.frame_evidence import FrameEvidence, frame_evidence, sampled_rows
+from estimation.reading.log_import import ImportedRecording
+from estimation.reading.log_reader import Array
+from estimation.reading.log_reading import imported
+from estimation.recordings.reading_report import StepKind
 from modeling.chain.model import spatial
 from modeling.errors import InputError
 from tests.log_files import CHANNELS, QUATERNION, Frame, original

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.logs.log_reader import LogReader
-from estimation.logs.log_reading import imported, read
-from estimation.recordings.reports.reading_report import StepKind
+from estimation.reading.log_reader import LogReader
+from estimation.reading.log_reading import imported, read
+from estimation.recordings.reading_report import StepKind
 from tests.log_files import CHANNELS, FORMATS, POSITION, QUATERNION, Frame, original, plotjuggler, poses_at
 
 pytest.importorskip("mujoco")

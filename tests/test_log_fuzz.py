@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.logs.log_reading import imported
+from estimation.reading.log_reading import imported
 from modeling.errors import InputError
 from tests.log_files import FORMATS, original
 
@@ -242,7 +242,7 @@ def test_too_little_memory_is_one_clear_line(tmp_path: Path, monkeypatch: pytest
     def exhausted(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("estimation.logs.log_import.column_mapping", exhausted)
+    monkeypatch.setattr("estimation.reading.log_import.column_mapping", exhausted)
     assert "larger than the memory that is free" in refusal(edited(lambda lines: lines)(tmp_path))
 
 

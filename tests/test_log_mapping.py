@@ -13,15 +13,14 @@ import pytest
 from scipy import constants
 from scipy.spatial.transform import Rotation
 
-from estimation.logs.columns.column_map import ColumnMap
-from estimation.logs.columns.column_pattern import PRESETS, Quantity
-from estimation.logs.columns.column_units import name_and_unit
-from estimation.logs.columns.incomplete_vector import nearest_vector
-from estimation.logs.log_reading import imported, read
-from estimation.logs.log_table import LogTable
-from estimation.recordings.reports.reading_report import StepKind
+from estimation.reading.column_map import ColumnMap, name_and_unit
+from estimation.reading.column_pattern import PRESETS, Quantity
+from estimation.reading.column_recognition import nearest_vector
+from estimation.reading.log_reader import LogTable
+from estimation.reading.log_reading import imported, read
+from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from tests.log_files import (
     CHANNELS,
     POSITION,
@@ -33,7 +32,7 @@ from tests.log_files import (
     original,
     rotations,
 )
-from truewrench.command_options.presets import PRESETS as LISTED
+from truewrench.options import PRESETS as LISTED
 
 pytest.importorskip("mujoco")
 

@@ -18,12 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from estimation.fit import fit
 from estimation.streaming.chunk import Chunk
-from estimation.streaming.chunked_file import open_chunked_file
-from estimation.streaming.long_log import read_chunks
-from estimation.streaming.regressor_map import linear_regressor_map
+from estimation.streaming.chunk_information import linear_regressor_map
+from estimation.streaming.long_log import open_chunked_file, read_chunks
 from modeling.errors import InputError
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.rig.rig import Rig
+from modeling.kinematics.arm import PlanarArm
+from modeling.rig import Rig
 from modeling.space import Space
 from tests.test_chunks import EXACT, noise_model
 from tests.test_fit import base

@@ -21,10 +21,10 @@ from docs.generator.effect_page import described, sentence
 from docs.generator.terminal import terminal
 from modeling.chain.model import planar
 from modeling.effects import CATALOGUE, catalogue
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.command_line import COMMANDS
 from truewrench.effect_description import SKETCHES, parameter_meaning
-from truewrench.effect_description.provocation import PROVOCATIONS
+from truewrench.effect_description.effect_words import PROVOCATIONS
 from truewrench.simulated_rig import HIDDEN_EFFECTS
 
 ROOT = Path(__file__).parents[1]

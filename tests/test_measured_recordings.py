@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.contact.contact_wrench import ContactWrench, compensate
 from estimation.fit import fit
 from estimation.recordings.reading import read
@@ -23,7 +23,7 @@ from estimation.recordings.sign_convention import decide_convention
 from modeling.chain.model import spatial
 from modeling.effects import named
 from modeling.errors import InputError
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
 from truewrench.text.tool_text import BIASED, tool_text
 
 DATA = Path(os.environ.get("TRUEWRENCH_DATA") or Path(__file__).parents[2] / "shared" / "data") / "ais2202"

@@ -13,13 +13,13 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimation.logs.columns.column_map import ColumnMap
-from estimation.logs.log_reading import imported, read
-from estimation.logs.log_table import Array
-from estimation.recordings.reports.reading_report import ReadingReport, StepKind
+from estimation.reading.column_map import ColumnMap
+from estimation.reading.log_reader import Array
+from estimation.reading.log_reading import imported, read
+from estimation.recordings.reading_report import ReadingReport, StepKind
 from estimation.recordings.sign_convention import decide_convention
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from tests.log_files import QUATERNION, original
 from truewrench.command_line import main
 from truewrench.simulated_rig import (

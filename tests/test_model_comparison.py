@@ -14,17 +14,15 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 import truewrench as tw
-from diagnosis.comparison.band_error import BandError
-from diagnosis.comparison.model_comparison import ModelComparison, compare
+from diagnosis.comparison.model_comparison import BandError, ModelComparison, compare
 from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
-from estimation.recordings.readings_digest import readings_digest
-from estimation.recordings.recording import Recording
+from estimation.recordings.recording import Recording, readings_digest
 from estimation.recordings.recording import with_readings as of_same_motion
 from modeling.chain.model import WrenchModel, planar
 from modeling.effects import named
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.command_line import main
 from truewrench.files.model_file import ModelFile
 

@@ -13,16 +13,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from estimation.fit import Estimate, fit
-from estimation.noise.recording_noise import NoiseSource
+from estimation.fit import fit
+from estimation.least_squares.estimates import Estimate
 from estimation.recordings.reading import from_columns
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.effects import catalogue
 from modeling.effects.bias import BiasDrift
-from modeling.effects.friction import ViscousDrag
+from modeling.effects.loads import ViscousDrag
 from modeling.errors import InputError
-from modeling.rig.rig import Convention, Rig
+from modeling.noise import NoiseSource
+from modeling.rig import Convention, Rig
 from modeling.space import Space
 from truewrench.files.model_file import ModelFile
 

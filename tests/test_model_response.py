@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import lsim
 
-from estimation.model_response import missing_inputs, model_response, predicted_readings
-from estimation.model_signals import model_signals
+from estimation.model_response import missing_inputs, model_response, model_signals, predicted_readings
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects

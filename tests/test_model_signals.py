@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation import model_signals as module
-from estimation.model_signals import model_signals
-from estimation.recordings.derivatives.differentiation import spline_derivatives
-from estimation.recordings.derivatives.series_derivatives import Derivatives
+from estimation import model_response as module
+from estimation.model_response import model_signals
+from estimation.recordings.differentiation import Derivatives, spline_derivatives
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 

@@ -16,18 +16,16 @@ from scipy.spatial.transform import Rotation
 from benchmarks.robot_motions import QuinticPath, point_to_point
 from benchmarks.single_run import SingleRun
 from diagnosis.comparison.comparison import comparison_of
-from diagnosis.comparison.unrecorded_acceleration import inertial_share, orientation_share
-from diagnosis.verdict.motion_notes import motion_notes
-from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
-from diagnosis.verdict.unknown_tool import unknown_tool_reason
-from diagnosis.verdict.verdict import RecordVerdict
-from diagnosis.verdict_rule import judge
+from diagnosis.comparison.slow_residual import inertial_share, orientation_share
+from diagnosis.diagnosis import RECORD_RULES, RecordEvidence
+from diagnosis.verdict.unexplained_residual import motion_notes, unknown_tool_reason
+from diagnosis.verdict_rule import RecordVerdict, judge
 from estimation.fit import Fit, fit
 from estimation.recordings.motion_limits import motion_limits, world_axes
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
-from modeling.rig.rig import SPATIAL_CHANNELS, Rig
+from modeling.rig import SPATIAL_CHANNELS, Rig
 from truewrench.command_line import main
 from truewrench.simulated_rig import (
     CableSpring,

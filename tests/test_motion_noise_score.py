@@ -10,16 +10,14 @@ import pytest
 
 from benchmarks.robot_motions import raster
 from diagnosis.screening.grid_search import GridSearch
-from diagnosis.screening.motion_noise_score import DRAWS, DrawnMotion
-from diagnosis.screening.null_model import NullModel
-from diagnosis.screening.score_test import run_searches, screen
-from diagnosis.screening.screening_cache import ScreeningCache
+from diagnosis.screening.null_model import NullModel, ScreeningCache
+from diagnosis.screening.score_test import DRAWS, DrawnMotion, run_searches, screen
 from estimation.fit import Fit, fit
-from estimation.model_signals import model_signals
+from estimation.model_response import model_signals
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial
 from modeling.effects import named
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.significance import LEVELS
 from truewrench.simulated_rig import AutoregressiveNoise, HiddenEffect, SpatialRig, ViscousDrag, simulate
 

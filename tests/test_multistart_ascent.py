@@ -17,7 +17,7 @@ from design.bound.multistart_ascent import (
     projected_gradient_ascent,
     random_points,
 )
-from modeling.evaluation.tape_evaluation import LONGEST_BLOCK
+from modeling.compiled.tape_evaluation import LONGEST_BLOCK
 from tests.bound_cases import CASES, plain_function, random_dual
 
 DEGREES = PolynomialDegrees(each=4, pair=2, more=0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnosis import diagnose
-from diagnosis.screening.noise_draws import ROWS_AT_ONCE, NoiseDraws
+from diagnosis.screening.null_model import ROWS_AT_ONCE, NoiseDraws
 from modeling.chain.model import planar
 from modeling.errors import InputError
 

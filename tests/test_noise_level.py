@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f
 
-from estimation.noise.noise_level import NoiseLevel
+from estimation.noise.whitened_spectrum import NoiseLevel
 
 
 def test_known_noise_is_chi_square() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 
 pytest.importorskip("mujoco")
 

@@ -15,20 +15,18 @@ from scipy.optimize import linprog
 from design.criteria import AOptimal, BayesianCriterion, Criterion, DOptimal, EOptimal, Subset
 from design.information import Experiment, noise_equivalent_sizes
 from design.optimiser.design_task import DesignTask, contracted_into_limits
-from design.optimiser.local_optimum import local_optimum
-from design.optimiser.multistart import optimise
-from design.optimiser.nonlinear_program import TerminationStatus
+from design.optimiser.interior_point import TerminationStatus
+from design.optimiser.local_optimum import local_optimum, optimise
 from design.optimiser.objective import Objective
 from design.trajectories.fourier import FreeSeries, PaperSeries
-from design.trajectories.rest_to_rest import RestToRest
-from design.trajectories.spline import SplineSeries
+from design.trajectories.spline import RestToRest, SplineSeries
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import planar
 from modeling.effects import com_offset, sensor_lag, viscous_drag
 from modeling.errors import InputError
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.rig.rig import Limits, Workspace
+from modeling.kinematics.arm import PlanarArm
+from modeling.noise import NoiseModel
+from modeling.rig import Limits, Workspace
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from scipy.stats import binom
 from estimation.fit import Fit, fit, refit
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
     HiddenEffect,

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
-from estimation.fit import Estimate
-from estimation.noise.recording_noise import NoiseSource
+from estimation.least_squares.estimates import Estimate
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.codegen.payload.payload_format import FORMATS, payload_format
-from modeling.codegen.payload.tool_inertia import ToolInertia
+from modeling.codegen.payload_format import FORMATS, payload_format
+from modeling.codegen.tool_inertia import ToolInertia
 from modeling.effects import named
 from modeling.errors import InputError
-from modeling.rig.rig import Convention
+from modeling.noise import NoiseSource
+from modeling.rig import Convention
 from tests.emitted import module
 from truewrench.command_line import main
 from truewrench.emitted import emit

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 import truewrench as tw
 from design.trajectories.trajectory import Trajectory
-from estimation.logs.clocks.resampling import band_limited
-from estimation.logs.log_reading import imported
+from estimation.reading.log_reading import imported
+from estimation.reading.sample_mending import band_limited
 from estimation.recordings.motion_period import motion_period
-from estimation.recordings.reports.reading_report import PeriodReading, StepKind
-from modeling.rig.rig import Rig
+from estimation.recordings.reading_report import PeriodReading, StepKind
+from modeling.rig import Rig
 from truewrench.command_line import main
 from truewrench.simulated_rig import HiddenEffect, PlanarRig, SpatialRig, ViscousDrag, simulate
 

@@ -12,7 +12,7 @@ from estimation.recordings.motion_limits import motion_limits
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import planar, spatial
 from modeling.identifiability import UnidentifiableDirection
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.simulated_rig import SpatialRig, WhiteNoise, simulate
 
 NAMES = [p.name for p in spatial().parameters]

@@ -17,8 +17,8 @@ from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import compiled_prediction
 from modeling.chain.regressor import regressor, regressor_functions
 from modeling.errors import InputError
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.kinematics.arm import PlanarArm
+from modeling.rig import Convention, Rig, SensorDescription
 from truewrench.simulated_rig import PlanarRig, rigid_tool_wrench
 
 Array = NDArray[np.float64]

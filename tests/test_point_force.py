@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from estimation.contact.point_force import PointForce
+from estimation.contact.contact_wrench import PointForce
 from modeling.reference import printed_direction
 
 Array = NDArray[np.float64]

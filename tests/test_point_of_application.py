@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from design.discrimination.hypothesis import Hypothesis
+from design.discrimination.model_pair import Hypothesis
 from design.information import Experiment
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.screening.screening_cache import ScreeningCache
-from diagnosis.selection.offset_test import with_offsets_tested
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.screening.null_model import ScreeningCache
+from diagnosis.subset_search import with_offsets_tested
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import Fit, fit, refit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
@@ -30,9 +30,9 @@ from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import spatial
 from modeling.chain.prediction import compiled_prediction
-from modeling.effects.point_effect import PointEffect
+from modeling.effects.loads import PointEffect
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 from truewrench.files.model_file import ModelFile

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from diagnosis.screening.point_test import AmplitudeTest, PointScore, PointTest
-from estimation.noise.noise_level import NoiseLevel
+from diagnosis.screening.projection import AmplitudeTest, PointScore, PointTest
+from estimation.noise.whitened_spectrum import NoiseLevel
 
 Array = NDArray[np.float64]
 

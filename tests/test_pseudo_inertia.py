@@ -16,8 +16,8 @@ from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.pseudo_inertia import CONSISTENCY_MARGIN, PseudoInertia, pseudo_inertia
 from modeling.errors import InputError
 from modeling.parameter import Parameter
+from modeling.rigid_body import RigidBody
 from modeling.space import Space
-from modeling.tool.rigid_body import RigidBody
 
 Array = NDArray[np.float64]
 

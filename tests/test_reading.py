@@ -11,7 +11,7 @@ import pytest
 
 from estimation.recordings.reading import from_columns, read
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 
 ARM = Rig.from_data(
     {
@@ -260,7 +260,7 @@ def test_a_file_of_plain_numbers_is_read_without_pandas(tmp_path: Path, name: st
     else:
         planar().to_parquet(tmp_path / name)
     code = (
-        "import sys\nfrom estimation.recordings.reading import read\nfrom modeling.rig.rig import Rig\n"
+        "import sys\nfrom estimation.recordings.reading import read\nfrom modeling.rig import Rig\n"
         "rig = Rig.from_data({'robot': {'link_lengths': [1.0, 0.5]}})\n"
         f"print(read({str(tmp_path / name)!r}, rig=rig).samples, 'pandas' in sys.modules)"
     )

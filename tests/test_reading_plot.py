@@ -16,15 +16,14 @@ from matplotlib.text import Text
 from scipy.spatial.transform import Rotation
 
 import truewrench as tw
-from estimation.logs.clocks.repeat_cutting import cut_into_repeats
-from estimation.logs.clocks.sample_mending import STAMP
-from estimation.logs.clocks.suspicious_channels import note_suspicious_channels
-from estimation.logs.log_import import ImportedRecording
-from estimation.logs.log_reading import imported
-from estimation.logs.step_log import StepLog
-from estimation.recordings.reports.reading_curves import MOST_SPANS, IntervalHistogram, merged, spans
-from estimation.recordings.reports.reading_report import ReadingReport
-from modeling.rig.rig import Rig
+from estimation.reading.log_import import ImportedRecording
+from estimation.reading.log_reading import imported
+from estimation.reading.recording_check import note_suspicious_channels
+from estimation.reading.repeat_cutting import cut_into_repeats
+from estimation.reading.sample_mending import STAMP
+from estimation.reading.step_log import StepLog
+from estimation.recordings.reading_report import MOST_SPANS, IntervalHistogram, ReadingReport, merged, spans
+from modeling.rig import Rig
 from tests.log_files import QUATERNION, original, two_clocks
 from truewrench.command_line import main
 from truewrench.simulated_rig import PlanarRig, simulate

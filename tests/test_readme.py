@@ -12,8 +12,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from diagnosis.verdict.verdict import RecordVerdict
-from modeling.rig.rig import Rig
+from diagnosis.verdict_rule import RecordVerdict
+from modeling.rig import Rig
 from truewrench.command_line import main
 from truewrench.commands import diagnose
 from truewrench.files import demonstration

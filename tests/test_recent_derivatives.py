@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import estimation.recordings.derivatives.differentiation as differentiation
-from estimation.recordings.derivatives.differentiation import spline_derivatives
-from estimation.recordings.derivatives.recent_derivatives import RecentDerivatives
-from estimation.recordings.derivatives.sample_hold import TrueSamples
-from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
+import estimation.recordings.differentiation as differentiation
+from estimation.recordings.differentiation import RecentDerivatives, TrueSamples, spline_derivatives
+from estimation.recordings.smoothing_spline import SmoothingSpline
 
 Array = NDArray[np.float64]
 SAMPLES = 300

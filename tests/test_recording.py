@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimation.recordings.reading import from_columns, read
+from estimation.recordings.reading import SampleClock, from_columns, read
 from estimation.recordings.recording import MotionForm
-from estimation.recordings.sample_clock import SampleClock
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 
 Array = NDArray[np.float64]
 ARM = Rig(link_lengths=(1.0, 0.97, 0.4))

@@ -7,7 +7,7 @@ from functools import cache
 
 import sympy as sp
 
-from modeling.kinematics.planar_arm import forward_kinematics
+from modeling.kinematics.arm import forward_kinematics
 from modeling.reference import (
     Equations,
     EquationVerdict,

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import compiled_prediction
-from modeling.chain.regressor_basis import RegressorBasis
-from modeling.chain.regressor_basis_derivation import independent_functions, regressor_basis
+from modeling.chain.regressor import RegressorBasis, independent_functions, regressor_basis
 from modeling.codegen.expression_text import FUNCTIONS
-from modeling.evaluation.tape import NO_OPERAND, Tape
-from modeling.evaluation.tape_evaluation import Schedule, TapeEvaluation
-from modeling.rig.rig import Convention
+from modeling.compiled.tape import NO_OPERAND, Tape
+from modeling.compiled.tape_evaluation import Schedule, TapeEvaluation
+from modeling.rig import Convention
 from modeling.space import Space
 
 Array = NDArray[np.float64]

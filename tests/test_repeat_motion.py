@@ -21,12 +21,11 @@ import truewrench as tw
 from benchmarks.robot_motions import NearlyRepeated
 from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.model_response import decided_own_motion, model_response
-from estimation.recordings.motion_in_readings import is_separated
+from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
-from estimation.recordings.repeat_motion import difference_of
-from estimation.recordings.reports.reading_report import StepKind
+from estimation.recordings.repeat_motion import difference_of, is_separated
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.significance import LEVELS
 from truewrench.command_line import main
 from truewrench.simulated_rig import HiddenEffect, PlanarRig, SpatialRig, TimeDelay, ViscousDrag, simulate

@@ -16,17 +16,15 @@ from benchmarks.coverage import NOISES, RIGS, Setting, silent_recording
 from estimation.fit import fit
 from estimation.model_response import predicted_readings
 from estimation.noise.power_spectrum import PowerSpectrum
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
+from estimation.recordings.column_table import signal_unit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import with_readings
-from estimation.recordings.signal_unit import signal_unit
-from estimation.repeatability.error_statistics import averaging_noise_gains
-from estimation.repeatability.repeat_table import RepeatTable
-from estimation.repeatability.variance_components import VarianceComponents
+from estimation.repeat_table import RepeatTable, VarianceComponents, averaging_noise_gains
 from modeling.chain.model import planar
 from modeling.errors import InputError
-from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise import NoiseModel, NoiseSource
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 

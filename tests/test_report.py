@@ -20,25 +20,29 @@ import pytest
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict.finding import Finding
-from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
-from estimation.fit import Estimate, fit
+from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
+from estimation.fit import fit
+from estimation.least_squares.estimates import Estimate
 from estimation.recordings.reading import from_columns
+from estimation.recordings.reading_report import min_max_decimated
 from estimation.recordings.recording import Recording
-from estimation.recordings.reports.decimation import min_max_decimated
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
 from modeling.effects import catalogue, com_offset, sensor_crosstalk, thermal_drift, time_delay, viscous_drag
 from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.space import Space
-from truewrench.plots.residuals.labelled_comparison import LabelledComparison
-from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual, std_of_interval_means
-from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum
-from truewrench.plots.residuals.time_series_plot import running_mean
+from truewrench.plots.residual_plots import residual_spectrum
+from truewrench.plots.time_series_plot import (
+    LabelledComparison,
+    nonperiodic_residual,
+    running_mean,
+    std_of_interval_means,
+)
 from truewrench.reports import report_page, write_report
 from truewrench.reports.effect_row import effect_row
-from truewrench.reports.provenance import Provenance
-from truewrench.reports.zoom.plotly_script import script_hash
+from truewrench.reports.page_templates import script_hash
+from truewrench.reports.report_files import Provenance
 from truewrench.simulated_rig import (
     BiasDrift,
     CentreOfMassOffset,
@@ -150,7 +154,7 @@ class Page(HTMLParser):
 def test_page(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # One test for each diagnosis, as diagnosis and page cost more than all that is looked at.
     if case not in ("drag", "unexplained"):  # these show the maps of all variables, of two models and of one
-        monkeypatch.setattr("truewrench.reports.recording_section.MAX_MAP_VARIABLES", 2)
+        monkeypatch.setattr("truewrench.reports.report_html.MAX_MAP_VARIABLES", 2)
     diagnosis = CASES[case]()
     html = report_page(diagnosis, MADE)
     parsed = Page(html)

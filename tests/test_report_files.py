@@ -18,11 +18,15 @@ from markupsafe import Markup
 
 from modeling.table import Column, Table
 from truewrench.command_line import main
-from truewrench.reports.effect_card import EffectCard
-from truewrench.reports.markdown import markdown_table, markdown_text
-from truewrench.reports.page_templates import page_templates
-from truewrench.reports.provenance import InputFile, Provenance
-from truewrench.reports.zoom.zoomable_figure import ZoomableFigure, kept_samples
+from truewrench.reports.effect_row import EffectCard
+from truewrench.reports.page_templates import (
+    ZoomableFigure,
+    kept_samples,
+    markdown_table,
+    markdown_text,
+    page_templates,
+)
+from truewrench.reports.report_files import InputFile, Provenance
 
 TEXT = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1).map(str.strip).filter(bool)
 MARKDOWN = MarkdownIt("commonmark").enable("table")
@@ -137,7 +141,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_fit_and_compare_write_their_reports(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("truewrench.reports.recording_section.MAX_MAP_VARIABLES", 2)  # all are in test_report.py
+    monkeypatch.setattr("truewrench.reports.report_html.MAX_MAP_VARIABLES", 2)  # all are in test_report.py
     train, other, rig = (str(folder / name) for name in ("train.csv", "other <b>.csv", "rig.toml"))
     models = [str(folder / "rigid.json"), str(folder / "drag.json")]
     fits = ["fit", train, "--rig", rig, "--out"]

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from diagnosis.comparison.rest_comparison import at_rest, rest_p_values
+from diagnosis.comparison.slow_residual import at_rest, rest_p_values
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.significance import LEVELS
 from tests.test_slow_residual import NOISES, SEEDS, TAIL
 

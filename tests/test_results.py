@@ -22,10 +22,10 @@ import pytest
 from scipy.stats import t as student
 
 import truewrench as tw
-from diagnosis.comparison.band_error import BandError
+from diagnosis.comparison.model_comparison import BandError
 from diagnosis.study import Stairs, StudyStep
 from estimation.fit import Fit
-from estimation.least_squares.familiar_names import FAMILIAR_NAMES
+from estimation.least_squares.estimates import FAMILIAR_NAMES
 from estimation.recordings.recording import Recording
 from modeling.number_format import NO_VALUE
 from modeling.table import Tabular

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from modeling.errors import InputError, TruewrenchError
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
 
 FULL = """
 [robot]
@@ -96,7 +96,7 @@ WRONG = {
 def test_a_rig_that_was_read_before_is_the_same_and_needs_no_pydantic(tmp_path: Path) -> None:
     path = rig_file(tmp_path, FULL)
     code = (
-        "import sys\nfrom modeling.rig.rig import Rig\n"
+        "import sys\nfrom modeling.rig import Rig\n"
         f"rig = Rig.read({str(path)!r})\nprint('pydantic' in sys.modules)\nprint(rig.to_data())"
     )
     environment = os.environ | {"TRUEWRENCH_CACHE": str(tmp_path / "store")}

@@ -16,15 +16,14 @@ from scipy.stats import norm
 
 from benchmarks.coverage import NOISES, RIGS, Setting, Spiked
 from estimation.fit import fit
-from estimation.noise.recording_noise import NoiseSource
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, with_readings
-from estimation.robust.outliers import InverseCovarianceFilter, Outliers, separate_outliers
-from estimation.robust.robust_fit import RobustFit, robust_fit
-from estimation.robust.robust_loss import Huber, Loss, StudentT
+from estimation.robust_fit import InverseCovarianceFilter, Outliers, RobustFit, robust_fit, separate_outliers
+from estimation.robust_loss import Huber, Loss, StudentT
 from modeling.chain.model import planar
 from modeling.errors import InputError
-from modeling.rig.rig import Rig, SensorDescription
+from modeling.noise import NoiseSource
+from modeling.rig import Rig, SensorDescription
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
 

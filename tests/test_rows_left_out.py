@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from design.trajectories.trajectory import Trajectory
 from diagnosis.diagnosis import diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import fit
-from estimation.logs.log_reading import read
+from estimation.reading.log_reading import read
 from estimation.recordings.recording import Recording, with_readings
 from modeling.chain.model import planar
 from modeling.effects import viscous_drag
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.command_line import main
 from truewrench.files.data_set import DataSet
 from truewrench.simulated_rig import NOISE_MODELS, ContactEvent, PlanarRig, simulate

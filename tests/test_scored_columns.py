@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from diagnosis.screening.finite_difference import score_columns
-from diagnosis.screening.grid_search import affected_rows, grid_points
-from diagnosis.screening.null_model import NullModel
-from diagnosis.screening.row_selection import row_index
-from diagnosis.screening.scored_columns import ScoredColumns
-from diagnosis.screening.search_domain import search_domain
+from diagnosis.screening.grid_search import affected_rows, grid_points, search_domain
+from diagnosis.screening.null_model import NullModel, row_index
+from diagnosis.screening.projection import ScoredColumns
+from diagnosis.screening.whitened_sensitivity import score_columns
 from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.simulated_rig import PlanarRig, simulate
 
 pytest.importorskip("mujoco")

@@ -9,10 +9,9 @@ import pytest
 from modeling import effects
 from modeling.chain.model import planar
 from modeling.chain.prediction import Prediction
-from modeling.evaluation.partial_evaluation import partially_evaluated
-from modeling.evaluation.sensitivity import Sensitivity
-from modeling.evaluation.tape import Tape
-from modeling.evaluation.tape_evaluation import TapeEvaluation
+from modeling.compiled.tape import Tape
+from modeling.compiled.tape_evaluation import TapeEvaluation, partially_evaluated
+from modeling.compiled.vector_function import Sensitivity
 from tests.effects.cases import CASES, Case
 from tests.effects.parts import random_signals
 

@@ -12,8 +12,7 @@ from scipy.stats import chi2
 from design.information import Experiment
 from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.stationary_noise import ColouredNoise
+from modeling.noise import ColouredNoise, NoiseModel
 from tests.test_information import (
     ARM,
     PERIOD,

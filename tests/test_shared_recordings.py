@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.recordings.reading import read
 from modeling.chain.model import planar
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 
 DATA = Path(os.environ.get("TRUEWRENCH_DATA") or Path(__file__).parents[2] / "shared" / "data")
 PLANAR = DATA / "planar"

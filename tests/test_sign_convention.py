@@ -11,11 +11,15 @@ from scipy.spatial.transform import Rotation
 from estimation.fit import fit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from estimation.recordings.sensor_frame import in_sensor_frame
-from estimation.recordings.sign_convention import SignDecision, decide_convention, with_decided_convention
+from estimation.recordings.sign_convention import (
+    SignDecision,
+    decide_convention,
+    in_sensor_frame,
+    with_decided_convention,
+)
 from modeling.chain.model import QUARTER_TURNS, spatial
 from modeling.errors import InputError
-from modeling.rig.rig import Convention
+from modeling.rig import Convention
 from truewrench.files.data_set import mounting_angle
 
 GRAVITY = 9.806

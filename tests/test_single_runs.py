@@ -16,22 +16,16 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from benchmarks.single_run import SingleRun
-from diagnosis.acceptance.acceptance_rules import AcceptanceEvidence
+from diagnosis import subset_search
+from diagnosis.acceptance import AcceptanceEvidence
 from diagnosis.comparison import comparison
-from diagnosis.comparison.generic_terms import CrossValidatedGain, cross_validated_gain
+from diagnosis.comparison.comparison import CrossValidatedGain, cross_validated_gain
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening.score_test import ScoreTest, screen
-from diagnosis.selection import subset_search
-from diagnosis.selection.subset_search import (
-    CandidateModel,
-    SubsetSearch,
-    refit_effects,
-    refit_with_effect,
-    search_subsets,
-)
+from diagnosis.subset_search import CandidateModel, SubsetSearch, refit_effects, refit_with_effect, search_subsets
 from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, selection_steps
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import Fit, WhitenedProblem, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
@@ -39,7 +33,7 @@ from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar, spatial
 from modeling.effects import named, viscous_drag
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
 from modeling.significance import LEVELS
 from truewrench.simulated_rig import (
     AutoregressiveNoise,

@@ -13,10 +13,10 @@ from scipy.signal import butter, lfilter
 from scipy.stats import binom
 
 from diagnosis.comparison.model_comparison import compare
-from diagnosis.comparison.residual_spectrum import FIRST_LINE, ResidualSpectrum, motion_band
 from diagnosis.comparison.slow_residual import SlowResidual
+from diagnosis.comparison.steadiness import FIRST_LINE, ResidualSpectrum, motion_band
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import fit
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation.recordings.derivatives.differentiation import spline_derivatives
-from estimation.recordings.derivatives.sample_hold import TrueSamples
-from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline, Smoothness, _Problem
+from estimation.recordings.differentiation import TrueSamples, spline_derivatives
+from estimation.recordings.smoothing_spline import SmoothingSpline, Smoothness, _Problem
 
 Array = NDArray[np.float64]
 Motion = Callable[[Array], tuple[Array, Array, Array]]

@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from estimation.logs.log_import import ImportedRecording, import_recording
-from estimation.recordings.reports.reading_report import StepKind
+from estimation.reading.log_import import ImportedRecording, import_recording
+from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError
 from tests.log_files import original, plotjuggler, ros_messages, ros_types, two_clocks, write_messages
 

@@ -12,17 +12,16 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modeling.kinematics.arm import Arm
-from modeling.kinematics.joint import JointKind, Placement
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.kinematics.quaternion import (
+from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
+from modeling.kinematics.placement import (
     COMPONENTS,
+    JointKind,
+    Placement,
     angular_motion,
     quaternion_conjugate,
     quaternion_product,
     rotated_vector,
 )
-from modeling.kinematics.spatial_arm import SpatialArm
 from modeling.kinematics.urdf import read_urdf
 from modeling.space import Space, signals
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from design.criteria import DOptimal
 from design.information.experiment import Experiment
-from design.limits.limit_use import LimitUse
-from design.limits.random_feasible import random_feasible_trajectory
+from design.limits import LimitUse
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import Trajectory
 from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from modeling.chain.model import spatial
 from modeling.chain.regressor import regressor
-from modeling.expressions.compilation import numpy_function
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.compiled.symbolic_vector import numpy_function
+from modeling.rig import Convention, Rig, SensorDescription
 
 Array = NDArray[np.float64]
 

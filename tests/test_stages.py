@@ -12,25 +12,29 @@ import pytest
 import sympy as sp
 from numpy.typing import NDArray
 
-from design.information.sensitivity_term import sensitivity_terms
-from estimation.contact.calibrated_model import CalibratedModel
-from estimation.contact.contact_filter import ContactFilter
-from estimation.contact.local_polynomial import LocalPolynomial
+from design.information.sensitivities import sensitivity_terms
+from estimation.contact.contact_filter import ContactFilter, LocalPolynomial
+from estimation.contact.contact_wrench import CalibratedModel
 from estimation.fit import fit
-from estimation.model_response import model_response
-from estimation.model_signals import model_signals
+from estimation.model_response import model_response, model_signals
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, with_readings
 from modeling import effects
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
-from modeling.chain.stages.bias_stage import Bias
-from modeling.chain.stages.calibration_stage import Gain, Mounting, PolynomialGain
-from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
-from modeling.chain.stages.play_stage import Play
-from modeling.chain.stages.saturation_stage import Clipping
-from modeling.chain.stages.stage import ChainStage, StageFormula, SymbolicMap
+from modeling.chain.stages import (
+    Bias,
+    ChainStage,
+    Clipping,
+    Gain,
+    LinearDynamics,
+    Mounting,
+    Play,
+    PolynomialGain,
+    StageFormula,
+    SymbolicMap,
+)
 from modeling.codegen.code_target import CodeTarget, code_target, register_target, target_names
 from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor

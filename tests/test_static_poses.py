@@ -12,19 +12,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from estimation.candidate_poses import CandidatePoses, axes_in_words
+from estimation.centre_of_mass import CentreOfMass
 from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
+from estimation.pose_advice import PoseAdvice
 from estimation.recordings.reading import from_columns, read
 from estimation.recordings.recording import Recording
-from estimation.static.candidate_poses import CandidatePoses, axes_in_words
-from estimation.static.centre_of_mass import CentreOfMass
-from estimation.static.pose_advice import PoseAdvice
 from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.regressor import regressor
+from modeling.compiled.symbolic_vector import numpy_function
 from modeling.errors import InputError
-from modeling.expressions.compilation import numpy_function
-from modeling.rig.rig import Convention, Limits, Rig, SensorDescription, Workspace
+from modeling.rig import Convention, Limits, Rig, SensorDescription, Workspace
 from modeling.space import Space
 from truewrench.simulated_rig import PayloadChange, PlanarRig, SpatialRig, simulate, static_poses
 

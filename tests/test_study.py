@@ -16,12 +16,12 @@ import truewrench as tw
 from diagnosis.comparison.residual_map import map_variables, samples_of_cell
 from diagnosis.diagnosis import diagnose
 from diagnosis.study import Study, study
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import fit
 from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.errors import InputError
-from modeling.formulas.custom_effects.python_definition import own_effect
+from modeling.formulas.python_definition import own_effect
 from modeling.significance import LEVELS
 from tests.test_given_effects import CANDIDATES, simulated
 from tests.test_hidden_effects import RIG
@@ -183,7 +183,7 @@ def test_it_prints_in_a_few_lines(begun: Study) -> None:
 
 @pytest.mark.long(seconds=30)
 def test_everything_has_a_report(begun: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truewrench.reports.recording_section.MAX_MAP_VARIABLES", 2)  # all are in test_report.py
+    monkeypatch.setattr("truewrench.reports.report_html.MAX_MAP_VARIABLES", 2)  # all are in test_report.py
     begun.add("viscous_drag")
     begun.drop("viscous_drag")
     begun.add("viscous_drag")

@@ -12,10 +12,8 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from benchmarks.coverage import RIGS, Setting, silent_recording
-from estimation.contact.calibrated_model import CalibratedModel
-from estimation.contact.contact_point import contact_point
-from estimation.contact.contact_wrench import compensate
-from estimation.contact.surface import Capsule, Plane, Sphere, Surface
+from estimation.contact.contact_point import Capsule, Plane, Sphere, Surface, contact_point
+from estimation.contact.contact_wrench import CalibratedModel, compensate
 from estimation.recordings.recording import with_readings
 from modeling.errors import InputError
 from modeling.space import Space

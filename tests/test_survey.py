@@ -29,10 +29,15 @@ from truewrench.command_line import main
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
 from truewrench.surveying import Survey, dask_executor, survey
 from truewrench.surveying.dask_executor import local_executor
-from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
 from truewrench.surveying.survey import OutcomeStore
-from truewrench.surveying.survey_row import SurveyRow
-from truewrench.surveying.survey_task import SurveyTask, diagnosed_outcome, failed_outcome, fingerprint
+from truewrench.surveying.survey_task import (
+    DiagnosisOutcome,
+    SurveyRow,
+    SurveyTask,
+    diagnosed_outcome,
+    failed_outcome,
+    fingerprint,
+)
 
 RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
 NAN = "time,q1,q2,q3,fx,fy,tau\n" + "".join(f"{n / 100},0.1,0.2,{'nan' if n == 7 else 0.3},1,2,3\n" for n in range(50))

@@ -16,14 +16,28 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from truewrench.surveying.change_detection import ChangeKind, significant_change, significant_changes
-from truewrench.surveying.diagnosis_outcome import ChannelError, DiagnosisOutcome, StoredEstimate
-from truewrench.surveying.parquet_table import parquet_table
-from truewrench.surveying.quantity_series import QuantitySeries, quantity_series, rows_in_time_order
-from truewrench.surveying.recording_time import RecordingTime, TimeSource, time_in
-from truewrench.surveying.survey_html import page_data, survey_page, table_line
-from truewrench.surveying.survey_row import SurveyRow
-from truewrench.surveying.time_images import series_to_draw
+from truewrench.surveying.survey_html import (
+    ChangeKind,
+    QuantitySeries,
+    page_data,
+    quantity_series,
+    rows_in_time_order,
+    series_to_draw,
+    significant_change,
+    significant_changes,
+    survey_page,
+    table_line,
+)
+from truewrench.surveying.survey_task import (
+    ChannelError,
+    DiagnosisOutcome,
+    RecordingTime,
+    StoredEstimate,
+    SurveyRow,
+    TimeSource,
+    parquet_table,
+    time_in,
+)
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(2)>\u2028&amp;.csv"
 START = datetime(2026, 1, 5, 8)

@@ -10,11 +10,11 @@ import pytest
 
 import truewrench
 from diagnosis.comparison.model_comparison import compare
+from estimation.bootstrap import bootstrap
+from estimation.centre_of_mass import CentreOfMass
 from estimation.fit import fit
-from estimation.repeatability.bootstrap import bootstrap
-from estimation.repeatability.repeat_table import RepeatTable
-from estimation.robust.robust_fit import robust_fit
-from estimation.static.centre_of_mass import CentreOfMass
+from estimation.repeat_table import RepeatTable
+from estimation.robust_fit import robust_fit
 from modeling.chain.model import planar
 from modeling.number_format import P_VALUE, estimate_text, interval_text, typeset_text
 from modeling.space import Space

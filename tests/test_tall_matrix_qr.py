@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation.least_squares.tall_matrix_qr import (
+from estimation.least_squares.square_root_information import (
     SAMPLED_ROWS_PER_COLUMN,
     SAMPLES_PER_BLOCK,
     TallMatrix,

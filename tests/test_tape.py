@@ -14,10 +14,10 @@ import pytest
 from numpy.typing import NDArray
 
 from modeling.chain.prediction import Prediction
-from modeling.evaluation.tape import BINARY, UNARY, Tape
-from modeling.evaluation.tape_evaluation import LONGEST_BLOCK, NUMPY_OPERATIONS, TapeEvaluation
-from modeling.evaluation.vector_function import CompiledVector, VectorFunction
-from modeling.expressions.symbolic_vector import SymbolicVector
+from modeling.compiled.symbolic_vector import SymbolicVector
+from modeling.compiled.tape import BINARY, UNARY, Tape
+from modeling.compiled.tape_evaluation import LONGEST_BLOCK, NUMPY_OPERATIONS, TapeEvaluation
+from modeling.compiled.vector_function import CompiledVector, VectorFunction
 from tests.effects.cases import CASES, Case
 from tests.effects.parts import random_signals
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.comparison.generic_terms import generic_terms
-from diagnosis.comparison.term_words import term_in_words
+from diagnosis.comparison.comparison import generic_terms, term_in_words
 from estimation.recordings.reading import from_columns
 from tests.test_hidden_effects import RIG
 from truewrench.simulated_rig import PlanarRig, SpatialRig, simulate

@@ -14,11 +14,11 @@ from scipy.stats import binom, chi2
 
 from estimation.fit import fit
 from estimation.multiplicity import effective_number_of_frequencies
-from estimation.noise.disturbances.tones import NonperiodicResidual, find_tones, sinusoids, without_sinusoids
+from estimation.noise.tones import NonperiodicResidual, find_tones, sinusoids, without_sinusoids
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.simulated_rig import LineInterference, PlanarRig, simulate
 
 pytest.importorskip("mujoco")

@@ -11,7 +11,7 @@ import pytest
 
 import truewrench as tw
 from truewrench.simulated_rig import HIDDEN_EFFECTS, HiddenEffect, PlanarRig, SpatialRig, simulate
-from truewrench.text.tool_extent import tool_extent_text
+from truewrench.text.tool_text import tool_extent_text
 
 pytest.importorskip("mujoco")
 

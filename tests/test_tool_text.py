@@ -13,14 +13,14 @@ from benchmarks.robot_motions import sines
 from benchmarks.single_run import RIG, SingleRun, recorded
 from benchmarks.unlisted_physics import GuidingHand
 from diagnosis.comparison.comparison import comparison_of
-from diagnosis.comparison.residual_spectrum import ResidualSpectrum
 from diagnosis.comparison.slow_residual import SlowResidual, foreign_forces
-from diagnosis.verdict.unknown_tool import unknown_tool_reason
+from diagnosis.comparison.steadiness import ResidualSpectrum
+from diagnosis.verdict.unexplained_residual import unknown_tool_reason
 from estimation.confidence_intervals import intervals
 from estimation.fit import Fit, fit
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
-from modeling.rig.rig import Convention
+from modeling.rig import Convention
 from truewrench.simulated_rig import HiddenEffect, simulate
 from truewrench.text.fit_summary import FitSummary
 from truewrench.text.tool_text import tool_text

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 import design.trajectories
 from design.trajectories.fourier import FreeSeries, PaperSeries
-from design.trajectories.rest_to_rest import RestToRest
-from design.trajectories.spline import SplineSeries
+from design.trajectories.spline import RestToRest, SplineSeries
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries
 from modeling.errors import InputError
 

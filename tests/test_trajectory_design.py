@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from design.exciting_trajectory import DesignInterrupted
-from design.limits.rig_limits import require_motion_within_period
-from design.optimiser.nonlinear_program import TerminationStatus
+from design.limits import require_motion_within_period
+from design.optimiser.interior_point import TerminationStatus
 from design.trajectories.fourier import FreeSeries, PaperSeries
-from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import TrajectorySeries
 from design.trajectory_design import DesignStage, design
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from tests.test_optimiser import ARM, LIMITS
 from truewrench.reports.reported import report
 

@@ -10,17 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from design.information.sample_information import SampleInformation
-from design.limits.random_feasible import random_feasible_trajectory
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries, fourier_trajectory
-from design.trajectories.rest_to_rest import RestToRest
+from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Trajectory
-from modeling.kinematics.arm import Arm
-from modeling.kinematics.planar_arm import PlanarArm
+from modeling.kinematics.arm import Arm, PlanarArm
 from modeling.kinematics.urdf import read_urdf
-from modeling.rig.rig import Limits, Workspace
-from truewrench.plots.trajectory.joint_limit_plot import active_instants
-from truewrench.plots.trajectory.posture_plot import farthest_points, link_positions
-from truewrench.plots.trajectory.trajectory_plot import trajectory_figure
+from modeling.rig import Limits, Workspace
+from truewrench.plots.trajectory_plot import active_instants, farthest_points, link_positions, trajectory_figure
 
 ARM = PlanarArm((1.0, 0.97, 0.4))
 ELBOW = read_urdf(Path(__file__).parent / "urdf" / "elbow.urdf", "tool0")

@@ -12,11 +12,11 @@ from scipy.signal import lsim
 
 from modeling import effects
 from modeling.chain.model import planar
+from modeling.compiled.straight_line_program import laplace
 from modeling.dynamics.discrete_transfer_function import DiscreteTransferFunction, filtered
 from modeling.dynamics.sample_program import SampleProgram, SampleProgramBuilder
 from modeling.dynamics.transfer_function import SymbolicTransferFunction, TransferFunction
 from modeling.errors import InputError
-from modeling.expressions.laplace_variable import laplace
 from modeling.space import signals
 from tests.emitted import sampled
 

@@ -13,8 +13,8 @@ from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
 from modeling.errors import InputError
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.kinematics.arm import PlanarArm
+from modeling.noise import NoiseModel
 from tests.test_information import ARM, EFFECTS, LIMITS, PERIOD, STD, TOOL, gram, joint_states, values
 
 

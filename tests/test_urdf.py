@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from modeling.errors import InputError
-from modeling.kinematics.joint import Joint, JointKind, Placement
-from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.kinematics.arm import SpatialArm
+from modeling.kinematics.placement import Joint, JointKind, Placement
 from modeling.kinematics.urdf import read_urdf
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 
 FOLDER = Path(__file__).parent / "urdf"
 ELBOW = (FOLDER / "elbow.urdf").read_text()

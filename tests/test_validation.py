@@ -14,14 +14,12 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from diagnosis.acceptance.held_out import HeldOut
-from diagnosis.acceptance.recording_disturbance import disturbances_of, with_disturbances
 from diagnosis.comparison.comparison import Comparison, comparison_of
-from diagnosis.comparison.data_split import non_excited_noise
 from diagnosis.comparison.model_comparison import compare
-from diagnosis.comparison.validation import PartiallyFixedProblem, ValidationFit
+from diagnosis.comparison.validation import PartiallyFixedProblem, ValidationFit, non_excited_noise
 from diagnosis.diagnosis import Diagnosis, diagnose
-from diagnosis.verdict.verdict import RecordVerdict
+from diagnosis.held_out import HeldOut, disturbances_of, with_disturbances
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import Fit, WhitenedProblem, fit, initial_noise
 from estimation.model_response import predicted_readings
 from estimation.noise.whitening import FourierLineWhitener
@@ -30,11 +28,11 @@ from estimation.recordings.recording import Recording, with_readings
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.chain.stages.bias_stage import Bias
+from modeling.chain.stages import Bias
 from modeling.effects import BiasDrift as DriftEffect
 from modeling.effects import named, viscous_drag
 from modeling.parameter import Parameter
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.space import Space, signals
 from truewrench.files.model_file import ModelFile
 from truewrench.simulated_rig import (

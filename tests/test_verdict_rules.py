@@ -9,23 +9,20 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from diagnosis.acceptance.acceptance import accept
-from diagnosis.acceptance.acceptance_rules import ACCEPTANCE_RULES, AcceptanceEvidence
+from diagnosis.acceptance import ACCEPTANCE_RULES, AcceptanceEvidence, accept
+from diagnosis.diagnosis import RECORD_RULES, RecordEvidence
 from diagnosis.screening.score_test import ScoreTest
-from diagnosis.selection.subset_search import CandidateModel
-from diagnosis.verdict.aliasing import Alias
-from diagnosis.verdict.effect_refits import EffectRefits, FinalRefit
-from diagnosis.verdict.effect_rules import EFFECT_RULES, EffectEvidence
-from diagnosis.verdict.record_rules import RECORD_RULES, RecordEvidence
-from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
-from diagnosis.verdict_rule import VerdictRule, judge
+from diagnosis.subset_search import CandidateModel
+from diagnosis.verdict.aliasing import Alias, EffectRefits, FinalRefit
+from diagnosis.verdict.finding import EFFECT_RULES, EffectEvidence
+from diagnosis.verdict_rule import EffectVerdict, RecordVerdict, VerdictRule, judge
 from estimation.fit import fit, refit
 from estimation.multiplicity import holm_adjusted
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.space import Space
 from truewrench.simulated_rig import PlanarRig, simulate
 

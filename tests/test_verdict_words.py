@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
-from truewrench.text.verdict_words import verdict_headline
+from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
+from truewrench.text.diagnosis_text import verdict_headline
 
 
 def judged(name: str, lack_of_fit: float) -> Any:

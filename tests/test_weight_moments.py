@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimation.gravity.weight_moments import WeightMoments
+from estimation.gravity.gravity_estimate import WeightMoments
 
 Array = NDArray[np.float64]
 NEAREST, FURTHEST = 1e-4, 0.05

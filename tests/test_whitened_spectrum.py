@@ -11,13 +11,12 @@ from scipy.stats import binom
 from diagnosis.screening.score_test import screen, significant_effects
 from estimation.autoregression import fit_autoregression
 from estimation.fit import fit
-from estimation.noise.noise_level import NoiseLevel
-from estimation.noise.whitened_spectrum import WhitenedSpectrum, lines
+from estimation.noise.whitened_spectrum import NoiseLevel, WhitenedSpectrum, lines
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial
 from modeling.effects import named
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
     NoiseModel,

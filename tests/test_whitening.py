@@ -18,13 +18,12 @@ from estimation import autoregression
 from estimation.autoregression import fit_autoregression
 from estimation.model_response import ModelResponse
 from estimation.noise.noise_estimation import estimate_noise
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.channel_whitening import inverse_cholesky_factor
-from modeling.rig.rig import PLANAR_CHANNELS, Rig, SensorDescription
+from modeling.noise import NoiseModel, NoiseSource, inverse_cholesky_factor
+from modeling.rig import PLANAR_CHANNELS, Rig, SensorDescription
 from truewrench.simulated_rig import NOISE_MODELS
 
 Array = NDArray[np.float64]

@@ -13,48 +13,45 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "design.criteria": ("AOptimal", "DOptimal", "EOptimal", "Subset"),
     "design.discrimination": ("discriminate",),
     "design.information.experiment": ("Experiment",),
-    "design.limits.limit_use": ("LimitUse",),
+    "design.limits": ("LimitUse",),
     "design.trajectories.fourier": ("FreeSeries", "PaperSeries"),
-    "design.trajectories.rest_to_rest": ("RestToRest",),
-    "design.trajectories.spline": ("SplineSeries",),
+    "design.trajectories.spline": ("RestToRest", "SplineSeries"),
     "design.trajectories.trajectory": ("Trajectory",),
     "design.trajectory_design": ("design",),
     "diagnosis.calibrate": ("calibrate",),
     "diagnosis.comparison.model_comparison": ("compare",),
     "diagnosis.diagnosis": ("diagnose",),
     "diagnosis.study": ("Study", "study"),
+    "estimation.bootstrap": ("bootstrap",),
+    "estimation.centre_of_mass": ("CentreOfMass",),
     "estimation.confidence_intervals": ("intervals",),
-    "estimation.contact.contact_filter": ("ContactFilter",),
-    "estimation.contact.contact_point": ("contact_point",),
+    "estimation.contact.contact_filter": ("ContactFilter", "LocalPolynomial"),
+    "estimation.contact.contact_point": ("Capsule", "Plane", "Sphere", "contact_point"),
     "estimation.contact.contact_wrench": ("compensate",),
-    "estimation.contact.local_polynomial": ("LocalPolynomial",),
-    "estimation.contact.surface": ("Capsule", "Plane", "Sphere"),
-    "estimation.errors_in_variables.errors_in_variables_fit": ("errors_in_variables_fit",),
-    "estimation.errors_in_variables.input_noise": ("InputNoise",),
+    "estimation.errors_in_variables": ("errors_in_variables_fit",),
     "estimation.fit": ("fit",),
-    "estimation.least_squares.constrained": ("Bounds", "Constraints", "Prior"),
-    "estimation.logs.array_reading": ("from_arrays", "from_dataframe"),
-    "estimation.logs.log_reading": ("read",),
+    "estimation.input_noise": ("InputNoise",),
+    "estimation.least_squares.bounds": ("Bounds",),
+    "estimation.least_squares.constraints": ("Constraints",),
+    "estimation.least_squares.prior": ("Prior",),
+    "estimation.pose_advice": ("PoseAdvice",),
+    "estimation.reading.log_reading": ("from_arrays", "from_dataframe", "read"),
     "estimation.recordings.recording": ("Recording",),
-    "estimation.repeatability.bootstrap": ("bootstrap",),
-    "estimation.repeatability.repeat_table": ("RepeatTable",),
-    "estimation.robust.robust_fit": ("robust_fit",),
-    "estimation.robust.robust_loss": ("Huber", "StudentT"),
-    "estimation.static.centre_of_mass": ("CentreOfMass",),
-    "estimation.static.pose_advice": ("PoseAdvice",),
+    "estimation.repeat_table": ("RepeatTable",),
+    "estimation.robust_fit": ("robust_fit",),
+    "estimation.robust_loss": ("Huber", "StudentT"),
     "estimation.streaming.chunk": ("Chunk", "chunks"),
     "estimation.streaming.long_log": ("read_chunks",),
     "modeling.chain.model": ("WrenchModel", "planar", "spatial"),
     "modeling.errors": ("InputError", "TruewrenchError"),
-    "modeling.formulas.custom_effects.python_definition": ("own_effect",),
-    "modeling.noise.autoregressive_noise": ("NoiseModel",),
-    "modeling.noise.stationary_noise": ("ColouredNoise",),
-    "modeling.rig.rig": ("Rig",),
+    "modeling.formulas.python_definition": ("own_effect",),
+    "modeling.noise": ("ColouredNoise", "NoiseModel"),
+    "modeling.rig": ("Rig",),
     "modeling.space": ("signals",),
     "truewrench.emitted": ("emit",),
     "truewrench.files.effects_file": ("read_effects",),
     "truewrench.files.model_file": ("load", "save"),
-    "truewrench.plots.reading.reading_plot": ("plot_reading",),
+    "truewrench.plots.reading_plot": ("plot_reading",),
     "truewrench.reports.reported": ("report",),
     "truewrench.simulated_rig": ("simulate",),
     "truewrench.surveying.survey": ("survey",),
@@ -76,10 +73,10 @@ if TYPE_CHECKING:
     from design.criteria import Subset as Subset
     from design.discrimination import discriminate as discriminate
     from design.information.experiment import Experiment as Experiment
-    from design.limits.limit_use import LimitUse as LimitUse
+    from design.limits import LimitUse as LimitUse
     from design.trajectories.fourier import FreeSeries as FreeSeries
     from design.trajectories.fourier import PaperSeries as PaperSeries
-    from design.trajectories.rest_to_rest import RestToRest as RestToRest
+    from design.trajectories.spline import RestToRest as RestToRest
     from design.trajectories.spline import SplineSeries as SplineSeries
     from design.trajectories.trajectory import Trajectory as Trajectory
     from design.trajectory_design import design as design
@@ -88,33 +85,31 @@ if TYPE_CHECKING:
     from diagnosis.diagnosis import diagnose as diagnose
     from diagnosis.study import Study as Study
     from diagnosis.study import study as study
+    from estimation.bootstrap import bootstrap as bootstrap
+    from estimation.centre_of_mass import CentreOfMass as CentreOfMass
     from estimation.confidence_intervals import intervals as intervals
     from estimation.contact.contact_filter import ContactFilter as ContactFilter
+    from estimation.contact.contact_filter import LocalPolynomial as LocalPolynomial
+    from estimation.contact.contact_point import Capsule as Capsule
+    from estimation.contact.contact_point import Plane as Plane
+    from estimation.contact.contact_point import Sphere as Sphere
     from estimation.contact.contact_point import contact_point as contact_point
     from estimation.contact.contact_wrench import compensate as compensate
-    from estimation.contact.local_polynomial import LocalPolynomial as LocalPolynomial
-    from estimation.contact.surface import Capsule as Capsule
-    from estimation.contact.surface import Plane as Plane
-    from estimation.contact.surface import Sphere as Sphere
-    from estimation.errors_in_variables.errors_in_variables_fit import (
-        errors_in_variables_fit as errors_in_variables_fit,
-    )
-    from estimation.errors_in_variables.input_noise import InputNoise as InputNoise
+    from estimation.errors_in_variables import errors_in_variables_fit as errors_in_variables_fit
     from estimation.fit import fit as fit
-    from estimation.least_squares.constrained import Bounds as Bounds
-    from estimation.least_squares.constrained import Constraints as Constraints
-    from estimation.least_squares.constrained import Prior as Prior
-    from estimation.logs.array_reading import from_arrays as from_arrays
-    from estimation.logs.array_reading import from_dataframe as from_dataframe
-    from estimation.logs.log_reading import read as read
+    from estimation.input_noise import InputNoise as InputNoise
+    from estimation.least_squares.bounds import Bounds as Bounds
+    from estimation.least_squares.constraints import Constraints as Constraints
+    from estimation.least_squares.prior import Prior as Prior
+    from estimation.pose_advice import PoseAdvice as PoseAdvice
+    from estimation.reading.log_reading import from_arrays as from_arrays
+    from estimation.reading.log_reading import from_dataframe as from_dataframe
+    from estimation.reading.log_reading import read as read
     from estimation.recordings.recording import Recording as Recording
-    from estimation.repeatability.bootstrap import bootstrap as bootstrap
-    from estimation.repeatability.repeat_table import RepeatTable as RepeatTable
-    from estimation.robust.robust_fit import robust_fit as robust_fit
-    from estimation.robust.robust_loss import Huber as Huber
-    from estimation.robust.robust_loss import StudentT as StudentT
-    from estimation.static.centre_of_mass import CentreOfMass as CentreOfMass
-    from estimation.static.pose_advice import PoseAdvice as PoseAdvice
+    from estimation.repeat_table import RepeatTable as RepeatTable
+    from estimation.robust_fit import robust_fit as robust_fit
+    from estimation.robust_loss import Huber as Huber
+    from estimation.robust_loss import StudentT as StudentT
     from estimation.streaming.chunk import Chunk as Chunk
     from estimation.streaming.chunk import chunks as chunks
     from estimation.streaming.long_log import read_chunks as read_chunks
@@ -125,17 +120,17 @@ if TYPE_CHECKING:
     from modeling.chain.model import spatial as spatial
     from modeling.errors import InputError as InputError
     from modeling.errors import TruewrenchError as TruewrenchError
-    from modeling.formulas.custom_effects.python_definition import own_effect as own_effect
-    from modeling.noise.autoregressive_noise import NoiseModel as NoiseModel
-    from modeling.noise.stationary_noise import ColouredNoise as ColouredNoise
-    from modeling.rig.rig import Rig as Rig
+    from modeling.formulas.python_definition import own_effect as own_effect
+    from modeling.noise import ColouredNoise as ColouredNoise
+    from modeling.noise import NoiseModel as NoiseModel
+    from modeling.rig import Rig as Rig
     from modeling.space import signals as signals
     from truewrench import simulated_rig as simulated_rig
     from truewrench.emitted import emit as emit
     from truewrench.files.effects_file import read_effects as read_effects
     from truewrench.files.model_file import load as load
     from truewrench.files.model_file import save as save
-    from truewrench.plots.reading.reading_plot import plot_reading as plot_reading
+    from truewrench.plots.reading_plot import plot_reading as plot_reading
     from truewrench.reports.reported import report as report
     from truewrench.simulated_rig import simulate as simulate
     from truewrench.surveying.survey import survey as survey

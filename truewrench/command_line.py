@@ -18,8 +18,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from modeling.errors import InputError, TruewrenchError
-from truewrench.command_options.effect_choice import ids_apart
-from truewrench.command_options.options import add_verbosity, require_results_apart, verbosity
 from truewrench.commands import (
     calibrate,
     compare,
@@ -35,6 +33,7 @@ from truewrench.commands import (
     workbench,
 )
 from truewrench.files.output import say
+from truewrench.options import add_verbosity, ids_apart, require_results_apart, verbosity
 
 COMMANDS = (
     demo, import_recording, diagnose, calibrate, fit, compare, survey, design, compensate, emit, effects, workbench,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from modeling.codegen.code_target import code_target, target_names
-from modeling.codegen.payload.payload_format import FORMATS, payload_format
+from modeling.codegen.payload_format import FORMATS, payload_format
 from modeling.errors import InputError, suggestion
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _source(*, known: bool = True) -> str:
 
 
 def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
-    from modeling.codegen.payload.tool_inertia import ToolInertia
+    from modeling.codegen.tool_inertia import ToolInertia
 
     if str(model) in BASES:
         remedy = "give a fit or a model file: `truewrench fit --out model.json`"

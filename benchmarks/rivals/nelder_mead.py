@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from benchmarks.rivals.objective import Objective
 from benchmarks.rivals.reference import CHAPTER, LIMITS
 from benchmarks.rivals.trace import Recorder, Trace
-from design.limits.limit_use import LimitUse
+from design.limits import LimitUse
 from design.trajectories.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]

@@ -18,8 +18,8 @@ from benchmarks.rivals.reference import ARM, LARGEST, SAMPLES
 from design.trajectories.trajectory import TrajectorySeries
 from modeling.chain.model import planar
 from modeling.chain.regressor import regressor
-from modeling.expressions.compilation import numpy_function
-from modeling.kinematics.planar_arm import joint_symbols
+from modeling.compiled.symbolic_vector import numpy_function
+from modeling.kinematics.arm import joint_symbols
 
 Array = npt.NDArray[np.float64]
 

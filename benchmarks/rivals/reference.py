@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from design.trajectories.fourier import FreeSeries, PaperSeries
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.rig.rig import Limits, Rig
+from modeling.kinematics.arm import PlanarArm
+from modeling.rig import Limits, Rig
 
 ARM = PlanarArm((1.0, 0.97, 0.4))
 PERIOD, SAMPLES = 5.0, 200

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from benchmarks.rivals.objective import Objective, Score
 from benchmarks.rivals.reference import LIMITS
-from design.limits.limit_use import LimitUse
+from design.limits import LimitUse
 from design.trajectories.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]

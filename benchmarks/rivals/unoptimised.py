@@ -7,8 +7,8 @@ import numpy as np
 from benchmarks.rivals.objective import Objective
 from benchmarks.rivals.reference import CHAPTER, FREE, LIMITS
 from benchmarks.rivals.trace import Recorder, Trace
-from design.limits.limit_use import LimitUse
-from design.limits.random_feasible import random_feasible_trajectory
+from design.limits import LimitUse
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES
 from design.trajectories.trajectory import Trajectory
 

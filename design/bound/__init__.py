@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
+from design.bound.branch_and_bound import WeakDuality
 from design.bound.column_generation import GenerationRound
-from design.bound.duality_bound import BoundKind, DualityBound
-from design.bound.periodicity_conditions import PolynomialDegrees
-from design.bound.upper_bound import Effort, upper_bound
-from design.bound.viable_states import ViableStates
-from design.bound.weak_duality import WeakDuality
+from design.bound.dual_function import PolynomialDegrees, ViableStates
+from design.bound.upper_bound import BoundKind, DualityBound, Effort, upper_bound
 
 __all__ = [
     "BoundKind",

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from design.discrimination.design_setting import DesignSetting
-from design.discrimination.directed_pair import DirectedPair
-from design.discrimination.discriminating_trajectory import discriminate
-from design.discrimination.discrimination_design import DiscriminationDesign
-from design.discrimination.exchange_algorithm import ExchangeRound
-from design.discrimination.hypothesis import Hypothesis, rival_models, with_effect_replaced
-from design.discrimination.model_pair import ModelPair, Separability, Separation
-from design.discrimination.rival_along_trajectories import RivalAlongTrajectories
-from design.discrimination.whitened_prediction import WhitenedPrediction
+from design.discrimination.discriminating_trajectory import (
+    DesignSetting,
+    DiscriminationDesign,
+    ExchangeRound,
+    discriminate,
+)
+from design.discrimination.model_pair import (
+    DirectedPair,
+    Hypothesis,
+    ModelPair,
+    RivalAlongTrajectories,
+    Separability,
+    Separation,
+    WhitenedPrediction,
+    rival_models,
+    with_effect_replaced,
+)
 from modeling.rival_fit import RivalFit, fit_rival
 
 __all__ = [

@@ -2,28 +2,321 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
-from design.discrimination.design_setting import DesignSetting
-from design.discrimination.directed_pair import DirectedPair
-from design.discrimination.discrimination_design import DiscriminationDesign
-from design.discrimination.exchange_algorithm import ExchangeAlgorithm, ExchangeProgress, ExchangeRound
-from design.discrimination.hypothesis import Hypothesis
-from design.discrimination.model_pair import ModelPair, Separation
-from design.discrimination.whitened_prediction import WhitenedPrediction
+from design.criteria import Criterion
+from design.discrimination.model_pair import (
+    DirectedPair,
+    Hypothesis,
+    LinearisedRival,
+    ModelPair,
+    Separability,
+    Separation,
+    WhitenedPrediction,
+    maximin_experiment,
+)
 from design.exciting_trajectory import DesignInterrupted
-from design.information.parameter_values import ParameterValues
+from design.information.experiment import Experiment, ParameterValues
+from design.information.sensitivities import CLOCK_SIGNALS, signal_names
+from design.limits import LimitUse, arm_and_limits, require_enough_samples, require_motion_within_period
+from design.optimiser.design_task import DesignTask
+from design.optimiser.local_optimum import LocalOptimum, optimise
+from design.optimiser.objective import Objective
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
-from modeling.noise.stationary_noise import StationaryNoise
-from modeling.rig.rig import Rig
+from modeling.kinematics.arm import Arm
+from modeling.noise import StationaryNoise
+from modeling.rig import Limits, Rig, Workspace
 from modeling.rival_fit import RivalFit
 from modeling.significance import LEVELS
+from modeling.table import Column, Table, Tabular, Value
+
+# Arm, limits, series, samples and noise of a discrimination design.
+
+
+OPTIMISATION_SAMPLES = 128
+"""Samples of a run in the optimisation: ten to the shortest wave of twelve harmonics, whose sums are then integrals to
+a few per cent. Results are of all samples."""
+DEFAULT_TIP_LENGTH = 0.2
+"""m: tip length of a rig that states none; forces may act up to twice as far."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DesignSetting:
+    """An arm, its limits, the trajectory series, samples of one run and their noise."""
+
+    arm: Arm
+    limits: Limits
+    series: TrajectorySeries
+    samples: int
+    noise: StationaryNoise
+    workspace: Workspace | None = None
+    tip_length: float | None = None
+
+    @classmethod
+    def of(cls, rig: Rig, *, series: TrajectorySeries, samples: int, noise: StationaryNoise) -> Self:
+        """Of a rig; InputError when it has no arm or no limits, the samples are too few or the period is too short."""
+        arm, limits = arm_and_limits(rig)
+        require_enough_samples(series, samples)
+        require_motion_within_period(series, limits)
+        return cls(
+            arm=arm,
+            limits=limits,
+            series=series,
+            samples=samples,
+            noise=noise,
+            workspace=rig.workspace,
+            tip_length=rig.tip_length,
+        )
+
+    @property
+    def reach(self) -> float:
+        """Largest distance along the tip at which a force may act, m."""
+        return 2 * (self.tip_length or DEFAULT_TIP_LENGTH)
+
+    @property
+    def coarse(self) -> int:
+        """Samples of one run in the optimisation."""
+        return min(self.samples, OPTIMISATION_SAMPLES)
+
+    def view(self, motion: Trajectory, samples: int | None = None) -> WhitenedPrediction:
+        """Whitened predictions along one run of a trajectory."""
+        return WhitenedPrediction.along(motion, self.arm, samples=samples or self.samples, noise=self.noise)
+
+    def random(self, seed: tuple[int, ...]) -> Trajectory:
+        """A random feasible trajectory, as large as the limits allow."""
+        return random_feasible_trajectory(
+            self.series,
+            self.limits,
+            workspace=self.workspace,
+            arm=self.arm,
+            tip_length=self.tip_length,
+            seed=seed,
+        )
+
+    def task(self, experiment: Experiment, criterion: Criterion) -> DesignTask:
+        """The optimisation of a criterion of an experiment."""
+        return DesignTask(
+            objective=Objective(experiment=experiment, criterion=criterion, series=self.series, samples=self.coarse),
+            limits=self.limits,
+            arm=self.arm,
+            workspace=self.workspace,
+            tip_length=self.tip_length,
+        )
+
+    def use(self, motion: Trajectory) -> LimitUse:
+        """Use of the limits by a trajectory, at every instant."""
+        return LimitUse.of(motion, self.limits, self.workspace, self.arm, self.tip_length)
+
+    def require(self, models: Iterable[WrenchModel]) -> None:
+        """InputError for recording-specific effects, and for signals that do not follow from this arm's joints."""
+        known = {*signal_names(self.arm), *CLOCK_SIGNALS}
+        for model in models:
+            recording_specific = [e.id for e in model.effects if e.per_recording]
+            unsuitable = [e.id for e in model.effects if not e.designable]
+            missing = [name for name in model.inputs if name not in known]
+            if recording_specific:
+                what = f"{recording_specific[0]} is recording-specific, and no trajectory reproduces it"
+                raise InputError(what=what, where="effects to be discriminated", remedy="leave it out")
+            if unsuitable:
+                what = f"{unsuitable[0]} is neither static nor linear dynamic, and no trajectory can be designed for it"
+                raise InputError(what=what, where="effects to be discriminated", remedy="leave it out")
+            if missing:
+                what = f"'{missing[0]}' is needed by {' + '.join(e.id for e in model.effects)}"
+                what += ", and does not follow from the joint states"
+                raise InputError(what=what, where="effects to be discriminated", remedy="leave that effect out")
+
+
+# Max-min exchange between trajectory and rival fits (Blankenship and Falk).
+
+
+EXCHANGE_ROUNDS = 8
+"""Most rounds of trajectory and rival fits; three or four are typical."""
+LEAST_GROWTH = 0.01
+"""Relative growth of the smallest lambda needed for another round: a tenth of the gain by one more run in ten."""
+RETAINED_FITS = 3
+"""Rival fits of each direction against which a trajectory is optimised when the fits recur."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExchangeRound:
+    """The best trajectory of one round, and the exact rival fit along it in every direction."""
+
+    number: int
+    motion: Trajectory
+    rival_fits: tuple[RivalFit, ...]
+
+    @property
+    def smallest(self) -> float:
+        """The smallest lambda in one run with the samples of the optimisation."""
+        return min(rival_fit.noncentrality for rival_fit in self.rival_fits)
+
+    def __str__(self) -> str:
+        return f"round {self.number}, smallest lambda {self.smallest:.4g}"
+
+
+ExchangeProgress = Callable[[ExchangeRound], None]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExchangeAlgorithm:
+    """max over trajectories of min over directions and theta of |y_truth - y_rival(theta)|².
+
+    In turns: the trajectory is optimised for the lambda linearised at theta (`LinearisedRival`); along the new
+    trajectory the rivals are fitted again, exactly. The linearised lambda is optimised only; results are exact. When
+    lambda falls, rival fits recur in turn: then the trajectory is optimised against the last few of each direction
+    together, until that no longer helps. This is the exchange of a max-min problem (Blankenship and Falk 1976) in which
+    each block covers all theta near its own.
+    """
+
+    setting: DesignSetting
+    directions: tuple[DirectedPair, ...]
+    probes: tuple[WhitenedPrediction, ...]
+    executor: Executor | None = None
+
+    def run(
+        self, first: Sequence[RivalFit], *, starts: int, seed: int, progress: ExchangeProgress | None
+    ) -> list[ExchangeRound]:
+        """The rounds, from random starts and the first rival fit of each direction."""
+        rounds: list[ExchangeRound] = []
+        histories = [[rival_fit] for rival_fit in first]
+        retained = 1
+        for number in range(1, EXCHANGE_ROUNDS + 1):
+            task = self._task(histories, retained)
+            initial = [max(rounds, key=lambda r: r.smallest).motion] if rounds else []
+            initial = initial or [task.random((seed, 1, start)) for start in range(starts)]
+            found = self._best(number, optimise(task, initial, executor=self.executor), histories)
+            best = max((r.smallest for r in rounds), default=0.0)
+            rounds.append(found)
+            if progress is not None:
+                progress(found)
+            grown, fallen = found.smallest > (1 + LEAST_GROWTH) * best, found.smallest < (1 - LEAST_GROWTH) * best
+            if not grown and (retained > 1 or not fallen):
+                break
+            retained = 1 if grown else RETAINED_FITS
+            for history, rival_fit in zip(histories, found.rival_fits, strict=True):
+                history.append(rival_fit)
+        return rounds
+
+    def _task(self, histories: Sequence[list[RivalFit]], retained: int) -> DesignTask:
+        """The optimisation against the last rival fits."""
+        blocks = [
+            LinearisedRival.of(direction, rival_fit.theta, self.probes)
+            for direction, history in zip(self.directions, histories, strict=True)
+            for rival_fit in history[-retained:]
+        ]
+        return self.setting.task(*maximin_experiment(blocks, self.setting.arm, self.setting.noise))
+
+    def _best(
+        self, number: int, local_optima: Sequence[LocalOptimum], histories: Sequence[list[RivalFit]]
+    ) -> ExchangeRound:
+        """The best trajectory by its exact smallest lambda."""
+        rounds = [ExchangeRound(number, a.motion, self.rival_fits(a.motion, histories)) for a in local_optima]
+        return max(rounds, key=lambda found: found.smallest)
+
+    def rival_fits(self, motion: Trajectory, histories: Sequence[list[RivalFit]]) -> tuple[RivalFit, ...]:
+        """The exact rival fit in every direction, started from all known fits too."""
+        views = [self.setting.view(motion, self.setting.coarse)]
+        return tuple(
+            direction.rival_fit(views, self.setting.reach, [rival_fit.theta for rival_fit in history])
+            for direction, history in zip(self.directions, histories, strict=True)
+        )
+
+
+# Result of model discrimination.
+
+
+DISCRIMINATION_COLUMNS = (
+    Column("true"),
+    Column("rival"),
+    *(Column(name, format=".4g") for name in ("lambda before", "lambda after")),
+    *(Column(name, format=".2g") for name in ("error before", "error after")),
+    *(Column(name, format="d") for name in ("runs for 5 %", "runs for 1 %")),
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DiscriminationDesign(Tabular):
+    """A discriminating trajectory with the separation of each pair of models.
+
+    motion     within the limits at every instant; None when no trajectory discriminates any of them
+    pairs      the given model with each of its rivals
+    runs       of the trajectory, for which the lambdas hold
+    reference  description of the trajectories of `before`
+    rounds     of the exchange algorithm; the trajectory is that of the best one
+    """
+
+    setting: DesignSetting
+    motion: Trajectory | None
+    pairs: tuple[ModelPair, ...]
+    runs: int
+    reference: str
+    rounds: tuple[ExchangeRound, ...]
+
+    @property
+    def verdict(self) -> Separability:
+        """The verdict of the least separated pair."""
+        return max((pair.verdict for pair in self.pairs), key=list(Separability).index)
+
+    @property
+    def limit_use(self) -> LimitUse | None:
+        """Use of each limit by the trajectory."""
+        return None if self.motion is None else self.setting.use(self.motion)
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain data: numbers are finite, or None."""
+        motion, use = self.motion, self.limit_use
+        return {
+            "verdict": self.verdict.name.lower(),
+            "pairs": [pair.to_data() for pair in self.pairs],
+            "runs": self.runs,
+            "samples": self.setting.samples,
+            "period": self.setting.series.duration,
+            "before": self.reference,
+            "coefficients": None if motion is None else motion.coefficients.tolist(),
+            "worst_limit_use": None if use is None else use.to_data(),
+            "rounds": [found.smallest for found in self.rounds],
+        }
+
+    @property
+    def table(self) -> Table:
+        """Truth, rival, lambda and error probability before and after, runs for 5 % and 1 % errors."""
+        rows: list[tuple[Value, ...]] = []
+        for pair in self.pairs:
+            errors = [pair.error_probability(x) for x in (pair.before, pair.after)]
+            runs = [pair.runs_for(x) for x in (LEVELS.confusable, LEVELS.separated)]
+            for d in pair.directions:
+                known = [None] * 4 if d.indistinguishable else [*errors, *runs]
+                rows.append(
+                    (d.truth, d.rival, d.before, "indistinguishable" if d.indistinguishable else d.after, *known)
+                )
+        return Table.of(DISCRIMINATION_COLUMNS, rows)
+
+    def remarks(self) -> list[str]:
+        """Verdict of each pair, the runs and the reference, and the use of the limits."""
+        lines = [f"{pair.names[0]} or {pair.names[1]}: {_verdict(pair)}" for pair in self.pairs]
+        lines.append(f"lambda in {self.runs} run{'s' * (self.runs > 1)} of the trajectory; before: {self.reference}")
+        if self.limit_use is not None:
+            lines.append(self.limit_use.sentence())
+        return lines
+
+
+def _verdict(pair: ModelPair) -> str:
+    if pair.verdict is Separability.NEVER:
+        return f"{pair.verdict.value}; the simpler one is preferred"
+    text = pair.verdict.value + ("; nested models: the simpler one is preferred unless it is rejected" * pair.nested)
+    runs = pair.runs_for(LEVELS.separated)
+    return (
+        text if pair.verdict is Separability.SEPARATED else f"{text} ({'-' if runs is None else runs} for 1 % errors)"
+    )
+
 
 DISCRIMINATION_STARTS = 4
 """Random trajectories from which the optimisation starts."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from design.information.discrete_prior import DiscretePrior
-from design.information.experiment import Experiment
-from design.information.random_sensitivities import noise_equivalent_sizes, unidentifiable_combinations
-from design.information.sampling import Sampling
-from design.information.sensitivity_term import SensitivityTerm, prediction_terms, sensitivity_terms
+from design.information.experiment import Experiment, noise_equivalent_sizes, unidentifiable_combinations
+from design.information.sample_information import DiscretePrior
+from design.information.sensitivities import Sampling, SensitivityTerm, prediction_terms, sensitivity_terms
 
 __all__ = [
     "DiscretePrior",

@@ -10,21 +10,77 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.information.joint_state import signal_names, signals_along
-from design.information.parameter_values import ParameterValues, parameter_vector
-from design.information.sampling import CLOCK_SIGNALS, Sampling
-from design.information.sensitivity_graph import sensitivity_function, sensitivity_graph, whitened_graph
-from design.information.sensitivity_term import SensitivityTerm, sensitivity_terms
+from design.information.sensitivities import (
+    CLOCK_SIGNALS,
+    Sampling,
+    SensitivityTerm,
+    sensitivity_function,
+    sensitivity_graph,
+    sensitivity_terms,
+    signal_names,
+    signals_along,
+    whitened_graph,
+)
+from design.trajectories.fourier import random_periodic_trajectory
 from design.trajectories.trajectory import Trajectory
 from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
+from modeling.identifiability import ScaledSVD, UnidentifiableDirection, unidentifiable_directions
 from modeling.kinematics.arm import Arm
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.stationary_noise import StationaryNoise
+from modeling.noise import NoiseModel, StationaryNoise
 from modeling.parameter import Parameter
+from modeling.rig import Limits
 from modeling.space import Space
 
+# Parameter values at which an experiment is designed, and the parameters in which it is nonlinear.
+
+
 Array = NDArray[np.float64]
+ParameterValues = Mapping[str, float]
+
+
+def parameter_vector(model: WrenchModel, theta: ParameterValues | Array | None) -> Array:
+    """Values of the model's parameters (k,), given by name, in order, or not at all where it is linear in them.
+
+    Raises InputError for an unknown name, a wrong number of values, or no values where the sensitivities depend on
+    them.
+    """
+    names = [p.name for p in model.parameters]
+    if theta is None and nonlinear_parameters(model):
+        raise InputError(
+            what="its information depends on the values of its parameters",
+            where=" + ".join(["rigid tool", *(e.id for e in model.effects)]),
+            remedy="give their values, expected or from a fit (a model file)",
+        )
+    if theta is None or isinstance(theta, Mapping):
+        given = dict(theta or {})
+        unknown = sorted(set(given) - set(names))
+        if unknown:
+            raise InputError(what=f"the model has no parameter {unknown[0]}", where="theta", remedy=f"use {names}")
+        return np.array([given.get(p.name, p.nominal) for p in model.parameters], dtype=float)
+    values = np.asarray(theta, dtype=float)
+    if values.shape != (len(names),):
+        what = f"{len(names)} values were expected, and an array of shape {values.shape} came"
+        raise InputError(what=what, where="theta", remedy="give one value for each parameter of the model")
+    return values
+
+
+def nonlinear_parameters(model: WrenchModel) -> tuple[int, ...]:
+    """Indices of the parameters that the sensitivities depend on; none of a model that is linear in them.
+
+    With d reading = H d load + dH load, those are the ones that d load or d zero depend on, and with dynamics those of
+    H and of the load.
+    """
+    import casadi as ca
+
+    prediction = compiled_prediction(model)
+    found = set(prediction.transfer_parameters)
+    for part in (prediction.load, prediction.bias):
+        parameters = part.symbols[1]
+        slopes = ca.vec(ca.jacobian(part.graph, parameters))
+        found |= {i for i, depends in enumerate(ca.which_depends(slopes, parameters, 1, False)) if depends}
+    return tuple(sorted(found | (set(prediction.load.active) if prediction.has_transfer_function else set())))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -231,3 +287,63 @@ def _require_signals(inputs: Sequence[str], known: Sequence[str], source: str) -
             where="experiment",
             remedy="leave the effect that needs it out of the design",
         )
+
+
+# Sensitivities along random trajectories: identifiability on any trajectory, noise-equivalent parameter sizes.
+
+
+RANDOM_TRAJECTORIES, RANDOM_SAMPLES = 4, 64
+"""768 readings of three channels: many times the parameters of a model."""
+RANDOM_PERIOD = 5.0
+"""Seconds: with velocities of some rad/s an arm traverses its range in it."""
+DEFAULT_LIMITS = (2.0, 2.0, 10.0)
+"""rad, rad/s and rad/s², large enough to excite every parameter, for an arm whose limits are not known."""
+
+
+def random_sensitivities(experiment: Experiment, limits: Limits | None, seed: int) -> Array:
+    """Weighted sensitivities (R, k) along some random trajectories of all joints, within the limits where known."""
+    motions = [_motion(experiment.joints, limits, (seed, number)) for number in range(RANDOM_TRAJECTORIES)]
+    time = motions[0].series.instants(RANDOM_SAMPLES)
+    return np.concatenate(
+        [experiment.columns(*m.evaluate(time), RANDOM_PERIOD).reshape(-1, experiment.size) for m in motions]
+    )
+
+
+def unidentifiable_combinations(
+    experiment: Experiment, limits: Limits | None = None, *, seed: int = 0
+) -> tuple[UnidentifiableDirection, ...]:
+    """A sparse basis of the null space of the sensitivities over all trajectories of the arm.
+
+    Where the sensitivities are analytic in the trajectory, random trajectories have the largest rank of all (almost
+    surely).
+    """
+    root = np.asarray(np.linalg.qr(random_sensitivities(experiment, limits, seed), mode="r"))
+    return unidentifiable_directions(ScaledSVD.of(root), experiment.parameters, "any trajectory of this arm")
+
+
+def noise_equivalent_sizes(experiment: Experiment, limits: Limits | None = None, *, seed: int = 0) -> Array:
+    """The size (k,) of each parameter, in its unit, whose contribution to the readings equals their noise.
+
+    In RMS over samples and channels along random trajectories of the arm; without noise, 1 in SI. As scale of the
+    criteria A and E it makes them independent of the units of the parameters. Raises InputError for an unidentifiable
+    parameter.
+    """
+    size = np.sqrt((random_sensitivities(experiment, limits, seed) ** 2).mean(axis=0))
+    if not size.all():
+        raise InputError(
+            what=f"{experiment.parameters[int(np.argmin(size))].name} changes no reading",
+            where="experiment",
+            remedy="leave it out of the model, or give its effect an amplitude above zero",
+        )
+    return np.asarray(1 / size, dtype=float)
+
+
+def _motion(joints: int, limits: Limits | None, seed: tuple[int, int]) -> Trajectory:
+    if limits is None:
+        position, velocity, acceleration = (np.full(joints, value) for value in DEFAULT_LIMITS)
+    else:
+        position = limits.position
+        velocity, acceleration = (np.abs(pairs).min(axis=1) for pairs in (limits.velocity, limits.acceleration))
+    return random_periodic_trajectory(
+        joints=joints, position=position, velocity=velocity, acceleration=acceleration, period=RANDOM_PERIOD, seed=seed
+    )

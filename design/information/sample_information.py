@@ -4,13 +4,68 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.information.experiment import ParameterValues, nonlinear_parameters, parameter_vector
+from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 
+# Discrete prior: weighted sets of parameter values (cubature points).
+
+
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DiscretePrior:
+    """m sets of values (m, k) of a model's parameters, in its order and units, with weights (m,) that add up to 1.
+
+    An experiment takes the sets (`Experiment.prior`), a criterion the weights (`BayesianCriterion`).
+    """
+
+    sets: tuple[Array, ...]
+    weights: tuple[float, ...]
+
+    @classmethod
+    def around(cls, model: WrenchModel, theta: ParameterValues | Array, covariance: Array) -> Self:
+        """2 r sets of equal weight with mean theta and `covariance` (k, k) in the r parameters of the information.
+
+        Those are the parameters that the information depends on. With L L' their covariance the sets are
+        theta +- sqrt(r) L_i, which integrates polynomials up to the third degree exactly over a Gaussian (Stroud 1957).
+        A value beyond its physical bound is moved to it. One set, theta, where r = 0; InputError where `covariance` is
+        not one, or not finite for one of the r parameters.
+        """
+        centre, which = parameter_vector(model, theta), list(nonlinear_parameters(model))
+        block = np.asarray(covariance, dtype=float)[np.ix_(which, which)]
+        if not which:
+            return cls(sets=(centre,), weights=(1.0,))
+        count = 2 * len(which)
+        steps = np.zeros((count, len(centre)))
+        steps[:, which] = np.sqrt(len(which)) * np.hstack([_root(block), -_root(block)]).T
+        low, high = (np.array([p.bounds[side] for p in model.parameters]) for side in (0, 1))
+        return cls(sets=tuple(np.clip(centre + steps, low, high)), weights=(1 / count,) * count)
+
+
+def _root(covariance: Array) -> Array:
+    """L with L L' = covariance, which may be singular: std times the root of the correlation, whatever the units."""
+    variance = np.diag(covariance)
+    if not np.isfinite(covariance).all() or not np.allclose(covariance, covariance.T) or (variance < 0).any():
+        raise _unusable("it is not symmetric and finite: a parameter that the information depends on has no variance")
+    std = np.sqrt(variance)
+    scale = np.where(std > 0, std, 1.0)
+    shares, axes = np.linalg.eigh(covariance / scale / scale[:, None])
+    if shares.min() < -1e-6:  # a covariance rounded to six digits
+        raise _unusable("it is not positive semidefinite")
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(shares, 0.0)))
+
+
+def _unusable(what: str) -> InputError:
+    return InputError(
+        what=what, where="prior covariance", remedy="give sets of values instead, or design at nominal ones"
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.limits.limit_use import LimitedQuantity, LimitUse
-from design.limits.random_feasible import random_feasible_trajectory
-from design.limits.tip_workspace import workspace_sides
+from design.limits import LimitedQuantity, LimitUse, workspace_sides
 from design.optimiser.limit_constraints import LimitConstraints
-from design.optimiser.objective import Objective
-from design.optimiser.objective_derivatives import ObjectiveDerivatives
+from design.optimiser.objective import Objective, ObjectiveDerivatives
+from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import Trajectory
 from modeling.kinematics.arm import Arm
-from modeling.rig.rig import Limits, Workspace
+from modeling.rig import Limits, Workspace
 
 Array = NDArray[np.float64]
 

@@ -2,16 +2,107 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
 from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.slow_residual import slow_residuals
-from diagnosis.comparison.unrecorded_acceleration import lacks_acceleration
+from diagnosis.comparison.slow_residual import lacks_acceleration, slow_residuals
 from estimation.fit import Fit
 from modeling.chain.model import WrenchModel
-from modeling.number_format import P_VALUE
+from modeling.number_format import P_VALUE, format_number
 from modeling.significance import LEVELS
-from modeling.table import Column, Table, Tabular, Value
+from modeling.table import Cell, Column, Table, Tabular, Value
+
+# Table of the systematic error of each channel after each step of a series of models, on each recording.
+
+
+class ComparedStep(Protocol):
+    """One of a series of models, compared with the same recordings as the others."""
+
+    @property
+    def training(self) -> tuple[Comparison, ...]:
+        """Its comparisons with the fitted recordings."""
+
+    @property
+    def validation(self) -> tuple[Comparison, ...]:
+        """Its comparisons with the held-out ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingErrors:
+    """Comparisons of one recording at every selection step, and whether it was fitted."""
+
+    name: str
+    comparisons: tuple[Comparison, ...]
+    fitted: bool
+
+    def floor(self, channel: str) -> float:
+        """Noise floor of a channel, never zero."""
+        return max(noise_floors(self.comparisons)[channel], 1e-300)
+
+    @property
+    def label(self) -> str:
+        """Name, and whether it was fitted."""
+        return f"{self.name} ({'fitted' if self.fitted else 'held out'})"
+
+
+def recording_errors(steps: Sequence[ComparedStep]) -> tuple[RecordingErrors, ...]:
+    """Training recordings, then validation recordings."""
+    trained = zip(*(s.training for s in steps), strict=True)
+    held_out = zip(*(s.validation for s in steps), strict=True)
+    found = [(c, True) for c in trained] + [(c, False) for c in held_out]
+    return tuple(RecordingErrors(c[0].recording.name, c, fitted) for c, fitted in found)
+
+
+def noise_floors(comparisons: Sequence[Comparison]) -> dict[str, float]:
+    """Noise floor of each channel of a recording, which several models were compared with.
+
+    The smallest: a floor that is estimated from the residual contains whatever the model lacks.
+    """
+    return {c: min(each.noise_floor[c] for each in comparisons) for c in comparisons[0].noise_floor}
+
+
+def systematic_error(comparison: Comparison) -> Mapping[str, float]:
+    """Systematic RMS per channel; the total RMS without repeats."""
+    return comparison.explainable_rms if comparison.explainable_rms is not None else comparison.rms
+
+
+def systematic_error_text(comparison: Comparison, channel: str, digits: int = 3) -> str:
+    """Systematic error of a channel; its upper limit where it is not significant."""
+    cell = comparison.systematic_cell(channel)
+    return cell.mark + format_number(float(cell.value or 0.0), 2 if cell.mark else digits)
+
+
+def error_table(steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]) -> Table:
+    """Systematic RMS of each channel of each recording after each step, by its name, with noise floor and tolerance.
+
+    The total RMS is the note of a cell; without repeats it stands in the cell itself, marked `~`.
+    """
+    first = steps[0].training[0]
+    sizes = (Column(c, u, format=".3g") for c, u in first.space.channel_units.items())
+    measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
+    head = [Cell(tolerance[c], kind="floor") for c in first.recording.channels]
+    rows = [row for errors in recording_errors(steps) for row in _rows(errors, names, tolerance)]
+    return Table.of(("recording", "model", *sizes, *measures), [("", "tolerance", *head, "", ""), *rows])
+
+
+def _rows(errors: RecordingErrors, names: Sequence[str], tolerance: Mapping[str, float]) -> Iterator[tuple[Value, ...]]:
+    floors = noise_floors(errors.comparisons)
+    yield (errors.label, "noise floor", *(Cell(floor, kind="floor") for floor in floors.values()), "", "")
+    for name, c in zip(names, errors.comparisons, strict=True):
+        cells = (_error_cell(c, channel, tolerance[channel]) for channel in floors)
+        yield (errors.label, name, *cells, c.misfit, c.lack_of_fit_cell)
+
+
+def _error_cell(comparison: Comparison, channel: str, tolerance: float) -> Cell:
+    whole = comparison.rms[channel]
+    if comparison.explainable_rms is None:
+        return Cell(whole, mark="~")
+    size = comparison.explainable_rms[channel]
+    kind = "within" if size <= tolerance else "above_noise" if size > comparison.noise_floor[channel] else ""
+    found = comparison.systematic_cell(channel)
+    return Cell(found.value, found.mark, kind, f"({format_number(whole)})")
 
 
 class ComparedFit(Tabular):

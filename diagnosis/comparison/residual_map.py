@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.generic_terms import gravity_direction
-from estimation.distributions import student_isf, student_sf
-from estimation.model_signals import model_signals
-from estimation.multiplicity import false_discovery_rates
+from diagnosis.comparison.comparison import Comparison, gravity_direction
+from estimation.model_response import model_signals
+from estimation.multiplicity import false_discovery_rates, student_isf, student_sf
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError, quoted, suggestion
 from modeling.significance import LEVELS

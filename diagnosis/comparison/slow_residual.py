@@ -7,7 +7,7 @@ part of a channel's readings, the rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -17,16 +17,181 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.residual_spectrum import ResidualSpectrum
-from diagnosis.comparison.rest_comparison import rest_p_values
-from diagnosis.comparison.steadiness import level_spacing, steadiness_p_values, unsteady_variance
-from estimation.distributions import chi_square_p_value
-from estimation.noise.recording_noise import NoiseSource
+from diagnosis.comparison.steadiness import ResidualSpectrum, level_spacing, steadiness_p_values, unsteady_variance
+from estimation.model_response import model_response
+from estimation.multiplicity import chi_square_p_value, normal_cdf
+from estimation.recordings.motion_limits import AT_REST, acceleration_is_recorded, world_axes
 from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel
+from modeling.noise import NoiseSource
 from modeling.number_format import format_number
 from modeling.significance import LEVELS
+from modeling.space import Space
+
+# Residual while the tool moves against the residual while it rests: noise does not know which.
+
 
 Array = NDArray[np.float64]
+
+SLOW_SHARE = 0.02
+"""Of the largest speed in each column group, below which a sample is at rest."""
+SHORTEST = 16
+"""Samples of a window: fewer have no slow part."""
+SHORT_STRETCHES = 0.2
+"""Of the stretches at rest, that are shorter than a window and not used."""
+FEWEST_WINDOWS = 6
+"""Windows at rest and in motion from which they are compared."""
+
+
+def rest_p_values(recording: Recording, residual: Array) -> Array:
+    """P-values (p,) of "a residual (n, p) changes as much while the tool rests as while it moves".
+
+    Windows as long as most stretches at rest, one in each, and as many in motion as there is room for. Their slowest
+    cosine is compared by ranks (Mann and Whitney, Ann. Math. Stat. 18, 1947), which holds for noise of any colour, as
+    long as that is the same throughout. One where there are too few windows.
+    """
+    resting = at_rest(recording)
+    stretches = _stretches(resting)
+    lengths = [stop - start for start, stop in stretches if stop - start >= SHORTEST]
+    if len(lengths) < FEWEST_WINDOWS:
+        return np.ones(residual.shape[1])
+    length = int(np.quantile(lengths, SHORT_STRETCHES))
+    rest = [start + (stop - start - length) // 2 for start, stop in stretches if stop - start >= length]
+    motion = [s for start, stop in _stretches(~resting) for s in range(start, stop - length + 1, length)]
+    if min(len(rest), len(motion)) < FEWEST_WINDOWS:
+        return np.ones(residual.shape[1])
+    still, moving = (_slow_power(residual, starts, length) for starts in (rest, motion))
+    return np.array([_rank_p_value(a, b) for a, b in zip(moving.T, still.T, strict=True)])
+
+
+def at_rest(recording: Recording) -> NDArray[np.bool_]:
+    """Whether (n,) the recorded motion rests."""
+    recording.signals  # noqa: B018  derives the motion
+    still = np.ones(recording.samples, dtype=bool)
+    for derived in recording.derivatives.values():
+        if np.std(derived.value, axis=0).max() < AT_REST:
+            continue
+        speed = np.linalg.norm(derived.first, axis=1)
+        still &= speed <= SLOW_SHARE * max(float(speed.max()), 1e-300)
+    return still
+
+
+def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Starts and stops of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _slow_power(residual: Array, starts: list[int], length: int) -> Array:
+    """Power (windows, p) of the half cosine over each window."""
+    windows = np.stack([residual[start : start + length] for start in starts])
+    return np.asarray(dct(windows, axis=1, norm="ortho")[:, 1] ** 2)
+
+
+def _rank_p_value(larger: Array, smaller: Array) -> float:
+    """One-sided p-value of "the first sample (a,) is not larger than the second (b,)", by ranks."""
+    a, b = len(larger), len(smaller)
+    wins = float((larger[:, None] > smaller).sum() + 0.5 * (larger[:, None] == smaller).sum())
+    return float(normal_cdf((a * b / 2 + 0.5 - wins) / np.sqrt(a * b * (a + b + 1) / 12)))
+
+
+# Whether a residual looks like mass times an acceleration of the sensor's origin that was not recorded.
+
+
+INERTIA = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+
+MOST = 0.5
+"""Share of a residual's power: an unrecorded acceleration explains more of the torque, and errors of the recorded
+orientation or of the sensor explain less of the force."""
+
+
+def lacks_acceleration(comparison: Comparison, model: WrenchModel) -> bool:
+    """Whether the residual of a recording looks like an acceleration that was not recorded."""
+    return inertial_share(comparison, model) > MOST and orientation_share(comparison) < MOST
+
+
+def inertial_share(comparison: Comparison, model: WrenchModel) -> float:
+    """Share of the torque residual's power that goes with the acceleration of the sensor's origin left out.
+
+    About the centre of mass c that acceleration exerts no torque: whatever it is, torque t and force f measured at
+    the sensor are t = c x f + I al + w x I w + b with the inertia I about c and a constant b (Newton and Euler), a
+    linear least-squares problem in c, I and b. Zero where the acceleration was recorded, and in the plane.
+    """
+    recording = comparison.recording
+    if comparison.space is not Space.SPACE or acceleration_is_recorded(recording):
+        return 0.0
+    base = model.base
+    response = model_response(base, recording, np.zeros(len(base.parameters)))
+    inertia = [i for i, parameter in enumerate(base.parameters) if parameter.name in INERTIA]
+    force, torque = recording.wrench[:, :3], recording.wrench[:, 3:]
+    through_centre = np.stack([np.cross(axis, force) for axis in np.eye(3)], axis=2)
+    constant = np.broadcast_to(np.eye(3), through_centre.shape)
+    columns = np.concatenate([through_centre, response.derivative[:, 3:, inertia], constant], axis=2)
+    regressor = columns.reshape(-1, columns.shape[2])
+    residual = comparison.residual[:, 3:] - comparison.residual[:, 3:].mean(axis=0)
+    return 1 - _power_left(regressor, torque) / max(float(np.sum(residual**2)), np.finfo(float).tiny)
+
+
+def orientation_share(comparison: Comparison) -> float:
+    """Share of the force residual's power above its noise that goes with the recorded orientation, in six axes.
+
+    Where the sensor is turned in its flange, its axes leak into each other or have other gains, the force's error is
+    A w with the weight's direction w in the sensor and a constant matrix A; where gravity's direction is wrong, it is
+    constant in the world; where the readings are late, it goes with dw/dt. Their torques are those of a force through
+    the centre of mass as well. An acceleration of the origin goes with none of these. Noise is what differs from
+    sample to sample, at most half of the power: more is an acceleration that changes from sample to sample.
+    """
+    residual = comparison.residual[:, :3] - comparison.residual[:, :3].mean(axis=0)
+    axes = world_axes(comparison.recording)
+    down = -axes[:, :, 2]
+    linear = np.einsum("ij,nk->nijk", np.eye(3), down).reshape(-1, 3, 9)
+    constant = np.broadcast_to(np.eye(3), axes.shape)
+    columns = np.concatenate([linear, axes[:, :, :2], np.gradient(down, axis=0)[:, :, None], constant], axis=2)
+    power = float(np.sum(residual**2))
+    noise = len(residual) / 2 * float(np.mean(np.diff(residual, axis=0) ** 2, axis=0).sum())
+    explained = power - _power_left(columns.reshape(-1, columns.shape[2]), residual)
+    return float(explained / max(power - min(noise, power / 2), explained, np.finfo(float).tiny))
+
+
+def _power_left(regressor: Array, series: Array) -> float:
+    """What a linear least-squares fit with a regressor (3 n, k) leaves of the power of a series (n, 3)."""
+    left = series.ravel() - regressor @ np.linalg.lstsq(regressor, series.ravel(), rcond=None)[0]
+    return float(left @ left)
+
+
+# Of what single runs' residuals hold beyond noise, what a larger model removes and what remains.
+
+
+def removed_share(before: Sequence[Comparison], after: Sequence[Comparison]) -> float:
+    """Of the power that the residuals had, beyond noise, the share that a larger model removed.
+
+    `before` and `after` are comparisons of the smaller and of the larger model with the same recordings. One where
+    nothing remains, as where no noise is taken from the residual of a run.
+    """
+    removed, remains = removed_power(before, after), remaining_power(after)
+    return removed / max(removed + remains, 1e-300) if remains else 1.0
+
+
+def removed_power(before: Sequence[Comparison], after: Sequence[Comparison]) -> float:
+    """Fall of the residuals' mean squares, over the variance of the noise, summed over channels and single runs."""
+    total = 0.0
+    for number, spectrum in _spectra(after):
+        squares = [(c.residual**2).mean(axis=0) for c in (before[number], after[number])]
+        total += float((np.maximum(squares[0] - squares[1], 0.0) / spectrum.noise_variance).sum())
+    return total
+
+
+def remaining_power(comparisons: Sequence[Comparison]) -> float:
+    """In the band of the motion, beyond noise that rises as 1/f, in the same unit."""
+    return sum(float((s.beyond_flicker_noise / s.noise_variance).sum()) for _, s in _spectra(comparisons))
+
+
+def _spectra(comparisons: Sequence[Comparison]) -> Iterator[tuple[int, ResidualSpectrum]]:
+    """Index and residual spectrum of each single run whose noise is taken from its residual."""
+    for number, c in enumerate(comparisons):
+        if c.noise.source is NoiseSource.RESIDUAL and not c.recording.at_rest:
+            yield number, ResidualSpectrum.of(c.residual, c.recording.wrench - c.residual)
+
 
 SLOW_MODES = 4
 """Cosines of half a period to two periods a record: what a quarter of the record, or less, has about one value of."""

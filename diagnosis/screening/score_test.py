@@ -4,28 +4,84 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from math import isfinite
+
+import numpy as np
 
 from diagnosis.progress import CountCallback
-from diagnosis.screening.finite_difference import GridPoint
-from diagnosis.screening.grid_search import GridSearch, refine_onsets
-from diagnosis.screening.motion_noise_score import DrawnMotion
-from diagnosis.screening.null_model import NullModel
-from diagnosis.screening.screening_cache import ScreeningCache
-from diagnosis.screening.search_domain import search_domain
-from estimation.fit import Fit
+from diagnosis.screening.grid_search import GridSearch, refine_onsets, search_domain
+from diagnosis.screening.null_model import NullModel, ScreeningCache
+from diagnosis.screening.whitened_sensitivity import GridPoint
+from estimation.fit import Fit, refit
+from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.model_response import missing_inputs
 from estimation.multiplicity import bonferroni_level, holm_adjusted
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
-from estimation.recordings.recording import Recording
+from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
+from modeling.noise import NoiseSource
 from modeling.parameter import Role
 from modeling.significance import LEVELS
+
+# Score that an effect gets from the noise of the motion alone.
+#
+# The motion is measured, and its noise enters twice: in the prediction, so in the residual, and in the effect's score
+# columns. The two are correlated, so that an effect that is not there may have a score (errors in variables).
+
+
+DRAWS = 4
+"""Of the motion: the largest of as many scores bounds that of the motion's noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMotion:
+    """Fits to what a model predicts, at motions drawn at random from what the recordings' samples leave open.
+
+    Their residual is the noise of the motion alone. `cache` is that of their score tests.
+    """
+
+    fits: tuple[Fit, ...]
+    cache: ScreeningCache = field(default_factory=ScreeningCache)
+
+    @classmethod
+    def of(cls, fit: Fit, cache: ScreeningCache | None = None) -> DrawnMotion | None:
+        """Of a fit; None where no recording's motion is noisy."""
+        noisy = tuple(noise.motion is not None for noise in fit.noise)
+        if not any(noisy):
+            return None
+        cache = ScreeningCache() if cache is None else cache
+        motions = cache.motions((fit.recordings, noisy), lambda: _drawn_motions(fit.recordings, noisy))
+        return cls(tuple(_at_motion(fit, motion) for motion in motions), cache.in_other_noise())
+
+    @cached_property
+    def largest_power(self) -> float:
+        """Upper limit of any score: the whitened chi-square of the residual itself."""
+        residuals = (NullModel.of(fit, self.cache).residual for fit in self.fits)
+        return max(float(rows @ rows) for rows in residuals)
+
+
+def _drawn_motions(recordings: Sequence[Recording], noisy: Sequence[bool]) -> list[tuple[Recording, ...]]:
+    """DRAWS times the recordings, those whose motion is noisy with another one."""
+    rng, drawn = np.random.default_rng(0), []
+    for recording in recordings:
+        recording.signals  # noqa: B018  motions are drawn from the splines of its signals
+    for _ in range(DRAWS):
+        drawn.append(tuple(r.drawn_motions(rng, 1) if n else r for r, n in zip(recordings, noisy, strict=True)))
+    return drawn
+
+
+def _at_motion(fit: Fit, motion: Sequence[Recording]) -> Fit:
+    """The fit to what it predicts for its own recordings, as readings at another motion."""
+    readings = [fit.predicted_readings(number) for number in range(len(fit.recordings))]
+    return replace(fit, recordings=tuple(with_readings(r, w) for r, w in zip(motion, readings, strict=True)))
+
 
 CLEARLY_SIGNIFICANT = 1e-6
 """P-value by a limit of the motion's noise that needs no better one, whatever the number of effects."""
@@ -201,3 +257,39 @@ def _scores_of_motion(searches: Sequence[GridSearch], fit: Fit, cache: Screening
 
 def _largest_score(search: GridSearch | ScoreTest) -> float:
     return search.best.score if isinstance(search, GridSearch) else search.statistic
+
+
+# Initial values of a nonlinear fit, by screening each effect in turn.
+
+
+def model_initial_values(model: WrenchModel, recordings: Sequence[Recording]) -> NuisanceValues:
+    """Initial values by name for fitting a model to recordings; {} where the nominal values suffice.
+
+    The effects are added to the rigid tool one after the other, in the model's order; each starts at the best point of
+    its score test given those before it, and everything before it where it was fitted: far from there, effects that
+    are not linear have other minima. An effect that the recordings do not excite is skipped.
+    """
+    case = with_gravity_direction(model, recordings)
+    model, several = case.model, case.recordings
+    searched = [e for e in model.effects if _needs_search(e, model)]
+    if not searched:
+        return {}
+    found: NuisanceValues = {}
+    fitted = refit(with_decided_convention(model.base, several), several)
+    for effect in model.effects:
+        cache = ScreeningCache()
+        (screening,) = screen(fitted, [effect], cache=cache)
+        if not screening.excited:
+            continue
+        if effect in searched:
+            found |= refit_initial_values(fitted, screening, cache)
+        fitted = _refit_with(fitted, effect, found) if effect not in model.effects[-1:] else fitted
+    return {**fitted.values, **found}
+
+
+def _needs_search(effect: Effect, model: WrenchModel) -> bool:
+    return any(p.nuisance or not isfinite(p.nominal) for p in effect.parameters(model.space))
+
+
+def _refit_with(fitted: Fit, effect: Effect, start: NuisanceValues) -> Fit:
+    return refit(fitted.model + effect, fitted.recordings, noise=fitted.noise, start={**fitted.values, **start})

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.acceptance.held_out import HeldOut
 from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.removed_share import removed_share
-from diagnosis.comparison.slow_residual import Part, SlowResidual
-from diagnosis.selection.subset_search import CandidateModel, SubsetSearch
+from diagnosis.comparison.slow_residual import Part, SlowResidual, removed_share
+from diagnosis.held_out import HeldOut
+from diagnosis.subset_search import CandidateModel, SubsetSearch
 from estimation.fit import Fit
-from estimation.noise.recording_noise import NoiseSource
+from modeling.noise import NoiseSource
 
 Array = NDArray[np.float64]
 

@@ -2,17 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.comparison.comparison import Comparison
-from diagnosis.comparison.generic_terms import generic_terms, standardised_columns
+from diagnosis.comparison.comparison import Comparison, generic_terms, standardised_columns, term_in_words
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
-from diagnosis.comparison.residual_spectrum import ResidualSpectrum
-from diagnosis.comparison.term_words import term_in_words
+from diagnosis.comparison.slow_residual import foreign_forces, inertial_share, lacks_acceleration
+from diagnosis.comparison.steadiness import ResidualSpectrum
+from estimation.recordings.motion_limits import motion_limits
+from modeling.chain.model import WrenchModel
+
+# What the recorded motion leaves unknown in a diagnosis, and whether the residual is that.
+
+
+def motion_notes(comparisons: Sequence[Comparison], model: WrenchModel) -> list[str]:
+    """One line for each thing that the motion of a fitted recording leaves unknown."""
+    lines = []
+    for comparison in comparisons:
+        limits = motion_limits(comparison.recording)
+        lines += [f"{comparison.recording.name}: {limit}." for limit in limits]
+        if lacks_acceleration(comparison, model):
+            share = inertial_share(comparison, model)
+            lines.append(
+                f"{comparison.recording.name}: the residual looks like mass times an acceleration that was not "
+                f"recorded: its torque is that of a force through one point ({share:.0%} of its power), the centre of "
+                "mass; log the position. A contact at one point, a load that changes and an error of the recorded "
+                "orientation can have such a torque, too."
+            )
+    return lines
+
+
+# Why readings do not say what the tool weighs.
+
+
+FOREIGN = "is not the tool's: contact, another load or a disturbance"
+UNRECORDED = (
+    "what the model lacks looks like an acceleration that was not recorded (log the position), a contact, a load that"
+    " changes or an error of the recorded orientation"
+)
+
+
+def unknown_tool_reason(comparisons: Sequence[Comparison], model: WrenchModel) -> str:
+    """Why the readings do not say what the tool weighs, empty where those of one recording do."""
+    others = [c for c in comparisons if not lacks_acceleration(c, model)]
+    foreign = foreign_forces(others)
+    if others and not foreign:
+        return ""
+    reasons = [UNRECORDED] if len(others) < len(comparisons) else []
+    reasons += [f"most of what {', '.join(foreign)} read {FOREIGN}"] if foreign else []
+    return "; ".join(reasons)
+
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,9 @@ from modeling.errors import InputError
 from modeling.number_format import format_number, format_unit, format_with_std
 from modeling.table import Column, Table
 from truewrench.files.demonstration import TRAINING, VALIDATION, hidden_effect_by_id, record
-from truewrench.plots.residuals.labelled_comparison import LabelledComparison
-from truewrench.plots.residuals.nonperiodic_residual_plot import nonperiodic_residual_figure
 from truewrench.plots.style import MISFIT_COLOUR
-from truewrench.text.step_names import RIGID_TOOL
-from truewrench.text.verdict_words import RECORD_VERDICT_LABELS
+from truewrench.plots.time_series_plot import LabelledComparison, nonperiodic_residual_figure
+from truewrench.text.diagnosis_text import RECORD_VERDICT_LABELS, RIGID_TOOL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

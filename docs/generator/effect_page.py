@@ -18,13 +18,13 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.number_format import format_number, format_unit
 from modeling.parameter import Parameter
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.space import Space
 from modeling.table import Column, Table
 from truewrench.effect_description import effect_sketch, parameter_meaning
 from truewrench.effect_description.effect_equations import effect_equations
-from truewrench.effect_description.provocation import PROVOCATIONS
-from truewrench.reports.markdown import markdown_table, markdown_text
+from truewrench.effect_description.effect_words import PROVOCATIONS
+from truewrench.reports.page_templates import markdown_table, markdown_text
 
 SENSORS = {Space.PLANE: "planar", Space.SPACE: "six axes"}
 CHANNELS = {name for space in Space for name in space.channels}

@@ -9,29 +9,286 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.contact.calibrated_model import CalibratedModel
-from estimation.contact.contact_detection import ContactDetection, ContactInterval, detect_contacts
-from estimation.contact.contact_mean import ContactMean, ContactSeries
-from estimation.contact.point_force import PointForce, std_along
+from estimation.autoregression import fit_autoregression
+from estimation.contact.contact_detection import (
+    ContactDetection,
+    ContactInterval,
+    MeanDifferences,
+    VarianceOfMeans,
+    detect_contacts,
+)
 from estimation.fit import Fit, check_channels, require_recording
 from estimation.gravity.gravity_direction import mounted_recording
+from estimation.least_squares.estimates import fixed_parameters
 from estimation.model_response import model_response
+from estimation.multiplicity import chi2_sf
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.contact_gain import contact_gain_at, group_delay
+from modeling.chain.model import WrenchModel
 from modeling.errors import InputError, kind_of
+from modeling.noise import NoiseSource, block_means
 from modeling.number_format import P_VALUE, plain_number
+from modeling.rigid_body import contact_components
 from modeling.significance import LEVELS
 from modeling.space import FORCE_UNIT, Space
 from modeling.table import Column, Table, Tabular
-from modeling.tool.wrench_components import contact_components
+
+# Planar contact wrench as one force at a known point of the tip, by 22.14 to 22.16 corrected.
+#
+# Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators"
+# (Bassi et al.).
+
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PointForce:
+    """A force (n, 2) in N along x' and y', with covariance (n, 2, 2), that acts at one point of the tip.
+
+    misfit    (n,) chi-square, one degree of freedom, of the torque's residual; nan without a tip length
+    """
+
+    force: Array
+    covariance: Array
+    misfit: Array
+
+    @classmethod
+    def of(cls, wrench: Array, covariance: Array, weight: Array, distance: float | None) -> PointForce:
+        """The force that fits contact wrenches (n, 3) = (fcx, fcy, tauc) best.
+
+        22.14 in the tip frame, with the signs of a contact on the tool: a force K (sin b, cos b) at `distance` d (m)
+        from the sensor along the tip is (fcx, fcy, tauc) = (K sin b, K cos b, K d sin b). That is linear in
+        s = (K sin b, K cos b), wrench = H s with H = [[1, 0], [0, 1], [d, 0]], so that least squares weighted with the
+        inverse W of the channels' noise covariance `weight` (3, 3) has the closed form s = (H' W H)^-1 H' W wrench.
+        With W = 1 it is s = ((fcx + tauc d) / (1 + d²), fcy): PHYSICS.md, errata 3, 4 and 7. `covariance` (n, 3, 3) is
+        that of the wrenches, whatever it comes from. Without a distance the torque is not used: s = (fcx, fcy).
+        """
+        if distance is None:
+            return cls(wrench[:, :2], covariance[:, :2, :2], np.full(len(wrench), np.nan))
+        arm = np.array([[1.0, 0.0], [0.0, 1.0], [distance, 0.0]])
+        inverse = np.linalg.inv(weight)
+        gain = np.linalg.solve(arm.T @ inverse @ arm, arm.T @ inverse)
+        residual = wrench - wrench @ gain.T @ arm.T
+        return cls(wrench @ gain.T, gain @ covariance @ gain.T, np.einsum("ni,ij,nj->n", residual, inverse, residual))
+
+    @cached_property
+    def magnitude(self) -> Array:
+        """Size of the force, N (n,)."""
+        return np.asarray(np.hypot(self.force[:, 0], self.force[:, 1]))
+
+    @cached_property
+    def direction(self) -> Array:
+        """Angle of the force from y', clockwise, rad (n,), in (-pi, pi]."""
+        return np.arctan2(self.force[:, 0], self.force[:, 1])
+
+    @cached_property
+    def magnitude_std(self) -> Array:
+        """Standard deviation along the force, N (n,)."""
+        return std_along(self.covariance, self._unit)
+
+    @cached_property
+    def direction_std(self) -> Array:
+        """Standard deviation across the force over its size, rad (n,); valid for forces large against it."""
+        across = np.stack([self._unit[:, 1], -self._unit[:, 0]], axis=1)
+        return np.asarray(std_along(self.covariance, across) / np.maximum(self.magnitude, 1e-300))
+
+    @property
+    def clear(self) -> NDArray[np.bool_]:
+        """Whether the size is at least twice its standard deviation: only then is its direction defined."""
+        return np.asarray(self.magnitude >= 2 * self.magnitude_std)
+
+    @cached_property
+    def _unit(self) -> Array:
+        size = np.maximum(self.magnitude, 1e-300)[:, None]
+        return np.where(self.magnitude[:, None] > 0, self.force / size, np.array([0.0, 1.0]))
+
+
+def std_along(covariance: Array, direction: Array) -> Array:
+    """Standard deviations (n,) along directions (n, d) of vectors with covariances (n, d, d)."""
+    return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, covariance, direction)))
+
+
+# Mean contact wrench over an interval, with covariance, and the test whether a force at the tip explains it.
+#
+# Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators"
+# (Bassi et al.).
+
+
+@dataclass(frozen=True, eq=False)
+class ContactMean:
+    """Mean contact wrench over a detected interval, its forces, and its force at the tip.
+
+    wrench         (p,) mean of the components, N and N m; `covariance` (p, p): noise of that mean, parameters, zero and
+                   the model's systematic residual
+    force          N, size of the mean force; `largest_force` that of one sample, with its noise
+    tip_force      N, size of the point force at the tip that fits `wrench` best; nan without a tip length
+    tip_p_value    of the chi-square test that a force at the tip explains `wrench`; nan without a tip length
+    """
+
+    interval: ContactInterval
+    wrench: Array
+    covariance: Array
+    force: float
+    largest_force: float
+    tip_force: float
+    tip_p_value: float
+
+    @property
+    def std(self) -> Array:
+        """Std (p,) of the mean of each component."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSeries:
+    """Contact wrenches of a recording, and what the means of its intervals need.
+
+    wrench      (n, p); `systematic` (n, p, p) covariance from parameters and zero; `noise` (p, p) of one sample
+    inverse     (p, p) from reading to contact wrench; `remainder` (p,) systematic residual of the readings
+    forces      number of components that are forces, which come first
+    tip_length  m, of a planar contact; None for none
+    """
+
+    wrench: Array
+    systematic: Array
+    noise: Array
+    inverse: Array
+    remainder: Array
+    detection: ContactDetection
+    forces: int
+    tip_length: float | None
+
+    def mean(self, interval: ContactInterval) -> ContactMean:
+        """The mean over one interval."""
+        inside = slice(interval.first, interval.last)
+        wrench, systematic = self.wrench[inside].mean(axis=0), self.systematic[inside].mean(axis=0)
+        blocks = self.detection.blocks(interval.last - interval.first)
+        covariance = systematic + self.inverse @ self.detection.noise.covariance(blocks) @ self.inverse.T
+        size = np.linalg.norm(self.wrench[inside, : self.forces], axis=1)
+        tip_force, p_value = self._tip_force(wrench, covariance, systematic, blocks)
+        return ContactMean(
+            interval=interval,
+            wrench=wrench,
+            covariance=covariance,
+            force=float(np.linalg.norm(wrench[: self.forces])),
+            largest_force=float(size.max()),
+            tip_force=tip_force,
+            tip_p_value=p_value,
+        )
+
+    def _tip_force(self, wrench: Array, covariance: Array, systematic: Array, blocks: int) -> tuple[float, float]:
+        """Size of the force at the tip that fits a mean wrench, and the p-value of what the fit leaves.
+
+        A force at d along the tip is (fcx, fcy, tauc) = H s with H = [[1, 0], [0, 1], [d, 0]] (22.14 corrected). v =
+        (-d, 0, 1) is orthogonal to H, so that the chi-square of the residual of the weighted fit, with one degree of
+        freedom, is (v' wrench)² over the variance of v' wrench. That variance is estimated from the series v' wrench of
+        the samples without contact: correlation between the channels, colour of the noise and few samples included.
+        """
+        if self.tip_length is None:
+            return np.nan, np.nan
+        fitted = PointForce.of(wrench[None], covariance[None], self.noise, self.tip_length)
+        contrast = np.array([-self.tip_length, 0.0, 1.0])
+        variance = float(contrast @ systematic @ contrast) + self._noise_of_mean(contrast, blocks)
+        return float(fitted.magnitude[0]), float(chi2_sf(float(contrast @ wrench) ** 2 / variance, 1.0))
+
+    def _noise_of_mean(self, contrast: Array, blocks: int) -> float:
+        """Variance of the mean of `contrast @ wrench` over so many blocks, by noise and systematic residual."""
+        detection = self.detection
+        means = block_means(self.wrench @ contrast[:, None], detection.block)
+        quiet = block_means(detection.free[:, None].astype(float), detection.block)[:, 0] > 1 - 1e-9
+        if quiet.sum() < 2:
+            return float(contrast @ self.noise @ contrast)
+        constant = np.atleast_1d((contrast @ self.inverse) ** 2 @ self.remainder**2)
+        fitted = fit_autoregression(means - means[quiet].mean(axis=0), quiet)
+        noise = VarianceOfMeans.of_autoregression(fitted, len(means), constant).at_least(
+            MeanDifferences.of(means, quiet).variance_of_means(constant)
+        )
+        return float(noise.covariance(min(blocks, len(means)))[0, 0])
+
+
+# Fitted model reduced to what compensation needs.
+
+
+SEGMENTS_PER_RUN = 50
+"""Segments of a single run whose means estimate the slow part of its residual; each averages the sensor's noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedModel:
+    """A model, its parameters with covariance, and its noise and systematic residual where it was fitted.
+
+    theta       (k,) in the model's order; biases are those of the first recording
+    covariance  (k, k); an unidentifiable parameter has an infinite variance and zero covariances, a fixed one zeros
+    floor       (p,) std of one sample, in the channels' units
+    remainder   (p,) RMS of the systematic residual: the part that noise does not explain
+    """
+
+    model: WrenchModel
+    theta: Array
+    covariance: Array
+    floor: Array
+    remainder: Array
+
+    @classmethod
+    def of(cls, fitted: Fit | StreamedFit) -> Self:
+        """From a fit, with the biases of its first recording and the largest systematic residual over recordings.
+
+        Of a streamed fit it is the noise std times sqrt(reduced chi-square - 1).
+        """
+        size = len(fitted.model.parameters)
+        covariance = fitted.covariance[:size, :size].copy()
+        unidentifiable = ~fitted.identifiable[:size]
+        covariance[unidentifiable], covariance[:, unidentifiable] = 0.0, 0.0
+        covariance[unidentifiable, unidentifiable] = np.where(
+            fixed_parameters(fitted.unknowns[:size])[unidentifiable], 0.0, np.inf
+        )
+        if isinstance(fitted, StreamedFit):
+            floor = fitted.noise.floor
+            systematic = floor * np.sqrt(max(fitted.misfit - 1, 0.0))
+        else:
+            floor = fitted.noise[0].floor
+            systematic = np.max([systematic_residual_rms(fitted, i) for i in range(len(fitted.recordings))], axis=0)
+        return cls(fitted.model, fitted.theta[:size], covariance, floor, systematic)
+
+    @property
+    def without_recording_specific(self) -> CalibratedModel:
+        """The same without recording-specific effects."""
+        model = self.model.without_recording_specific
+        place = {p.name: i for i, p in enumerate(self.model.parameters)}
+        index = np.array([place[p.name] for p in model.parameters], dtype=np.intp)
+        return CalibratedModel(
+            model, self.theta[index], self.covariance[np.ix_(index, index)], self.floor, self.remainder
+        )
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Which parameters (k,) were identifiable."""
+        return np.isfinite(np.diag(self.covariance))
+
+
+def systematic_residual_rms(fitted: Fit, number: int) -> Array:
+    """RMS (p,) of a fit's systematic residual in one of its recordings.
+
+    The mean over R repeats has the variance s² + n²/R for systematic part s and noise of variance n² (PHYSICS.md,
+    erratum 6). Of a single run it is the RMS of the means of its segments, of static poses that of the residual
+    itself: there model error and noise are not distinguishable, and this bound is conservative.
+    """
+    recording, noise, residual = fitted.recordings[number], fitted.noise[number], fitted.residuals[number]
+    if noise.source is NoiseSource.REPEATS:
+        mean = residual.reshape(recording.repeats, -1, residual.shape[1]).mean(axis=0)
+        return np.asarray(np.sqrt(np.maximum(mean.var(axis=0) - noise.floor**2 / recording.repeats, 0.0)))
+    if recording.at_rest:
+        return np.asarray(residual.std(axis=0))
+    segments = np.array_split(residual - residual.mean(axis=0), min(SEGMENTS_PER_RUN, len(residual)))
+    means = np.stack([segment.mean(axis=0) for segment in segments])
+    return np.asarray(np.sqrt((means**2).mean(axis=0)))
 
 
 @dataclass(frozen=True, eq=False)

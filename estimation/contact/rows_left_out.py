@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from estimation.contact.contact_mean import ContactMean
-from estimation.contact.contact_wrench import compensate
-from estimation.distributions import chi2_sf
+from estimation.contact.contact_wrench import ContactMean, compensate
 from estimation.fit import Fit
-from estimation.multiplicity import bonferroni_p_value
+from estimation.multiplicity import bonferroni_p_value, chi2_sf
 from estimation.recordings.recording import Recording, WholeLog
 from modeling.significance import LEVELS
 

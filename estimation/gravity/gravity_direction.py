@@ -4,14 +4,225 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, reduce
+from operator import add
 
-from estimation.gravity.gravity_estimate import GravityEstimate
-from estimation.gravity.gravity_evidence import gravity_evidence
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gravity.gravity_estimate import (
+    FEWEST_POSES,
+    GravityEstimate,
+    WeightMoments,
+    estimated_gravity,
+    independent_samples,
+    rotation_terms,
+    upright_direction,
+    without_terms,
+)
 from estimation.recordings.recording import Recording
+from estimation.recordings.sign_convention import to_sensor_frame
+from estimation.recordings.weight_fit import LEAST_EXPLAINED, PulledTool, WeightFit, cable_instead, joined, weight_fit
 from modeling.chain.model import WrenchModel
-from modeling.effects.gravity_load import GravityTilt
-from modeling.kinematics.base_mounting import Direction, in_base_axes, unit_direction
-from modeling.rig.rig import Rig
+from modeling.effects.geometry import GravityTilt
+from modeling.kinematics.placement import COMPONENTS, Direction, in_base_axes, unit_direction
+from modeling.rig import Convention, Rig
+
+# Gravity evidence: whether recordings show that their base does not stand upright, and where gravity points in it.
+
+
+Array = NDArray[np.float64]
+
+STEP, LONGEST = 0.01, 20_000
+"""Seconds between rows that are fitted, and the first rows of a recording among which they are."""
+LEAST_UNEXPLAINED = 0.01
+"""Share of the readings' power that an upright base has to leave before another one is sought."""
+
+
+def gravity_evidence(
+    recordings: Sequence[Recording], *, gravity: float, convention: Convention, mirror_y: bool = False
+) -> GravityEstimate | None:
+    """The direction where the base is shown not to stand upright, and no other mistake explains as much; else None.
+
+    Where an upright base with a cable on its tool explains the forces as well, the estimate has that cable.
+
+    The recordings, of one sensor, are in base axes; gravity in m/s². The signs are those of planar readings, and decide
+    of six axes between directions that poses at rest do not distinguish. Shown is by `WeightFit.is_shown_against`: of
+    the direction against an upright base, the best of the directions unlike it, and every mistake.
+    """
+    if recordings[0].dimension == 2:
+        signs = np.array([1.0, -1.0 if mirror_y else 1.0]) * (-1.0 if convention is Convention.ON_SENSOR else 1.0)
+        return _in_plane(recordings, gravity, signs)
+    if any("qw" not in r.signals for r in recordings) or sum(r.samples for r in recordings) < FEWEST_POSES:
+        return None
+    samples, moments = _in_space(tuple(recordings), gravity)
+    if not _leaves_enough(moments):
+        return None
+    found = estimated_gravity(moments, _independent(recordings), convention)
+    if not _explains_enough(found):
+        return None
+    mistaken = [[mistake(own) for own in samples] for mistake in MISTAKES]
+    others = [_weight(own, upright_direction(3), gravity) for own in (samples, *mistaken)]
+    return _with_cable(found, samples, gravity) if _is_shown(found, samples, others, gravity) else None
+
+
+@lru_cache(maxsize=1)
+def _in_space(recordings: tuple[Recording, ...], gravity: float) -> tuple[tuple[SensorSamples, ...], WeightMoments]:
+    """Samples and moments, cached for the last recordings: their reading asks for them, and their diagnosis again."""
+    samples = tuple(SensorSamples.in_space(recording) for recording in recordings)
+    return samples, _moments(samples, gravity)
+
+
+def _in_plane(recordings: Sequence[Recording], gravity: float, signs: Array) -> GravityEstimate | None:
+    """From runs alone: in poses at rest a turned base is indistinguishable from a sensor that is mounted turned."""
+    if any(recording.at_rest or "phi" not in recording.signals for recording in recordings):
+        return None
+    samples = [SensorSamples.in_plane(recording, signs) for recording in recordings]
+    if not _leaves_enough(_moments(samples, gravity)):
+        return None
+    found = estimated_gravity(_moments(samples, gravity), _independent(recordings))
+    if not found.decided or np.trace(found.fit.matrix) <= 0 or not _explains_enough(found):
+        return None
+    others = [_weight(samples, upright_direction(2), gravity)]
+    return _with_cable(found, samples, gravity) if _is_shown(found, samples, others, gravity) else None
+
+
+def _independent(recordings: Sequence[Recording]) -> int:
+    return sum(independent_samples(r.samples, at_rest=r.at_rest) for r in recordings)
+
+
+def _explains_enough(found: GravityEstimate) -> bool:
+    """Whether the base stands otherwise than upright, and most of what an upright one leaves is explained so.
+
+    An effect that pulls one way, as a tether does, is a small part of a turned weight.
+    """
+    return not found.is_upright and found.fit.rms**2 <= (1 - LEAST_EXPLAINED) * found.upright.rms**2
+
+
+def _is_shown(
+    found: GravityEstimate, samples: Sequence[SensorSamples], others: Sequence[WeightFit], gravity: float
+) -> bool:
+    """Whether the base is shown to stand as found, against `others` and the best of the directions unlike it."""
+    turned, rivals = _weight(samples, found.direction, gravity), [*others, _weight(samples, found.rival, gravity)]
+    return all(turned.is_shown_against(rival, len(rivals)) for rival in rivals)
+
+
+def _with_cable(found: GravityEstimate, samples: Sequence[SensorSamples], gravity: float) -> GravityEstimate:
+    """The estimate with the cable that explains the forces as well, where the positions are known."""
+    if any(own.position is None for own in samples):
+        return found
+    upright, turned = (
+        joined([own.pulled(direction, gravity) for own in samples])
+        for direction in (upright_direction(len(found.direction)), found.direction)
+    )
+    return replace(found, cable=cable_instead(upright, turned))
+
+
+def _weight(samples: Sequence[SensorSamples], direction: Direction, gravity: float) -> WeightFit:
+    """The weight of a tool whose mounting is unknown in space, and known in the plane."""
+    parts = [own.without_rotation(direction, gravity) for own in samples]
+    along, force = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return weight_fit(along, force, mounting=np.eye(2) if len(direction) == 2 else None)
+
+
+def _leaves_enough(moments: WeightMoments) -> bool:
+    """Whether an upright base leaves so much of the readings that another one may explain it."""
+    upright = moments.fit(upright_direction(moments.axes))
+    return upright.rms**2 > LEAST_UNEXPLAINED * moments.force**2
+
+
+@dataclass(frozen=True, eq=False)
+class SensorSamples:
+    """Rows of one recording that are fitted: R' (n, d, d) to the sensor's axes, accelerations in base axes and forces
+    (n, d), what turns with the tool (n, k), None at rest, and positions (n, d) in base axes, None where not known."""
+
+    to_sensor: Array
+    acceleration: Array
+    force: Array
+    rotation: Array | None
+    position: Array | None
+
+    @classmethod
+    def in_space(cls, recording: Recording) -> SensorSamples:
+        """From the recording's signals, in base axes."""
+        every, signals = _every(recording), recording.signals
+        return cls(
+            to_sensor_frame(np.stack([signals[name][every] for name in COMPONENTS], axis=1)),
+            np.stack([signals[name][every] for name in ("apx", "apy", "apz")], axis=1),
+            recording.wrench[every, :3],
+            None if recording.at_rest else rotation_terms(recording, every),
+            _positions(recording, every),
+        )
+
+    @classmethod
+    def in_plane(cls, recording: Recording, signs: Array) -> SensorSamples:
+        """Forces with the signs of the sensor's on the tool, in the axes x' and -y' of the sensor."""
+        every, signals = _every(recording), recording.signals
+        s, c = np.sin(signals["phi"][every]), np.cos(signals["phi"][every])
+        return cls(
+            np.stack([np.stack([c, -s], axis=1), np.stack([-s, -c], axis=1)], axis=1),
+            np.stack([signals["ax"][every], signals["ay"][every]], axis=1),
+            recording.wrench[every, :2] * signs,
+            rotation_terms(recording, every),
+            _positions(recording, every),
+        )
+
+    def moments(self, gravity: float) -> WeightMoments:
+        """Their moments, for any direction of gravity."""
+        return WeightMoments.of(self.to_sensor, self.acceleration, self.force, gravity, self.rotation)
+
+    def pulled(self, direction: Direction, gravity: float) -> PulledTool:
+        """The same rows for the fit of a cable, with gravity along a direction; their positions are known."""
+        assert self.position is not None
+        specific = self.acceleration - gravity * np.array(direction)
+        own = PulledTool.of(self.to_sensor, self.position, specific, self.force, self.rotation)
+        return replace(own, mounting=np.eye(2)) if len(direction) == 2 else own
+
+    def without_rotation(self, direction: Direction, gravity: float) -> tuple[Array, Array]:
+        """Specific force (n, d) in the sensor with gravity along a direction, and force, less what turns with the
+        tool."""
+        along = np.einsum("nij,nj->ni", self.to_sensor, self.acceleration - gravity * np.array(direction))
+        rows = np.hstack([along, self.force])
+        rows = rows - rows.mean(axis=0) if self.rotation is None else without_terms(rows, self.rotation)
+        return rows[:, : len(direction)], rows[:, len(direction) :]
+
+
+def _w_first(samples: SensorSamples) -> SensorSamples:
+    """The quaternion, as it was read, w first."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    quaternion = Rotation.from_matrix(np.swapaxes(samples.to_sensor, 1, 2)).as_quat()
+    return replace(samples, to_sensor=to_sensor_frame(np.roll(quaternion, -1, axis=1)))
+
+
+def _inverse(samples: SensorSamples) -> SensorSamples:
+    return replace(samples, to_sensor=np.swapaxes(samples.to_sensor, 1, 2))
+
+
+def _in_base_axes(samples: SensorSamples) -> SensorSamples:
+    return replace(samples, force=np.einsum("nij,nj->ni", samples.to_sensor, samples.force))
+
+
+MISTAKES = (_w_first, _inverse, _in_base_axes)
+"""Other readings of orientation and axes, of which each may seem to turn gravity."""
+
+
+def _moments(samples: Sequence[SensorSamples], gravity: float) -> WeightMoments:
+    return reduce(add, (own.moments(gravity) for own in samples))
+
+
+def _positions(recording: Recording, every: slice) -> Array | None:
+    """Positions (n, d) of the sensor in base axes in these rows, m; None where they are not recorded."""
+    names = ("px", "py", "pz")[: recording.dimension]
+    if any(name not in recording.signals for name in names):
+        return None
+    return np.stack([recording.signals[name][every] for name in names], axis=1)
+
+
+def _every(recording: Recording) -> slice:
+    """The rows that are fitted: no more than a hundred a second, among the first of a long recording."""
+    stride = 1 if recording.dt is None else max(int(STEP / recording.dt), 1)
+    return slice(0, LONGEST, stride)
 
 
 @dataclass(frozen=True, eq=False)

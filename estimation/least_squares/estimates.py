@@ -22,10 +22,47 @@ from modeling.identifiability import (
     unidentifiable_directions,
 )
 from modeling.parameter import Parameter
+from modeling.rig import Convention
 from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular, Value
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+# Attributes that fits of lmfit, SciPy, scikit-learn and statsmodels have, and what holds the same here.
+
+
+FAMILIAR_NAMES = {
+    "redchi": "reduced_chi_square",
+    "chisqr": "reduced_chi_square, per degree of freedom",
+    "chi2": "reduced_chi_square, per degree of freedom",
+    "covar": "covariance",
+    "pcov": "covariance",
+    "cov_params": "covariance",
+    "correl": "correlation",
+    "popt": "theta",
+    "coef_": "values",
+    "best_values": "values",
+    "stderr": 'params["std"], or fit["m"].std of one parameter',
+    "bse": 'params["std"], or fit["m"].std of one parameter',
+    "std": 'params["std"], or fit["m"].std of one parameter',
+    "best_fit": "predict()",
+    "fittedvalues": "predict()",
+    "residual": "residuals, of each recording",
+    "resid": "residuals, of each recording",
+    "conf_int": 'intervals(), and params[["low", "high"]]',
+    "ci_report": "intervals()",
+    "fit_report": "summary()",
+    "success": "converged",
+}
+"""What holds it, by the other package's name."""
+
+
+def unknown_attribute(kind: str, name: str) -> str:
+    """Message for an attribute that a class `kind` has not."""
+    missing = f"a {kind} has no attribute '{name}'"
+    return f"{missing}; see {FAMILIAR_NAMES[name]}" if name in FAMILIAR_NAMES else missing
+
 
 Array = NDArray[np.float64]
 
@@ -223,3 +260,19 @@ def correlation_matrix(covariance: Array, identifiable: NDArray[np.bool_]) -> Ar
 def estimates_data(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
     """Parameter estimates by name as plain data."""
     return {name: {"value": e.value, "std": e.std, "unit": e.unit} for name, e in estimates.items()}
+
+
+# Refuses a significantly negative mass: the readings have the opposite sign convention.
+
+
+def require_positive_mass(mass: Estimate, stated: Convention, where: str) -> None:
+    """Raise InputError when the mass is below -3 std: the readings have the sign convention opposite to the stated."""
+    if mass.value >= -3 * mass.std:
+        return
+    other = Convention.ON_SENSOR if stated is Convention.ON_TOOL else Convention.ON_TOOL
+    check = "check the axes of the readings, or whether the base hangs (gravity_direction under [robot])"
+    raise InputError(
+        what=f"the mass comes out as {mass.value:.3g} ± {mass.std:.2g} kg with readings {stated.value}",
+        where=where,
+        remedy=f'state convention = "{other.value}" under [sensor] in the rig, or {check}',
+    )

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.linear_least_squares import least_squares_solution
-from estimation.least_squares.square_root_information import EPS, SquareRootInformation
+from estimation.least_squares.square_root_information import EPS, SquareRootInformation, least_squares_solution
 from modeling.errors import InputError
 from modeling.identifiability import SINGULAR_VALUE_TOLERANCE, ScaledSVD
 

@@ -8,7 +8,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.least_squares.constraints.conic_solver import SOLVER_TOLERANCE, cvxpy, solve_conic
+from estimation.least_squares.constraints import SOLVER_TOLERANCE, cvxpy, solve_conic
 from modeling.chain.model import WrenchModel
 from modeling.chain.pseudo_inertia import PseudoInertia, pseudo_inertia
 from modeling.identifiability import UnidentifiableDirection

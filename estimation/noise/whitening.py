@@ -13,8 +13,7 @@ import scipy  # loads scipy.fft with its first use
 from numpy.typing import NDArray
 
 from estimation.model_response import ModelResponse
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.noise.channel_whitening import FourierLines, block_means, whitened_by_channel
+from modeling.noise import FourierLines, NoiseModel, block_means, whitened_by_channel
 
 Array = NDArray[np.float64]
 

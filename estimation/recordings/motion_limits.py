@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.derivatives.smoothing_spline import SmoothingSpline
 from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
-from estimation.recordings.sensor_frame import to_sensor_frame
+from estimation.recordings.sign_convention import to_sensor_frame
+from estimation.recordings.smoothing_spline import SmoothingSpline
 
 Array = NDArray[np.float64]
 

@@ -3,18 +3,197 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimation.recordings.column_table import ColumnTable, table_from_columns, table_from_file
-from estimation.recordings.motion_form import JOINT_ANGLE, motion_form, wrench_channels
-from estimation.recordings.recording import QUATERNION, MotionForm, Recording
-from estimation.recordings.sample_clock import SampleClock
-from modeling.rig.rig import PLANAR_CHANNELS, Rig
+from estimation.multiplicity import normal_isf
+from estimation.recordings.column_table import ColumnTable, import_remedy, table_from_columns, table_from_file
+from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
+from modeling.errors import InputError
+from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
+from modeling.space import Space
+
+# Wrench channels and form of motion of a table by its column names, with errors that name what is missing.
+
+
+JOINT_ANGLE = re.compile(r"q[1-9]\d*")
+KINEMATICS = {Space.PLANE: "link_lengths", Space.SPACE: "urdf"}
+
+
+def _record(table: ColumnTable) -> str:
+    return f"record it, rename the column that holds it, or {import_remedy(table.where)}"
+
+
+def wrench_channels(table: ColumnTable) -> tuple[str, ...]:
+    """The channels of the table's wrench; InputError when it is incomplete or mixed."""
+    planar, spatial = (
+        [channel for channel in channels if channel in table.columns]
+        for channels in (PLANAR_CHANNELS, SPATIAL_CHANNELS)
+    )
+    lone = [channel for channel in spatial if channel not in PLANAR_CHANNELS]
+    if "tau" in planar and lone:
+        what = f"a mixed wrench: the planar tau together with {', '.join(lone)}"
+        raise table.error(what, "keep fx, fy, tau or fx, fy, fz, tx, ty, tz")
+    expected, found = (SPATIAL_CHANNELS, spatial) if lone else (PLANAR_CHANNELS, planar)
+    missing = [channel for channel in expected if channel not in found]
+    if not found:
+        raise table.error("no wrench: fx, fy, tau or fx, fy, fz, tx, ty, tz are missing", _record(table))
+    if missing:
+        raise table.error(f"the wrench is missing {_listed(missing)}", _record(table))
+    return expected
+
+
+def motion_form(table: ColumnTable, channels: tuple[str, ...], rig: Rig | None) -> MotionForm:
+    """The first complete form of motion, in the order of FORMATS, that is compatible with this wrench."""
+    space = Space.PLANE if channels == PLANAR_CHANNELS else Space.SPACE
+    forms = (MotionForm.JOINTS, MotionForm.PLANAR_POSE if space is Space.PLANE else MotionForm.POSE)
+    obstacles = {form: _missing(form, table, rig, space) for form in forms}
+    for form, obstacle in obstacles.items():
+        if obstacle is None:
+            return form
+    for form, obstacle in obstacles.items():
+        if obstacle is not None and _has_any_column(form, table):
+            raise table.error(*obstacle)
+    other = "phi" if space is Space.PLANE else _listed(QUATERNION)
+    raise table.error(f"the motion is missing: neither q1..qn nor {other}", _record(table))
+
+
+def _has_any_column(form: MotionForm, table: ColumnTable) -> bool:
+    """Whether the table has any column of this form, so that the missing ones are named."""
+    if form is MotionForm.JOINTS:
+        return bool(_joint_angles(table))
+    names = ("phi", "ax", "ay") if form is MotionForm.PLANAR_POSE else QUATERNION
+    return any(name in table.columns for name in names)
+
+
+def _joint_angles(table: ColumnTable) -> list[str]:
+    angles = (name for name in table.columns if JOINT_ANGLE.fullmatch(name))
+    return sorted(angles, key=lambda name: int(name[1:]))
+
+
+def _missing(form: MotionForm, table: ColumnTable, rig: Rig | None, space: Space) -> tuple[str, str] | None:
+    """What is missing of a form of motion, and the remedy; None when it is complete."""
+    if form is MotionForm.JOINTS:
+        return _missing_joints(table, rig, space)
+    needed = ["phi"] if form is MotionForm.PLANAR_POSE else list(QUATERNION)
+    if form is MotionForm.PLANAR_POSE and ("ax" in table.columns) != ("ay" in table.columns):
+        needed += ["ax", "ay"]
+    missing = [name for name in needed if name not in table.columns]
+    return (f"the motion is missing {_listed(missing)}", _record(table)) if missing else None
+
+
+def _missing_joints(table: ColumnTable, rig: Rig | None, space: Space) -> tuple[str, str] | None:
+    angles, kinematics = _joint_angles(table), KINEMATICS[space]
+    arm = None if rig is None else rig.arm
+    if arm is None or arm.space is not space:
+        lacks = "no rig was given" if rig is None else f"the rig has no {kinematics}"
+        return f"columns {_listed(angles)} are joint angles, and {lacks}", f"give a rig with robot.{kinematics}"
+    expected = numbered_names("q", arm.joints)
+    missing = [name for name in expected if name not in angles]
+    if missing:
+        return f"the motion is missing {_listed(missing)}", f"record every joint of robot.{kinematics}"
+    extra = [name for name in angles if name not in expected]
+    if extra:
+        noun = kinematics if space is Space.PLANE else "joints"
+        what = f"columns {_listed(extra)} are joint angles beyond the rig's {len(expected)} {noun}"
+        return what, f"give a rig whose {kinematics} has them, or rename the column"
+    return None
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names)
+
+
+# Uniform sample clock by least squares from jittering time stamps.
+
+
+JITTER_WINDOW = 50  # most samples over which stamps are compared: longer than a burst of a buffered driver
+MISSING_SAMPLE_STEP = 0.75  # samples of lasting delay in the stamps from which samples count as missing
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleClock:
+    """A uniform clock: stamp of its first sample and step, in s."""
+
+    start: float
+    dt: float
+
+    @classmethod
+    def of(cls, stamps: NDArray[np.float64], *, where: str = "time", first_row: int = 2) -> SampleClock:
+        """The straight line through the stamps (n,) in s, by least squares.
+
+        A stamp is taken when the driver received the sample, so it jitters; the samples themselves were taken by a
+        uniform clock (FORMATS, `time`), so that the line replaces the stamps. `first_row` is the row of the
+        first stamp in its file. Raises InputError where time does not increase, where samples are missing
+        and where the stamps follow no uniform clock.
+        """
+        stamps = np.asarray(stamps, dtype=float)
+        _require_increasing(stamps, where, first_row)
+        _require_no_missing_samples(stamps, where, first_row)
+        count = np.arange(len(stamps)) - (len(stamps) - 1) / 2
+        dt = float(count @ stamps / (count @ count))
+        _require_uniform_rate(stamps - stamps.mean() - dt * count, dt, where)
+        return cls(start=float(stamps.mean() + dt * count[0]), dt=dt)
+
+    def times(self, samples: int) -> NDArray[np.float64]:
+        """Seconds since the first sample."""
+        return np.arange(samples, dtype=np.float64) * np.float64(self.dt)
+
+
+def _require_increasing(stamps: NDArray[np.float64], where: str, first_row: int) -> None:
+    steps = np.diff(stamps)
+    wrong = np.flatnonzero(steps <= 0)
+    if wrong.size:
+        i = int(wrong[0]) + 1
+        what = f"time does not increase at row {first_row + i} ({stamps[i - 1]:.9g} s, then {stamps[i]:.9g} s)"
+        raise InputError(what=what, where=where, remedy="sort the rows, or number separate runs in `repeat`")
+
+
+def _require_no_missing_samples(stamps: NDArray[np.float64], where: str, first_row: int) -> None:
+    for i, lost in missing_samples(stamps):
+        what = f"a gap in time at row {first_row + i}: about {max(round(lost), 1)} samples are missing"
+        what += f" after {stamps[i - 1]:.9g} s"
+        raise InputError(what=what, where=where, remedy="use the longer piece, or record without a gap")
+
+
+def missing_samples(stamps: NDArray[np.float64], window: int = JITTER_WINDOW) -> Iterator[tuple[int, float]]:
+    """Index of each increasing stamp before which samples are missing, and how many, in samples.
+
+    A delayed stamp is followed by punctual ones; after missing samples all stamps stay delayed.
+    """
+    window = min(max(len(stamps) // 10, 1), window)
+    step = float(np.median(stamps[window:] - stamps[:-window])) / window
+    delay = stamps / step - np.arange(len(stamps))
+    steps = np.diff(stamps) / step
+    # A driver that hands over bursts makes a long step before each of them; only longer ones are gaps.
+    bursts = float(np.median(steps)) < 0.75
+    usual = float(np.quantile(steps, 0.98)) + 0.4 if bursts else 1.5
+    suspected = np.flatnonzero(steps > usual) + 1
+    if not suspected.size:
+        return
+    jitter = float(np.median(np.abs(steps - np.median(steps)))) / normal_isf(0.25) / np.sqrt(2)
+    for i in suspected:
+        before, after = delay[max(i - window, 0) : i], delay[i : i + window]
+        lost = float(np.median(after) - np.median(before))
+        # The median of m stamps errs by 1.25 / sqrt(m) of their jitter; four times that is not by chance.
+        chance = 5 * jitter * np.sqrt(1 / len(before) + 1 / len(after))
+        if lost > max(MISSING_SAMPLE_STEP, chance):
+            yield int(i), lost
+
+
+def _require_uniform_rate(delay: NDArray[np.float64], dt: float, where: str) -> None:
+    window = min(max(len(delay) // 10, 1), JITTER_WINDOW)
+    pieces = [np.median(piece) for piece in np.array_split(delay, max(len(delay) // window, 1))]
+    deviation = float(np.max(np.abs(pieces))) / dt
+    if deviation > max(3.0, 0.01 * len(delay)):
+        what = f"the time stamps deviate by {deviation:.0f} samples from a uniform clock"
+        raise InputError(what=what, where=where, remedy="resample at a uniform rate, or record at one")
+
 
 if TYPE_CHECKING:
     pass

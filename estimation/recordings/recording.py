@@ -6,22 +6,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from functools import cached_property
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.recordings.repeat_motion import differing_columns, motion_difference
-from modeling.kinematics.base_mounting import motion_in_world
-from modeling.rig.rig import PLANAR_CHANNELS, Rig
+from modeling.errors import InputError
+from modeling.kinematics.placement import motion_in_world
+from modeling.rig import PLANAR_CHANNELS, Rig
 from modeling.table import Column, Table, Tabular, Value
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from estimation.recordings.derivatives.sample_hold import TrueSamples
-    from estimation.recordings.derivatives.series_derivatives import Derivatives
-    from estimation.recordings.reports.reading_report import ReadingReport
+    from estimation.recordings.differentiation import Derivatives, TrueSamples
+    from estimation.recordings.reading_report import ReadingReport
     from modeling.kinematics.arm import Arm
 
 
@@ -267,7 +268,7 @@ class Recording(Tabular):
         columns are held where those of this recording are. The motion jumps between the runs, so that of several only
         what depends on single samples can be predicted.
         """
-        from estimation.recordings.derivatives.differentiation import SplineTimes
+        from estimation.recordings.differentiation import SplineTimes
 
         assert self.time is not None  # static poses are not smoothed
         times, span = np.arange(self.samples) * np.float64(self.dt or 0.0), self.samples * (self.dt or 0.0)
@@ -286,12 +287,12 @@ class Recording(Tabular):
         return other
 
     def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
-        from estimation.recordings.derivatives.differentiation import (  # slow to import
+        from estimation.recordings.differentiation import (
+            Derivatives,
             fourier_derivatives,
             fourier_or_spline_derivatives,
             spline_derivatives,
-        )
-        from estimation.recordings.derivatives.series_derivatives import Derivatives
+        )  # slow to import
 
         series = self._rebuilt(series, names)
         true = self.true_samples(names) if names else None
@@ -310,7 +311,7 @@ class Recording(Tabular):
 
     def _rebuilt(self, series: Array, names: Sequence[str]) -> Array:
         """A series (n, k) of repeats from its true samples where columns are held, else as it is."""
-        from estimation.recordings.derivatives.differentiation import spline_derivatives
+        from estimation.recordings.differentiation import spline_derivatives
 
         true = self.true_samples(names) if names and self.repeats > 1 else None
         return series if true is None or self.dt is None else spline_derivatives(series, self.dt, true).value
@@ -322,7 +323,7 @@ class Recording(Tabular):
         """
         if self.dt is None or not self.continuous:
             return None
-        from estimation.recordings.derivatives.sample_hold import TrueSamples
+        from estimation.recordings.differentiation import TrueSamples
 
         key = tuple(names)
         if key not in self.held_columns:
@@ -543,3 +544,22 @@ def with_readings(recording: Recording, wrench: NDArray[np.float64]) -> Recordin
     # The caches of `signals` and `derivatives`: they depend on the motion alone, and cost more than a fit.
     vars(other).update(signals=recording.signals, derivatives=recording.derivatives, own_motion=recording.own_motion)
     return other
+
+
+# SHA-256 of a recording's readings, by which a file knows the recordings that it was made of.
+
+
+def readings_digest(recording: Recording) -> str:
+    """SHA-256 of a recording's readings, by which a calibration or a model file recognises its own."""
+    return sha256(np.ascontiguousarray(recording.wrench, dtype="<f8").tobytes()).hexdigest()
+
+
+def require_different_readings(recordings: Sequence[Recording], where: str) -> None:
+    """InputError for readings that were given twice: their agreement with themselves would count as evidence."""
+    known: dict[str, str] = {}
+    for recording in recordings:
+        digest = readings_digest(recording)
+        if digest in known:
+            what = f"{recording.name} has the same readings as {known[digest]}: one recording given twice"
+            raise InputError(what=what, where=where, remedy="give each recording once; validate with another motion")
+        known[digest] = recording.name

@@ -6,22 +6,41 @@ is in the residual of both, so that they are compared by which is nearer to the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy  # loads scipy.linalg with its first use
 from numpy.typing import NDArray
 
-from estimation.evidence.pull_fit import PulledTool, joined
-from estimation.evidence.weight_fit import WeightFit, weight_fit
+from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import QUATERNION, Recording
-from estimation.recordings.reports.reading_report import StepKind
-from estimation.recordings.sensor_frame import in_sensor_frame, to_sensor_frame
+from estimation.recordings.weight_fit import PulledTool, WeightFit, joined, weight_fit
 from modeling.chain.model import ALIGNED_MOUNTING, QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.errors import InputError
-from modeling.rig.rig import Convention
+from modeling.kinematics.placement import COMPONENTS, quaternion_conjugate, rotated_vector
+from modeling.rig import Convention
 from modeling.space import Space
+
+# World vectors in the frame of a sensor whose orientation is recorded.
+
+
+def in_sensor_frame(signals: Mapping[str, Array], vector: Sequence[Any]) -> Array:
+    """A world vector of three components, numbers or (n,), in the sensor frame, (n, 3): R(q / |q|)' v.
+
+    `scipy.spatial.transform` has it too, but its import takes longer than reading a recording.
+    """
+    quaternions = np.stack([signals[name] for name in COMPONENTS])
+    unit = quaternions / np.linalg.norm(quaternions, axis=0)
+    return np.stack(rotated_vector(quaternion_conjugate(unit), vector), axis=1)
+
+
+def to_sensor_frame(quaternions: Array) -> Array:
+    """Rotation matrices R(q / |q|)' (n, 3, 3) to the sensor frame from quaternions (n, 4), x y z w."""
+    signals = dict(zip(COMPONENTS, quaternions.T, strict=True))
+    return np.stack([in_sensor_frame(signals, axis) for axis in np.eye(3).tolist()], axis=2)
+
 
 Array = NDArray[np.float64]
 

@@ -14,24 +14,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.initial_value_names import require_known_start
-from estimation.least_squares.estimates import Estimates
+from estimation.least_squares.estimates import Estimates, require_positive_mass
 from estimation.least_squares.levenberg_marquardt import levenberg_marquardt
-from estimation.least_squares.positive_mass import require_positive_mass
 from estimation.least_squares.square_root_information import SquareRootInformation
+from estimation.parameter_layout import require_known_start
 from estimation.recordings.recording import Recording
 from estimation.streaming.chunk import Chunk
-from estimation.streaming.chunk_information import RecordingOrChunk, information_from, run_name
+from estimation.streaming.chunk_information import (
+    RecordingOrChunk,
+    information_from,
+    linear_regressor_map,
+    required_signals,
+    run_name,
+)
 from estimation.streaming.long_log import LongLog, read_chunks
-from estimation.streaming.regressor_map import linear_regressor_map, required_signals
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
-from modeling.noise.autoregressive_noise import NoiseModel
+from modeling.noise import NoiseModel
 from modeling.parameter import Parameter
-from modeling.rig.rig import PLANAR_CHANNELS, Convention, Rig
+from modeling.rig import PLANAR_CHANNELS, Convention, Rig
 
 if TYPE_CHECKING:
-    from estimation.least_squares.constrained import Constraints
+    from estimation.least_squares.constraints import Constraints
 
 
 Array = NDArray[np.float64]

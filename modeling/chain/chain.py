@@ -7,16 +7,13 @@ from functools import reduce
 from typing import TYPE_CHECKING, TypeVar
 
 from modeling import symbolic as sp
-from modeling.chain.stages.bias_stage import Bias
-from modeling.chain.stages.calibration_stage import Gain, Mounting
-from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
-from modeling.chain.stages.stage import ChainStage, Stage, SymbolicMap
-from modeling.expressions.intermediate_variables import Definitions
+from modeling.chain.stages import Bias, ChainStage, Gain, LinearDynamics, Mounting, Stage, SymbolicMap
+from modeling.compiled.straight_line_program import Definitions
+from modeling.rigid_body import RigidBody, newton_euler, rigid_body
 from modeling.space import SensorMotion, Space, vector
-from modeling.tool.rigid_body import RigidBody, newton_euler, rigid_body
 
 if TYPE_CHECKING:
-    from modeling.dynamics.deflection.deflection import Deflection
+    from modeling.dynamics.deflection import Deflection
     from modeling.kinematics.perturbed_arm import PerturbedArm
 
 

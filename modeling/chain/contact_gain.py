@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
+from modeling.compiled.symbolic_vector import numpy_function
 from modeling.errors import InputError
-from modeling.expressions.compilation import numpy_function
-from modeling.tool.wrench_components import contact_components, contact_force_torque
+from modeling.rigid_body import contact_components, contact_force_torque
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def contact_gain_at(model: WrenchModel, theta: Array) -> tuple[Array, Array]:
 
 def group_delay(model: WrenchModel, theta: Array) -> float:
     """Group delay (s) of the transfer function at zero frequency: -dH/ds at s = 0."""
-    from modeling.expressions.laplace_variable import laplace
+    from modeling.compiled.straight_line_program import laplace
 
     if model.transfer_function == 1:
         return 0.0

@@ -13,21 +13,19 @@ from typing import Any, NoReturn, Self, TypeVar
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, rigid_chain
 from modeling.chain.effect import Effect, effects_of
-from modeling.chain.stages.bias_stage import Bias
-from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
-from modeling.chain.stages.stage import Stage
+from modeling.chain.stages import Bias, LinearDynamics, Stage
+from modeling.compiled.cache import PlainData, cached, canonical_data
+from modeling.compiled.straight_line_program import Definitions, symbols_of
+from modeling.compiled.symbolic_vector import SymbolicVector
 from modeling.errors import InputError, kind_of, quoted, suggestion
-from modeling.evaluation.cache import PlainData, cached, canonical_data
-from modeling.expressions.intermediate_variables import Definitions, symbols_of
-from modeling.expressions.symbolic_vector import SymbolicVector
 from modeling.kinematics.arm import Arm
-from modeling.kinematics.base_mounting import Direction
 from modeling.kinematics.perturbed_arm import PerturbedArm
+from modeling.kinematics.placement import Direction
 from modeling.parameter import Parameter
-from modeling.rig.rig import STANDARD_GRAVITY, Convention, Rig
+from modeling.rig import STANDARD_GRAVITY, Convention, Rig
+from modeling.rigid_body import inertial_parameters
 from modeling.space import Space
 from modeling.table import Column, Table
-from modeling.tool.rigid_body import inertial_parameters
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,21 +12,17 @@ from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
-from modeling.chain.stages.bias_stage import Bias
-from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
-from modeling.chain.stages.play_stage import Play
-from modeling.chain.stages.saturation_stage import Clipping
-from modeling.chain.stages.stage import ChainStage
-from modeling.dynamics.deflection.equation_of_motion import DEFLECTION_TOLERANCE
+from modeling.chain.stages import Bias, ChainStage, Clipping, LinearDynamics, Play
+from modeling.compiled.straight_line_program import laplace
+from modeling.compiled.symbolic_vector import SymbolicVector
+from modeling.compiled.tape_evaluation import TapeEvaluation
+from modeling.compiled.vector_function import Array, CompiledVector, Signals, VectorFunction
+from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
-from modeling.evaluation.tape_evaluation import TapeEvaluation
-from modeling.evaluation.vector_function import Array, CompiledVector, Signals, VectorFunction
-from modeling.expressions.laplace_variable import laplace
-from modeling.expressions.symbolic_vector import SymbolicVector
 
 if TYPE_CHECKING:
-    from modeling.dynamics.deflection.equation_of_motion import EquationOfMotion
-    from modeling.dynamics.time_base import TimeBase
+    from modeling.dynamics.equation_of_motion import EquationOfMotion
+    from modeling.dynamics.motion_record import TimeBase
 
 ValueAndDerivative = tuple[Array, Array]
 
@@ -51,8 +47,8 @@ class DeflectedLoad:
 
     @cached_property
     def equation(self) -> EquationOfMotion:
-        """The equation of motion, for `modeling.dynamics.deflection.deflection_solver.solve_deflection`."""
-        from modeling.dynamics.deflection.equation_of_motion import EquationOfMotion
+        """The equation of motion, for `modeling.dynamics.deflection_solver.solve_deflection`."""
+        from modeling.dynamics.equation_of_motion import EquationOfMotion
 
         return EquationOfMotion(self.equilibrium, self.size)
 
@@ -71,7 +67,7 @@ class DeflectedLoad:
         With b(theta) the deflection over the record, d load = dload/dtheta + dload/db db/dtheta. `tolerance` is the
         last correction of the deflection relative to its size.
         """
-        from modeling.dynamics.deflection.deflection_solver import solve_deflection
+        from modeling.dynamics.deflection_solver import solve_deflection
 
         rows = self.load.samples(signals, samples)
         deflected = solve_deflection(self.equation, rows, theta, clock, derivative=derivative, tolerance=tolerance)

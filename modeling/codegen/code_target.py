@@ -36,9 +36,9 @@ class CodeTarget(ABC):
 
 
 _TARGETS: dict[str, str | CodeTarget] = {
-    "numpy": "modeling.codegen.numpy_target:NumpyTarget",
+    "numpy": "modeling.codegen.template:NumpyTarget",
     "casadi": "modeling.codegen.casadi_target:CasadiTarget",
-    "c": "modeling.codegen.c_target:CTarget",
+    "c": "modeling.codegen.template:CTarget",
     "latex": "modeling.codegen.latex_target:LatexTarget",
 }
 """Targets by name, or where their classes are: those are imported when first used."""

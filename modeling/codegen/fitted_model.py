@@ -12,14 +12,13 @@ from modeling import symbolic as sp
 from modeling.chain.contact_gain import contact_gain
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
-from modeling.dynamics.deflection.discrete_deflection import DiscreteDeflection, deflected
+from modeling.compiled.straight_line_program import StraightLineProgram, forward_derivative, required_definitions
+from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
 from modeling.dynamics.sample_program import SampleProgram, SampleProgramBuilder
 from modeling.errors import InputError
-from modeling.expressions.intermediate_variables import required_definitions
-from modeling.expressions.straight_line_program import StraightLineProgram, forward_derivative
 from modeling.parameter import Parameter
+from modeling.rigid_body import contact_components
 from modeling.space import signals
-from modeling.tool.wrench_components import contact_components
 
 Array = NDArray[np.float64]
 

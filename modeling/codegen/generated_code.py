@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from modeling.codegen.code_target import CodeTarget
 from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
-from modeling.expressions.operation_count import OperationCount
-from modeling.expressions.straight_line_program import StraightLineProgram
+from modeling.compiled.straight_line_program import OperationCount, StraightLineProgram
 from modeling.table import Column, Table
 
 

@@ -10,11 +10,11 @@ from modeling import symbolic as sp
 from modeling.chain.chain import Chain
 from modeling.chain.regressor import regressor_functions
 from modeling.codegen.code_target import CodeTarget
-from modeling.codegen.documentation import regressor_documentation, signal_documentation
+from modeling.codegen.expression_text import regressor_documentation, signal_documentation
 from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.rigid_body import newton_euler
 from modeling.space import Space, signals, vector
-from modeling.tool.rigid_body import newton_euler
 
 DOTS = {"": "{}", "d": r"\dot{{{}}}", "dd": r"\ddot{{{}}}"}
 """Formats of time derivatives."""

@@ -12,10 +12,10 @@ from functools import cached_property
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.regressor import regressor
-from modeling.expressions.straight_line_program import StraightLineProgram
+from modeling.compiled.straight_line_program import StraightLineProgram
 from modeling.parameter import Parameter
+from modeling.rigid_body import newton_euler, rigid_body
 from modeling.space import Space, signals, vector
-from modeling.tool.rigid_body import newton_euler, rigid_body
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,21 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from modeling import symbolic as sp
 from modeling.codegen.code_target import CodeTarget
-from modeling.codegen.documentation import (
+from modeling.codegen.expression_text import (
+    Assignment,
+    assignments_of,
+    comment_text,
     derivative_documentation,
+    identifiers,
     model_documentation,
     paragraphs,
     parameter_comment,
     regressor_documentation,
 )
-from modeling.codegen.expression_text import Assignment, assignments_of, comment_text, identifiers
 from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.compiled.straight_line_program import StraightLineProgram
 from modeling.dynamics.sample_program import SampleProgram
-from modeling.expressions.straight_line_program import StraightLineProgram
 from modeling.space import signals
 
 if TYPE_CHECKING:
@@ -153,3 +156,72 @@ def _environment() -> Environment:
         autoescape=False,  # source code, not HTML: users' names pass through comment_text before
         keep_trailing_newline=True,
     )
+
+
+# C target: a C99 file with the regressor of the rigid tool, or with a fitted model.
+
+
+class CTarget(TemplateTarget):
+    """C99 without allocation. Functions that math.h lacks are written out."""
+
+    name = "c"
+    suffix = ".c"
+    style = CodeStyle(
+        functions={
+            "sign": "((double)(({0}) > 0.0) - (double)(({0}) < 0.0))",
+            "step": "(0.5 * (1.0 + (double)(({0}) > 0.0) - (double)(({0}) < 0.0)))",
+            "fmax": "truewrench_max({0}, {1})",
+            "fmin": "truewrench_min({0}, {1})",
+        },
+        signal="u[{}]",
+        parameter="truewrench_parameters[{}]",
+        kept="state->kept[{}]",
+        infinity="HUGE_VAL",
+    )
+
+    @staticmethod
+    def input_names(base: RigidToolRegressor) -> dict[sp.Symbol, str]:
+        """A constant for each component."""
+        return dict(zip(signals(*base.inputs), identifiers(base.inputs, "u_"), strict=True))
+
+
+# NumPy target: a module, dependent on NumPy alone, with the rigid tool's regressor or a fitted model.
+
+
+NUMPY_FUNCTIONS = {
+    name: f"np.{numpy}({{0}})"
+    for name, numpy in {
+        **{same: same for same in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "sign", "fabs")},
+        **{"asin": "arcsin", "acos": "arccos", "atan": "arctan"},
+    }.items()
+} | {
+    "atan2": "np.arctan2({0}, {1})",
+    "fmax": "np.maximum({0}, {1})",
+    "fmin": "np.minimum({0}, {1})",
+    "pow": "np.power({0}, {1})",
+    "step": "np.heaviside({0}, 0.5)",
+}
+"""NumPy's functions by their names in generated code."""
+
+
+class NumpyTarget(TemplateTarget):
+    """A Python module that needs NumPy alone."""
+
+    name = "numpy"
+    suffix = ".py"
+    style = CodeStyle(
+        functions=NUMPY_FUNCTIONS,
+        signal="u[..., {}]",
+        parameter="parameters[{}]",
+        kept="state.kept[{}]",
+        infinity="np.inf",
+    )
+
+    @staticmethod
+    def input_names(base: RigidToolRegressor) -> dict[sp.Symbol, str]:
+        """The argument itself, or its component along the last axis."""
+        return {
+            symbol: f"{argument}[..., {place}]" if len(components) > 1 else argument
+            for argument, components in base.arguments.items()
+            for place, symbol in enumerate(signals(*components))
+        }

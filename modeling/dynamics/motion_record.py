@@ -8,8 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.dynamics.time_base import TimeBase
-from modeling.evaluation.vector_function import VectorFunction
+from modeling.compiled.vector_function import VectorFunction
+
+# Sampling interval and periodicity of a record.
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """Sampling interval `dt` (s), None for static poses; `periodic` for a record of whole periods in steady state.
+
+    A record that is not periodic starts at zero velocity, in the static equilibrium of its first sample.
+    """
+
+    dt: float | None
+    periodic: bool
+
 
 Array = NDArray[np.float64]
 FrequencyResponse = Callable[[Array, Array], tuple[NDArray[np.complex128], list[NDArray[np.complex128]]]]

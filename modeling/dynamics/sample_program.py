@@ -12,9 +12,13 @@ from functools import cached_property
 from typing import TypeAlias
 
 from modeling import symbolic as sp
-from modeling.expressions.intermediate_variables import Definitions, required_definitions
-from modeling.expressions.operation_count import OperationCount
-from modeling.expressions.straight_line_program import StraightLineProgram, forward_derivative
+from modeling.compiled.straight_line_program import (
+    Definitions,
+    OperationCount,
+    StraightLineProgram,
+    forward_derivative,
+    required_definitions,
+)
 
 Symbols: TypeAlias = "tuple[sp.Symbol, ...]"
 Expressions: TypeAlias = "Sequence[sp.Expr]"

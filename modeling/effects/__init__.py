@@ -6,15 +6,26 @@ from typing import NoReturn
 
 from modeling.chain.effect import Effect
 from modeling.effects.bias import BiasDrift, LineInterference, ThermalDrift
-from modeling.effects.cable import CableSpring
-from modeling.effects.calibration import GainNonlinearity, Saturation, SensorCrosstalk, SensorGain, SensorRotation
-from modeling.effects.friction import CoulombFriction, QuadraticDrag, ViscousDrag
-from modeling.effects.gravity_load import CentreOfMassOffset, GravityTilt
-from modeling.effects.hysteresis import SensorHysteresis
-from modeling.effects.joints import JointBacklash, JointElasticity, JointOffset, LinkLengthError
-from modeling.effects.linear_dynamics import SensorLag, TimeDelay
-from modeling.effects.tip_flexibility import TipFlexibility
-from modeling.effects.transient_events import ContactEvent, PayloadChange
+from modeling.effects.flexibility import TipFlexibility
+from modeling.effects.geometry import (
+    CentreOfMassOffset,
+    GravityTilt,
+    JointBacklash,
+    JointElasticity,
+    JointOffset,
+    LinkLengthError,
+)
+from modeling.effects.loads import CableSpring, ContactEvent, CoulombFriction, PayloadChange, QuadraticDrag, ViscousDrag
+from modeling.effects.sensor import (
+    GainNonlinearity,
+    Saturation,
+    SensorCrosstalk,
+    SensorGain,
+    SensorHysteresis,
+    SensorLag,
+    SensorRotation,
+    TimeDelay,
+)
 from modeling.errors import InputError, quoted, suggestion
 from modeling.space import Space
 

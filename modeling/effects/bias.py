@@ -9,7 +9,7 @@ from math import inf
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
-from modeling.chain.stages.bias_stage import Bias
+from modeling.chain.stages import Bias
 from modeling.parameter import Parameter, Role
 from modeling.space import Space, signals
 

@@ -4,14 +4,295 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
 from fractions import Fraction
 from functools import partial
 
-from modeling.errors import quoted, suggestion
-from modeling.formulas.functions import FORMULA_FUNCTIONS, FormulaFunction
-from modeling.formulas.syntax_tree import LARGEST_EXPONENT, SUM, chain_links, child_nodes, exponent, signed_parts
-from modeling.formulas.tokens import DEEPEST_NESTING, FormulaSource, python_text, too_deep
+from modeling import symbolic as sp
+from modeling.errors import InputError, quoted, suggestion
+
+# Text of a formula with its location, and the same as Python writes it, token by token.
+
+
+LONGEST_FORMULA = 1000
+"""Characters of a formula at most; `let` divides a longer one into steps."""
+LONGEST_NAME = 40
+"""Characters of a name at most, so that an error message stays one line."""
+DEEPEST_NESTING = 30
+"""Depth of nested brackets at most; within Python's recursion limit."""
+
+NUMBER, NAME = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", r"[A-Za-z][A-Za-z0-9_]*"
+"""Patterns of a number without a sign, and of a name."""
+_TOKEN = re.compile(
+    rf"(?P<number>{NUMBER})|(?P<name>{NAME})"
+    r"|(?P<operator>\*\*|[-+*/^(),])|(?P<space>[ \t\r\n]+)"
+)
+
+_REPLACEMENTS: Mapping[str, str] = {
+    **dict.fromkeys("·×", "write * for a product"),
+    **dict.fromkeys("−–", "write - for a difference"),
+    **dict.fromkeys("²³⁴", "write ^2 for a power"),
+    **dict.fromkeys("<>=!", "use min, max or step(x, width): a formula has no comparisons"),
+    **dict.fromkeys("[]{}", "use round brackets"),
+    "÷": "write / for a quotient",
+    "√": "write sqrt(x)",
+    "|": "write abs(x)",
+    "_": "begin names with a letter",
+    "#": "write comments outside of the quotes",
+    ".": "write numbers like 0.5, and names without a point",
+}
+"""Remedies for characters outside the grammar."""
+
+
+@dataclass(frozen=True)
+class FormulaSource:
+    """A formula's text; `where` is its location (file, effect and key) in error messages."""
+
+    text: str
+    where: str = "formula"
+
+    def error(self, column: int, what: str, remedy: str) -> InputError:
+        """An error about the character at `column`, counted from 1."""
+        return InputError(what=what, where=f"{self.where}, column {column}", remedy=remedy)
+
+
+def python_text(source: FormulaSource) -> tuple[str, dict[int, int]]:
+    """The formula as Python writes it, and the column in the formula of each place where a token begins there.
+
+    Python means the same by each token, in all its versions: a name gets a trailing underscore, so that it is no
+    keyword, a number becomes a float, and ^ becomes **.
+    Raises InputError at a character outside the grammar, and for a text that is too long or too deeply nested.
+    """
+    text, columns, place, depth = "", {}, 0, 0
+    if len(source.text) > LONGEST_FORMULA:
+        what = f"the formula has {len(source.text)} characters"
+        raise source.error(LONGEST_FORMULA + 1, what, f"use {LONGEST_FORMULA} at most, and `let` for repeated parts")
+    while place < len(source.text):
+        match = _TOKEN.match(source.text, place)
+        if match is None:
+            remedy = _REPLACEMENTS.get(source.text[place], "use numbers, names, + - * / ^ and round brackets")
+            raise source.error(place + 1, f"{quoted(source.text[place])} is not allowed in a formula", remedy)
+        depth += {"(": 1, ")": -1}.get(match[0], 0)
+        if depth > DEEPEST_NESTING:
+            raise too_deep(source, place + 1)
+        columns[len(text)] = place + 1
+        text += _REWRITTEN[str(match.lastgroup)](match[0])
+        place = match.end()
+    return text.rstrip(), columns
+
+
+_REWRITTEN: Mapping[str, Callable[[str], str]] = {
+    "number": lambda text: f"{float(text)!r} ".replace("inf", "1e999"),
+    "name": lambda text: f"{text}_ ",
+    "operator": lambda text: text.replace("^", "**") + " ",
+    "space": lambda text: "",
+}
+
+
+def too_deep(source: FormulaSource, column: int) -> InputError:
+    """The error for a formula nested too deep."""
+    what = f"brackets, signs and powers are nested more than {DEEPEST_NESTING} deep"
+    return source.error(column, what, "divide the formula into steps with `let`")
+
+
+# Walks over a formula's syntax tree, whose `col_offset` are columns (from 1) of the formula's text.
+#
+# Its nodes are those of the standard library's `ast`, of five kinds: Constant (a float), Name, UnaryOp (a minus),
+# BinOp (a sum, a product or a power with a constant exponent) and Call (of a formula function).
+
+
+LARGEST_EXPONENT = 8
+"""Bound on numerator and denominator of an exponent: no law of physics has more, and 9^9^9 would never end."""
+SUM, PRODUCT = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
+
+
+def chain_links(node: ast.BinOp) -> list[ast.BinOp]:
+    """The operations of a sum a + b - c, or a product a * b / c, the leftmost first; a power alone."""
+    kind = next((kind for kind in (SUM, PRODUCT) if isinstance(node.op, kind)), ())
+    links = [node]
+    while isinstance(links[-1].left, ast.BinOp) and isinstance(links[-1].left.op, kind):
+        links.append(links[-1].left)
+    return links[::-1]
+
+
+def signed_parts(node: ast.BinOp) -> list[tuple[int, ast.expr]]:
+    """The terms of a sum, each with its sign, or the factors of a product, with -1 for divisors."""
+    links = chain_links(node)
+    return [(1, links[0].left), *((-1 if isinstance(n.op, ast.Sub | ast.Div) else 1, n.right) for n in links)]
+
+
+def exponent(power: ast.BinOp) -> Fraction:
+    """The constant exponent of a power."""
+    assert isinstance(power.right, ast.Constant)
+    assert isinstance(power.right.value, float)
+    return Fraction(power.right.value).limit_denominator(LARGEST_EXPONENT)
+
+
+def child_nodes(node: ast.expr) -> list[ast.expr]:
+    """The terms, factors, arguments, or base and exponent of a node."""
+    match node:
+        case ast.BinOp(op=ast.Pow()):
+            return [node.left, node.right]
+        case ast.BinOp():
+            return [child for _, child in signed_parts(node)]
+        case ast.UnaryOp():
+            return [node.operand]
+        case ast.Call():
+            return node.args
+        case _:
+            return []
+
+
+def nodes_in(tree: ast.expr) -> Iterator[ast.expr]:
+    """Every node of a tree, the root first; a sum or product of many parts is one."""
+    pending = [tree]
+    while pending:
+        node = pending.pop()
+        yield node
+        pending.extend(child_nodes(node))
+
+
+def names_in(tree: ast.expr) -> frozenset[str]:
+    """The names in a tree, without those of functions."""
+    return frozenset(node.id for node in nodes_in(tree) if isinstance(node, ast.Name))
+
+
+# Functions that a formula may call: in SymPy, on floats, and their rule for units.
+
+
+MOST_ARGUMENTS = 8
+"""Arguments of min and max at most."""
+
+
+class UnitRule(Enum):
+    """Units of a function's arguments, and the unit of its value."""
+
+    NUMBER = "dimensionless (or an angle) in, dimensionless out"
+    SAME = "arguments of one unit in, the same unit out"
+    RATIO = "arguments of one unit in, dimensionless out"
+    ROOT = "the root of the argument's unit out"
+
+
+@dataclass(frozen=True)
+class FormulaFunction:
+    """A function; `usage` is its call, `least` and `most` its number of arguments.
+
+    expression  its SymPy expression, of functions that NumPy, CasADi and C have
+    number      its value on floats, for constant arguments; ValueError or OverflowError where undefined
+    """
+
+    usage: str
+    least: int
+    most: int
+    rule: UnitRule
+    expression: Callable[..., sp.Expr]
+    number: Callable[..., float]
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.usage.partition("(")[0]
+
+
+def _unevaluated(name: str) -> Callable[..., sp.Expr]:
+    """SymPy's function of that name, unevaluated: sorting or simplifying nested arguments would take seconds."""
+    return lambda *arguments: getattr(sp, name)(*arguments, evaluate=False)
+
+
+def _root(x: sp.Expr) -> sp.Expr:
+    return sp.Pow(x, sp.S.Half, evaluate=False)
+
+
+def _sign(x: sp.Expr, width: sp.Expr) -> sp.Expr:
+    return sp.tanh(x / width, evaluate=False)
+
+
+def _step(x: sp.Expr, width: sp.Expr) -> sp.Expr:
+    return (1 + _sign(x, width)) / 2
+
+
+FORMULA_FUNCTIONS: Mapping[str, FormulaFunction] = {
+    function.name: function
+    for function in (
+        FormulaFunction("sin(x)", 1, 1, UnitRule.NUMBER, _unevaluated("sin"), math.sin),
+        FormulaFunction("cos(x)", 1, 1, UnitRule.NUMBER, _unevaluated("cos"), math.cos),
+        FormulaFunction("tan(x)", 1, 1, UnitRule.NUMBER, _unevaluated("tan"), math.tan),
+        FormulaFunction("tanh(x)", 1, 1, UnitRule.NUMBER, _unevaluated("tanh"), math.tanh),
+        FormulaFunction("exp(x)", 1, 1, UnitRule.NUMBER, _unevaluated("exp"), math.exp),
+        FormulaFunction("sqrt(x)", 1, 1, UnitRule.ROOT, _root, math.sqrt),
+        FormulaFunction("abs(x)", 1, 1, UnitRule.SAME, _unevaluated("Abs"), math.fabs),
+        FormulaFunction("min(a, b, ..)", 2, MOST_ARGUMENTS, UnitRule.SAME, _unevaluated("Min"), min),
+        FormulaFunction("max(a, b, ..)", 2, MOST_ARGUMENTS, UnitRule.SAME, _unevaluated("Max"), max),
+        FormulaFunction("atan2(y, x)", 2, 2, UnitRule.RATIO, _unevaluated("atan2"), math.atan2),
+        FormulaFunction("sign(x, width)", 2, 2, UnitRule.RATIO, _sign, lambda x, width: math.tanh(x / width)),
+        FormulaFunction("step(x, width)", 2, 2, UnitRule.RATIO, _step, lambda x, width: (1 + math.tanh(x / width)) / 2),
+    )
+}
+"""By name. A step has no derivative for a fit: sign(x, width) is tanh(x / width), from -1 to 1 over some widths, and
+step(x, width) is (1 + sign(x, width)) / 2. min, max and abs are continuous, and exact."""
+
+
+# SymPy expression of a formula's syntax tree, built node by node, never from text.
+
+
+LARGEST_INTEGER = 1000
+"""Integers up to this stay integers, so that x/2 prints as written; larger ones become floats."""
+LARGEST_FLOAT = 1e300
+"""Bound on numbers that SymPy computes, near the largest float."""
+
+
+def to_sympy(tree: ast.expr, values: Mapping[str, sp.Expr], source: FormulaSource) -> sp.Expr:
+    """The formula with expressions for its names.
+
+    Raises InputError, naming the column, where it simplifies to no finite real number, as in 1/(x - x).
+    """
+    match tree:
+        case ast.Constant(value=float(value)):
+            return sp.Integer(int(value)) if value == int(value) and abs(value) <= LARGEST_INTEGER else sp.Float(value)
+        case ast.Name(id=name):
+            return values[name]
+    try:
+        built = _combined(tree, values, source)
+        if not built.has(*_NOT_FINITE) and all(map(_is_representable, (built, *built.args))):
+            return built
+    except (ValueError, TypeError):
+        pass  # SymPy cannot compare infinite or complex values
+    raise source.error(tree.col_offset, "it simplifies to no finite real number", "correct the formula there")
+
+
+_NOT_FINITE = (sp.zoo, sp.nan, sp.oo, sp.S.NegativeInfinity, sp.I)
+
+
+def _combined(tree: ast.expr, values: Mapping[str, sp.Expr], source: FormulaSource) -> sp.Expr:
+    match tree:
+        case ast.UnaryOp():
+            return -to_sympy(tree.operand, values, source)
+        case ast.BinOp(op=ast.Pow()):
+            power = exponent(tree)
+            return to_sympy(tree.left, values, source) ** sp.Rational(power.numerator, power.denominator)
+        case ast.BinOp(op=ast.Add() | ast.Sub()):
+            return sp.Add(*(sign * to_sympy(child, values, source) for sign, child in signed_parts(tree)))
+        case ast.BinOp():
+            return sp.Mul(*(to_sympy(child, values, source) ** sign for sign, child in signed_parts(tree)))
+        case ast.Call(func=ast.Name(id=name)):
+            function = FORMULA_FUNCTIONS[name]
+            built = function.expression(*(to_sympy(child, values, source) for child in tree.args))
+            if built.is_number and built.is_finite is None:  # atan2(1, 0) unevaluated
+                return sp.Float(function.number(*map(float, built.args)))
+            return built
+        case _:
+            raise TypeError(f"{type(tree).__name__} is not an operation")
+
+
+def _is_representable(part: sp.Expr) -> bool:
+    """Whether a part is not a number, or is a number within the range of floats."""
+    if not part.is_number:
+        return True
+    return bool(part.is_finite and part.is_real and abs(part) < LARGEST_FLOAT)
+
 
 MOST_NODES = 300
 """Numbers, names and operations of a formula at most: SymPy then takes milliseconds."""

@@ -8,12 +8,11 @@ from functools import lru_cache
 from typing import Any
 
 from modeling import symbolic as sp
-from modeling.expressions.intermediate_variables import Definitions, IntermediateVariables
-from modeling.kinematics.arm import Arm, ArmFrames, MathBackend
-from modeling.kinematics.joint import JointKind
-from modeling.kinematics.planar_arm import joint_rates, joint_symbols
+from modeling.compiled.straight_line_program import Definitions, IntermediateVariables
+from modeling.kinematics.arm import Arm, ArmFrames, MathBackend, joint_rates, joint_symbols
+from modeling.kinematics.placement import JointKind
+from modeling.rigid_body import RigidBody
 from modeling.space import SensorMotion, Space, vector
-from modeling.tool.rigid_body import RigidBody
 
 COMPLIANCE_ITERATIONS = 4
 """Fixed-point iterations of load and deflection: where a deflection d changes the load by a fraction r of itself, the

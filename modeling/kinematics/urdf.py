@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from modeling.errors import InputError
-from modeling.kinematics.joint import (
+from modeling.kinematics.arm import SpatialArm
+from modeling.kinematics.placement import (
     IDENTITY_PLACEMENT,
     LARGEST_NUMBER,
     Joint,
@@ -19,7 +20,6 @@ from modeling.kinematics.joint import (
     Quaternion,
     Vector3,
 )
-from modeling.kinematics.spatial_arm import SpatialArm
 
 MOVABLE_JOINTS = {"revolute": JointKind.REVOLUTE, "continuous": JointKind.REVOLUTE, "prismatic": JointKind.PRISMATIC}
 FIXED = "fixed"

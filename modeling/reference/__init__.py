@@ -6,9 +6,7 @@ Nothing is computed with the printed equations; they are compared only.
 
 from modeling.reference.body_wrench import wrench_equations
 from modeling.reference.contact_statics import contact_equations, printed_direction
-from modeling.reference.equation import Equation, EquationVerdict, vanishes
-from modeling.reference.equation_tables import Equations, Errata
-from modeling.reference.erratum import Erratum, ErratumProof
+from modeling.reference.equation import Equation, Equations, EquationVerdict, Errata, Erratum, ErratumProof, vanishes
 from modeling.reference.path_kinematics import path_equations
 
 __all__ = [

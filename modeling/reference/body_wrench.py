@@ -11,8 +11,7 @@ import sympy as sp
 
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.regressor import regressor, regressor_functions
-from modeling.reference.equation import Equation
-from modeling.reference.equation_tables import Equations
+from modeling.reference.equation import Equation, Equations
 from modeling.reference.path_kinematics import ALONG_X, ALONG_Y, AX, AY, DDPHI, DPHI, L_G, PHI, centre_of_mass
 
 MASS, MLG, INERTIA = sp.symbols("m mlg I", real=True)

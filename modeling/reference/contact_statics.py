@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from modeling.chain.chain import point_on_tip
 from modeling.chain.model import planar
-from modeling.expressions.compilation import numpy_function
-from modeling.reference.equation import Equation
-from modeling.reference.equation_tables import Equations
+from modeling.compiled.symbolic_vector import numpy_function
+from modeling.reference.equation import Equation, Equations
 from modeling.reference.path_kinematics import PHI
+from modeling.rigid_body import contact_force_torque
 from modeling.space import Space
-from modeling.tool.wrench_components import contact_force_torque
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -10,7 +10,38 @@ from textwrap import wrap
 
 import sympy as sp
 
-from modeling.reference.notation import as_latex, as_text, latex_lines, latex_words
+from modeling.table import Column, Table, Tabular
+
+# Symbols of chapter 22 (Bassi et al.) in plain text and in LaTeX.
+
+
+LATEX = {
+    "dphi": r"\dot\varphi", "ddphi": r"\ddot\varphi", "phi": r"\varphi", "ax": "a_x", "ay": "a_y", "vx": "v_x",
+    "vy": "v_y", "mlg": "m l_g", "bias_fx": "b_x", "bias_fy": "b_y", "bias_tau": r"b_\tau", "fcx": "f_{cx}",
+    "fcy": "f_{cy}", "tauc": r"\tau_c", "fx": "f_x", "fy": "f_y", "tau": r"\tau",
+}  # fmt: skip
+"""LaTeX of signals and parameters, by name."""
+
+
+def as_text(matrix: sp.Matrix) -> str:
+    """A matrix as text, row by row, entries separated by two spaces."""
+    return "\n".join("  ".join(sp.sstr(e, full_prec=False) for e in matrix.row(i)) for i in range(matrix.rows))
+
+
+def as_latex(matrix: sp.Matrix) -> str:
+    """A matrix, or its single entry, as LaTeX without $."""
+    names = {s: LATEX[s.name] for s in matrix.free_symbols if isinstance(s, sp.Symbol) and s.name in LATEX}
+    return str(sp.latex(matrix[0] if matrix.shape == (1, 1) else matrix, symbol_names=names))
+
+
+def latex_words(text: str) -> str:
+    """Text within LaTeX, underscores escaped."""
+    return rf"\text{{{text}}}".replace("_", r"\_")
+
+
+def latex_lines(parts: list[str]) -> str:
+    """Aligned lines of LaTeX, for a notebook."""
+    return "$\\displaystyle \\begin{aligned}" + r" \\ ".join(f"&{part}" for part in parts) + r"\end{aligned}$"
 
 
 class EquationVerdict(Enum):
@@ -133,3 +164,133 @@ class Equation:
 def _labelled(label: str, matrix: sp.Matrix) -> Iterable[str]:
     first, *others = (part for row in as_text(matrix).splitlines() for part in wrap(row, 96, subsequent_indent="  "))
     return [f"    {label:17}  {first}", *(" " * 23 + line for line in others)]
+
+
+# An erratum of chapter 22 (Bassi et al.), proved by differences that must vanish or must not.
+
+
+@dataclass(frozen=True, eq=False)
+class ErratumProof:
+    """A difference of two expressions; `equal` is whether it must vanish for the claim to hold."""
+
+    claim: str
+    difference: sp.Matrix
+    equal: bool
+
+    @classmethod
+    def same(cls, claim: str, left: sp.Expr | sp.Matrix, right: sp.Expr | sp.Matrix) -> ErratumProof:
+        """The claim that left and right are equal."""
+        return cls(claim, _difference(left, right), equal=True)
+
+    @classmethod
+    def other(cls, claim: str, left: sp.Expr | sp.Matrix, right: sp.Expr | sp.Matrix) -> ErratumProof:
+        """The claim that left and right differ."""
+        return cls(claim, _difference(left, right), equal=False)
+
+    @cached_property
+    def holds(self) -> bool:
+        """Whether the difference vanishes or not, as claimed."""
+        return bool(self.difference.is_zero_matrix) is self.equal
+
+    @property
+    def mark(self) -> str:
+        """Whether it is proved, as text."""
+        return "proved" if self.holds else "NOT PROVED"
+
+    def __str__(self) -> str:
+        text = "0" if self.difference.is_zero_matrix else as_text(self.difference)
+        return "\n".join([f"  {self.mark}: {self.claim}", *(f"      {line}" for line in text.splitlines())])
+
+    def latex(self) -> str:
+        """The claim and its difference."""
+        latex = "0" if self.difference.is_zero_matrix else as_latex(self.difference)
+        return latex_words(f"{self.mark}: {self.claim}") + rf"\quad {latex}"
+
+
+@dataclass(frozen=True, eq=False)
+class Erratum:
+    """One erratum of PHYSICS.md, by its number there."""
+
+    number: int
+    says: str
+    proofs: tuple[ErratumProof, ...]
+
+    @property
+    def proven(self) -> bool:
+        """Whether every difference is as claimed."""
+        return bool(self.proofs) and all(proof.holds for proof in self.proofs)
+
+    @property
+    def row(self) -> tuple[str, str, str]:
+        """Number, claim and how many of its differences hold."""
+        proved = sum(proof.holds for proof in self.proofs)
+        return str(self.number), self.says, f"{proved} of {len(self.proofs)} differences"
+
+    def __str__(self) -> str:
+        return "\n".join([f"erratum {self.number}: {self.says}", *map(str, self.proofs)])
+
+    def _repr_latex_(self) -> str:
+        return latex_lines(
+            [latex_words(f"erratum {self.number}: {self.says}"), *(proof.latex() for proof in self.proofs)]
+        )
+
+
+def _difference(left: sp.Expr | sp.Matrix, right: sp.Expr | sp.Matrix) -> sp.Matrix:
+    difference = left - right
+    return simplified_entries(difference if isinstance(difference, sp.MatrixBase) else sp.Matrix([difference]))
+
+
+# Tables of the equations and errata of chapter 22 (Bassi et al.), as text and HTML.
+
+
+@dataclass(frozen=True, eq=False)
+class Equations(Tabular):
+    """Equations of the chapter, each with its verdict."""
+
+    members: tuple[Equation, ...]
+
+    def __iter__(self) -> Iterator[Equation]:
+        return iter(self.members)
+
+    def __getitem__(self, name: str) -> Equation:
+        """The equation of that number, or of that number and left-hand side."""
+        return next(e for e in self.members if name in (e.number, f"{e.number} {e.states}"))
+
+    def of(self, verdict: EquationVerdict) -> tuple[Equation, ...]:
+        """Those with that verdict."""
+        return tuple(e for e in self.members if e.verdict is verdict)
+
+    @property
+    def table(self) -> Table:
+        """Number, printed, derived and verdict of each equation."""
+        widths = {"equation": 18, "printed": 41, "derived": 41, "verdict": 14}
+        return Table.of((Column(name, width=width) for name, width in widths.items()), [e.row for e in self.members])
+
+    def remarks(self) -> list[str]:
+        """How many equations have each verdict."""
+        return [", ".join(f"{len(self.of(v))} {v.value}" for v in EquationVerdict)]
+
+
+@dataclass(frozen=True, eq=False)
+class Errata(Tabular):
+    """The errata, each with its proofs."""
+
+    members: tuple[Erratum, ...]
+
+    @property
+    def proven(self) -> bool:
+        """Whether all errata are proven."""
+        return all(e.proven for e in self.members)
+
+    def __iter__(self) -> Iterator[Erratum]:
+        return iter(self.members)
+
+    def __getitem__(self, number: int) -> Erratum:
+        """The erratum of that number in PHYSICS.md."""
+        return next(e for e in self.members if e.number == number)
+
+    @property
+    def table(self) -> Table:
+        """Number and claim of each erratum, and how many of its differences are proved."""
+        widths = {"erratum": 7, "claim": 88, "proved by": 20}
+        return Table.of((Column(name, width=width) for name, width in widths.items()), [e.row for e in self.members])

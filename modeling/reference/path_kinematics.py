@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from modeling.reference.equation import Equation
-from modeling.reference.equation_tables import Equations
+from modeling.reference.equation import Equation, Equations
 from modeling.space import signals
 
 PHI, DPHI, DDPHI, VX, VY, AX, AY = signals("phi", "dphi", "ddphi", "vx", "vy", "ax", "ay")

@@ -9,16 +9,16 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from design.trajectories.random_periodic import random_periodic_trajectory
+from design.trajectories.fourier import random_periodic_trajectory
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue
-from modeling.kinematics.joint import Joint, JointKind, Placement
-from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.kinematics.arm import SpatialArm
+from modeling.kinematics.placement import Joint, JointKind, Placement
 from modeling.parameter import Parameter
-from modeling.rig.rig import Convention, Rig, SensorDescription
+from modeling.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
 
 Array = NDArray[np.float64]

@@ -12,18 +12,18 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
-from estimation.model_response import model_response, predicted_readings
-from estimation.model_signals import model_signals
-from estimation.noise.recording_noise import NoiseSource, RecordingNoise
+from estimation.model_response import model_response, model_signals, predicted_readings
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from modeling.chain.chain import Chain
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
-from modeling.codegen.c_target import CTarget
 from modeling.codegen.fitted_model import FittedModel
-from modeling.expressions.compilation import common_subexpressions
-from modeling.expressions.intermediate_variables import required_definitions
+from modeling.codegen.template import CTarget
+from modeling.compiled.straight_line_program import required_definitions
+from modeling.compiled.symbolic_vector import common_subexpressions
 from modeling.kinematics.perturbed_arm import PerturbedArm
+from modeling.noise import NoiseSource
 from modeling.space import Space
 from tests.effects.cases import PERIOD, REPEATS, SAMPLES, Case, read_as
 from tests.effects.parts import part, part_units, random_signals

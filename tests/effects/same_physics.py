@@ -13,7 +13,7 @@ from estimation.model_response import model_response
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.kinematics.perturbed_arm import COMPLIANCE_ITERATIONS
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.space import Space
 from tests.effects.cases import RIGS, Case
 from truewrench import simulated_rig as simulated

@@ -12,7 +12,7 @@ import sympy as sp
 from modeling.chain.chain import Chain
 from modeling.effects import catalogue
 from modeling.effects.bias import BiasDrift
-from modeling.effects.friction import ViscousDrag
+from modeling.effects.loads import ViscousDrag
 from modeling.parameter import Parameter
 from modeling.space import Space
 from tests.effects import checks

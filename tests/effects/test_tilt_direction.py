@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 import truewrench as tw
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import WrenchModel
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
 from modeling.space import Space
 
 LOWER_Y, LOWER_MINUS_X = 0.05, 0.03

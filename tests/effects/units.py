@@ -15,10 +15,8 @@ from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.formulas.units import dimension
 from modeling.kinematics import perturbed_arm
-from modeling.kinematics.arm import Arm
-from modeling.kinematics.joint import Placement
-from modeling.kinematics.planar_arm import PlanarArm
-from modeling.kinematics.spatial_arm import SpatialArm
+from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
+from modeling.kinematics.placement import Placement
 from tests.effects.cases import Case
 from tests.effects.parts import part, part_units, random_signals
 

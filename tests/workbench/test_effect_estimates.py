@@ -8,10 +8,10 @@ import pytest
 
 import truewrench as tw
 from diagnosis.study import Study
-from modeling.formulas.custom_effects.custom_effect import CustomEffect
+from modeling.formulas.custom_effect import CustomEffect
 from tests.workbench.test_study_actions import simulated
-from truewrench.workbench.wording.effect_estimates import effect_sizes, weakness
-from truewrench.workbench.wording.step_line import StepLine
+from truewrench.workbench.effect_estimates import effect_sizes, weakness
+from truewrench.workbench.study_words import StepLine
 
 pytest.importorskip("mujoco")
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from bokeh.document import Document
 
-from truewrench.workbench.serving.page import MOST_WAITING, Page, Start
+from truewrench.workbench.page import MOST_WAITING, Page, Start
 from truewrench.workbench.study_process import Cancelled, Done, Ended, Refused
 
 

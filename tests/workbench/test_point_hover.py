@@ -8,9 +8,9 @@ import numpy as np
 from bokeh.models import HoverTool
 from bokeh.models.renderers import GlyphRenderer
 
-from truewrench.plots.charts.bokeh_chart import bokeh_chart, figures_of
-from truewrench.plots.charts.chart import Chart, Panel, Points
-from truewrench.workbench.serving.point_hover import add_point_hover
+from truewrench.plots.bokeh_chart import bokeh_chart, figures_of
+from truewrench.plots.chart import Chart, Panel, Points
+from truewrench.workbench.page import add_point_hover
 
 
 def test_points_with_an_interval_say_it() -> None:

@@ -10,8 +10,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from truewrench.workbench.serving.page import Start
-from truewrench.workbench.serving.server import MOST_PAGES, WorkbenchServer
+from truewrench.workbench.page import Start
+from truewrench.workbench.server import MOST_PAGES, WorkbenchServer
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from design.limits.rig_limits import arm_and_limits
+from design.limits import arm_and_limits
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from truewrench.files.demonstration import rig_text
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
 from truewrench.workbench.page_update import PageUpdate
-from truewrench.workbench.study.study_actions import StudyActions
+from truewrench.workbench.study_actions import StudyActions
 
 pytest.importorskip("mujoco")
 
@@ -63,7 +63,7 @@ def test_the_loop_by_hand(actions: StudyActions) -> None:
 
 @pytest.mark.parametrize("view", ["time", "map", "stairs", "spectrum"])
 def test_every_view_is_drawn(actions: StudyActions, view: str) -> None:
-    from truewrench.plots.charts.bokeh_chart import DARK, bokeh_chart, figures_of, legend_html
+    from truewrench.plots.bokeh_chart import DARK, bokeh_chart, figures_of, legend_html
 
     chart = asked(actions, "view", view=view).charts["plots"]
     assert len(figures_of(bokeh_chart(chart, DARK))) == len(chart.panels)

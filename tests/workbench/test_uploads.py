@@ -10,13 +10,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import pytest
 
 from modeling.errors import InputError
-from truewrench.workbench.serving.uploads import (
-    MOST_BYTES,
-    MOST_FILES,
-    MOST_UNPACKED,
-    UploadFolder,
-    require_moderate_archive,
-)
+from truewrench.workbench.uploads import MOST_BYTES, MOST_FILES, MOST_UNPACKED, UploadFolder, require_moderate_archive
 
 
 @pytest.fixture

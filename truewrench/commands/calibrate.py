@@ -7,20 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from truewrench.command_options.effect_choice import (
-    add_candidate_choice,
-    candidate_effects,
-    custom_effects,
-    with_effects_changed,
-)
-from truewrench.command_options.options import (
+from truewrench.options import (
     Subcommands,
+    add_candidate_choice,
     add_custom_effects,
     add_period,
     add_workers,
     available_cores,
+    candidate_effects,
+    custom_effects,
     print_result,
     suspicions_named,
+    with_effects_changed,
 )
 
 

@@ -6,12 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from truewrench.command_options.options import (
-    Subcommands,
-    add_report,
-    print_result,
-    provenance_of,
-)
+from truewrench.options import Subcommands, add_report, print_result, provenance_of
 
 
 def add_to(commands: Subcommands[Any]) -> None:
@@ -46,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
         found = compare_models(models, recordings)
     written = []
     if arguments.report is not None:
-        from truewrench.reports.comparison_report import comparison_report
+        from truewrench.reports.fit_report import comparison_report
         from truewrench.reports.report_files import write_report_files
 
         provenance = provenance_of(arguments, *paths, *arguments.on)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from modeling.significance import LEVELS
-from truewrench.command_options.options import Subcommands, positive, print_result
+from truewrench.options import Subcommands, positive, print_result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,7 +53,7 @@ def chance(text: str) -> float:
 def run(arguments: argparse.Namespace) -> None:
     """Compute the contact wrench, write and print it."""
     from estimation.contact.contact_wrench import compensate
-    from estimation.logs.log_reading import read_with_rig
+    from estimation.reading.log_reading import read_with_rig
     from truewrench.files.model_file import ModelFile
     from truewrench.files.output import atomic_write, progress_line, say
 

@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.command_options.options import Subcommands
 from truewrench.files.demonstration import (
     CONTACT,
     NOTHING,
@@ -18,6 +17,7 @@ from truewrench.files.demonstration import (
     record,
     runs_of,
 )
+from truewrench.options import Subcommands
 
 if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison
@@ -42,10 +42,10 @@ def add_to(commands: Subcommands[Any]) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Simulate, diagnose the recordings written, compare with the truth."""
-    from truewrench.command_options.options import provenance_of
     from truewrench.commands.diagnose import FILES, diagnosed, report_texts, write
     from truewrench.files.data_set import DataSet
     from truewrench.files.output import make_folder
+    from truewrench.options import provenance_of
     from truewrench.text.diagnosis_text import diagnosis_text
 
     effect = hidden_effect_by_id(arguments.effect)
@@ -88,7 +88,7 @@ def outcome(found: Diagnosis, hidden: str) -> str:
 
 
 def _judgement(found: Diagnosis, hidden: str) -> str:
-    from diagnosis.verdict.verdict import RecordVerdict
+    from diagnosis.verdict_rule import RecordVerdict
     from modeling.effects import catalogue
 
     aliases = {r for f in found.findings if f.effect.id in found.added for r in f.confusable_with}
@@ -135,7 +135,7 @@ def contact_summary(found: Diagnosis, out: Path) -> str:
     from truewrench.files.output import atomic_write
     from truewrench.plots.contact_plot import LabelledContact, contact_figure
     from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
-    from truewrench.text.step_names import RIGID_TOOL
+    from truewrench.text.diagnosis_text import RIGID_TOOL
 
     fits = {RIGID_TOOL: found.steps[0].fit}
     if found.added:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.command_options.options import Subcommands, add_workers, positive, print_result
+from truewrench.options import Subcommands, add_workers, positive, print_result
 
 if TYPE_CHECKING:
     from design.discrimination import DiscriminationDesign
@@ -198,7 +198,7 @@ def write(request: DesignRequest, found: ExcitingTrajectory | DiscriminationDesi
     from design.exciting_trajectory import ExcitingTrajectory
     from truewrench.commands.design_request import plot_path
     from truewrench.files.output import atomic_write
-    from truewrench.plots.trajectory.trajectory_plot import trajectory_figure
+    from truewrench.plots.trajectory_plot import trajectory_figure
 
     rig, motion = request.rig, found.motion
     if motion is None or rig.limits is None:

@@ -17,19 +17,18 @@ import numpy as np
 
 from design.criteria import AOptimal, Criterion, DOptimal, EOptimal
 from design.information import DiscretePrior, Experiment, noise_equivalent_sizes
-from design.limits.rig_limits import arm_and_limits
+from design.limits import arm_and_limits
 from design.trajectories.fourier import FreeSeries, PaperSeries
-from design.trajectories.rest_to_rest import RestToRest
-from design.trajectories.spline import SplineSeries
+from design.trajectories.spline import RestToRest, SplineSeries
 from design.trajectories.trajectory import TrajectorySeries
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
-from modeling.noise.autoregressive_noise import NoiseModel
-from modeling.rig.rig import Convention, Rig
+from modeling.noise import NoiseModel
+from modeling.rig import Convention, Rig
 from modeling.space import Space
-from truewrench.command_options.options import available_cores
 from truewrench.files.model_file import ModelFile
+from truewrench.options import available_cores
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """Of Ctrl-C, and of `timeout` or a job scheduler."""

@@ -10,32 +10,29 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.command_options.effect_choice import (
-    add_candidate_choice,
-    candidate_effects,
-    custom_effects,
-    with_effects_changed,
-)
-from truewrench.command_options.options import (
+from truewrench.options import (
     Subcommands,
+    add_candidate_choice,
     add_custom_effects,
     add_period,
     add_recordings,
     add_repeatable,
     add_report,
     add_workers,
+    candidate_effects,
+    custom_effects,
     print_result,
     provenance_of,
     suspicions_named,
+    with_effects_changed,
 )
 
 if TYPE_CHECKING:
-    from diagnosis.calibration.calibration import Calibration
+    from diagnosis.calibration import Calibration
     from diagnosis.diagnosis import Diagnosis
     from modeling.chain.effect import Effect
     from truewrench.files.data_set import DataSet
-    from truewrench.reports.provenance import Provenance
-    from truewrench.reports.report_files import ReportTexts
+    from truewrench.reports.report_files import Provenance, ReportTexts
 
 FILES = ("report.html", "result.json", "model.json")
 

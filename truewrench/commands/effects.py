@@ -9,7 +9,7 @@ from itertools import groupby
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from truewrench.command_options.options import Subcommands, add_custom_effects
+from truewrench.options import Subcommands, add_custom_effects
 
 if TYPE_CHECKING:
     from modeling.chain.effect import Effect
@@ -29,7 +29,7 @@ def add_to(commands: Subcommands[Any]) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Print the catalogue, or the description of one effect."""
     from modeling.effects import catalogue
-    from truewrench.command_options.effect_choice import effect_by_id
+    from truewrench.options import effect_by_id
 
     custom = () if arguments.effects is None else _custom_effects(arguments.effects)
     if arguments.id is None:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from modeling.codegen.code_target import target_names
-from modeling.codegen.payload.payload_format import FORMATS
-from truewrench.command_options.options import Subcommands, finite, positive
+from modeling.codegen.payload_format import FORMATS
+from truewrench.options import Subcommands, finite, positive
 
 
 def add_to(commands: Subcommands[Any]) -> None:

@@ -7,23 +7,25 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.command_options.effect_choice import add_effect_changes, custom_effects, with_effects_changed
-from truewrench.command_options.options import (
+from truewrench.options import (
     Subcommands,
     add_custom_effects,
+    add_effect_changes,
     add_period,
     add_recordings,
     add_repeatable,
     add_report,
+    custom_effects,
     print_result,
     provenance_of,
     suspicions_named,
+    with_effects_changed,
 )
 
 if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison
     from estimation.fit import Fit
-    from estimation.least_squares.constrained import Constraints
+    from estimation.least_squares.constraints import Constraints
     from estimation.streaming.streamed_fit import StreamedFit
     from modeling.chain.model import WrenchModel
     from truewrench.files.data_set import DataSet
@@ -108,7 +110,7 @@ def run_stream(arguments: argparse.Namespace) -> None:
     """
     from estimation.streaming.streamed_fit import fit_long_log
     from modeling.errors import InputError
-    from modeling.rig.rig import Rig
+    from modeling.rig import Rig
 
     for option in ("robust", "bounds", "physical", "prior", "runs", "effects", "validate", "report", "period"):
         if getattr(arguments, option):
@@ -160,9 +162,9 @@ def fit_summary_of(model: WrenchModel, case: DataSet, constraints: Constraints |
 
     Raises InputError for a robust loss together with constraints.
     """
-    from diagnosis.screening.initial_values import model_initial_values
+    from diagnosis.screening.score_test import model_initial_values
     from estimation.fit import fit
-    from estimation.robust.robust_fit import robust_fit
+    from estimation.robust_fit import robust_fit
     from modeling.errors import InputError
     from truewrench.text.fit_summary import FitSummary
 
@@ -185,7 +187,9 @@ def _compared(fitted: Fit, case: DataSet) -> tuple[Comparison, ...]:
 
 def constraints_of(arguments: argparse.Namespace) -> Constraints | None:
     """Constraints of --bounds, --physical and --prior; None without any."""
-    from estimation.least_squares.constrained import Bounds, Constraints, Prior
+    from estimation.least_squares.bounds import Bounds
+    from estimation.least_squares.constraints import Constraints
+    from estimation.least_squares.prior import Prior
 
     if arguments.bounds is None and arguments.prior is None and not arguments.physical:
         return None

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from modeling.errors import InputError, quoted
-from truewrench.command_options.options import Subcommands, finite, positive
-from truewrench.command_options.presets import PRESETS
+from truewrench.options import PRESETS, Subcommands, finite, positive
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from estimation.logs.log_table import Array
-    from estimation.recordings.reports.reading_report import ReadingReport
+    from estimation.reading.log_reader import Array
+    from estimation.recordings.reading_report import ReadingReport
 
 PICTURES, PICTURE_DPI = (".png", ".svg", ".pdf"), 144
 ROWS_AT_ONCE, ROWS_OF_GROUP = 100_000, 500_000
@@ -67,7 +66,7 @@ def write_picture(report: ReadingReport, path: Path) -> None:
     from matplotlib import rc_context
 
     from truewrench.files.output import atomic_write
-    from truewrench.plots.reading.reading_plot import plot_reading
+    from truewrench.plots.reading_plot import plot_reading
 
     figure = plot_reading(report)
     with atomic_write(path) as temporary, rc_context({"svg.fonttype": "none"}):
@@ -76,8 +75,8 @@ def write_picture(report: ReadingReport, path: Path) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Import, write the recording, print the reading report."""
-    from estimation.logs.log_reading import imported
-    from modeling.rig.rig import Rig
+    from estimation.reading.log_reading import imported
+    from modeling.rig import Rig
     from truewrench.files.output import atomic_write, progress_line
 
     if arguments.out is not None:

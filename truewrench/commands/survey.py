@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from truewrench.command_options.options import Subcommands, add_no_period, add_recordings, print_result, worker_count
+from truewrench.options import Subcommands, add_no_period, add_recordings, print_result, worker_count
 
 FOLDER = Path("survey")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from truewrench.command_options.options import Subcommands, add_repeatable
+from truewrench.options import Subcommands, add_repeatable
 
 
 def add_to(commands: Subcommands[Any]) -> None:
@@ -36,8 +36,8 @@ def run(arguments: argparse.Namespace) -> None:
     import signal
     import webbrowser
 
-    from truewrench.workbench.serving.page import Start
-    from truewrench.workbench.serving.server import WorkbenchServer, readable
+    from truewrench.workbench.page import Start
+    from truewrench.workbench.server import WorkbenchServer, readable
 
     given = (*arguments.recordings, *arguments.validate, *filter(None, (arguments.rig,)))
     readable(given)

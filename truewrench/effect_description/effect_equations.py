@@ -11,11 +11,7 @@ import sympy as sp
 from modeling.chain.chain import Chain
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
-from modeling.chain.stages.bias_stage import Bias
-from modeling.chain.stages.calibration_stage import Mounting
-from modeling.chain.stages.linear_dynamics_stage import LinearDynamics
-from modeling.chain.stages.play_stage import Play
-from modeling.chain.stages.stage import Stage, SymbolicMap
+from modeling.chain.stages import Bias, LinearDynamics, Mounting, Play, Stage, SymbolicMap
 from modeling.kinematics.perturbed_arm import PerturbedArm
 from modeling.space import SensorMotion, Space, vector
 from truewrench.effect_description.mathml import channel_letter, equation_mathml

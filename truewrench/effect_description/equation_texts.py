@@ -9,7 +9,7 @@ from typing import Any
 
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
-from modeling.evaluation.cache import source_digest
+from modeling.compiled.cache import source_digest
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,10 @@ from pathlib import Path
 
 from pydantic import Field
 
-from diagnosis.calibration.calibration import Calibration, EffectPower
-from diagnosis.calibration.rate import Rate
-from diagnosis.verdict.verdict import RecordVerdict
-from modeling.errors import InputError
-from modeling.strict_table import StrictTable, validated
-from modeling.text_file import file_text
+from diagnosis.calibration import Calibration, EffectPower, Rate
+from diagnosis.verdict_rule import RecordVerdict
+from modeling.errors import InputError, file_text
+from modeling.rig_schema import StrictTable, validated
 from truewrench.files.output import atomic_write
 
 REMEDY = "write the file again with `truewrench calibrate --out`"

@@ -14,9 +14,8 @@ import numpy as np
 from estimation.fit import Fit
 from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
 from estimation.gravity.gravity_estimate import GravityEstimate
-from estimation.logs.log_reading import read_with_rig
-from estimation.recordings.readings_digest import require_different_readings
-from estimation.recordings.recording import MotionForm, Recording
+from estimation.reading.log_reading import read_with_rig
+from estimation.recordings.recording import MotionForm, Recording, require_different_readings
 from estimation.recordings.sign_convention import (
     SignDecision,
     nearest_quarter_turns,
@@ -24,7 +23,7 @@ from estimation.recordings.sign_convention import (
 )
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel, planar, spatial
 from modeling.errors import InputError
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
 
 
 @dataclass(frozen=True, eq=False)

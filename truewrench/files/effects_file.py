@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from estimation.model_signals import model_signals
-from modeling.errors import InputError, quoted
-from modeling.formulas.custom_effects.custom_effect import CustomEffect
-from modeling.formulas.custom_effects.effect_check import require_finite
-from modeling.text_file import file_text, toml_data
+from estimation.model_response import model_signals
+from modeling.errors import InputError, file_text, quoted, toml_data
+from modeling.formulas.custom_effect import CustomEffect, require_finite
 from truewrench.files.data_set import DataSet
 
 MAX_BYTES = 200_000

@@ -16,24 +16,29 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from estimation.contact.calibrated_model import CalibratedModel
-from estimation.fit import Estimate, Fit, predicted_frame, require_recording
-from estimation.least_squares.estimates import NamedEstimates, correlation_frame, parameter_frame, parameter_table
-from estimation.noise.recording_noise import NoiseSource
-from estimation.recordings.readings_digest import readings_digest
+from estimation.contact.contact_wrench import CalibratedModel
+from estimation.fit import Fit, predicted_frame, require_recording
+from estimation.least_squares.estimates import (
+    Estimate,
+    NamedEstimates,
+    correlation_frame,
+    parameter_frame,
+    parameter_table,
+)
+from estimation.recordings.recording import readings_digest
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.effects import named
-from modeling.effects.point_effect import OFFSETS
-from modeling.errors import InputError, kind_of
-from modeling.formulas.custom_effects.custom_effect import CustomEffect
+from modeling.effects.loads import OFFSETS
+from modeling.errors import InputError, file_text, kind_of
+from modeling.formulas.custom_effect import CustomEffect
+from modeling.noise import NoiseSource
 from modeling.number_format import finite
-from modeling.rig.rig import Convention, Rig
+from modeling.rig import Convention, Rig
+from modeling.rig_schema import StrictTable, validated
 from modeling.space import Space
-from modeling.strict_table import StrictTable, validated
 from modeling.table import Table, Tabular
-from modeling.text_file import file_text
 from truewrench.files.output import atomic_write
 
 if TYPE_CHECKING:

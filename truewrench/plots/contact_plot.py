@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from estimation.contact.contact_wrench import ContactWrench
 from modeling.errors import InputError, quoted, suggestion
 from modeling.number_format import axis_label
-from truewrench.plots.charts.chart import Band, Chart, Level, Line, Mark, Panel, Span
-from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
+from truewrench.plots.chart import Band, Chart, Level, Line, Mark, Panel, Span
+from truewrench.plots.matplotlib_chart import matplotlib_figure
 from truewrench.plots.style import HELD_OUT, INK, QUIET_NOISE
 
 Array = NDArray[np.float64]

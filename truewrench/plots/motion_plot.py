@@ -18,9 +18,9 @@ from estimation.recordings.recording import Recording, numbered_names
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.number_format import axis_label
-from truewrench.plots.charts.chart import Chart, Heat, Level, Line, Panel, Points
+from truewrench.plots.chart import Chart, Heat, Level, Line, Panel, Points
 from truewrench.plots.style import MEASURED
-from truewrench.plots.trajectory.joint_limit_plot import joint_colour
+from truewrench.plots.trajectory_plot import joint_colour
 
 Array = NDArray[np.float64]
 

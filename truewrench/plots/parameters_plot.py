@@ -4,17 +4,226 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from diagnosis.comparison.compared_step import (
+    ComparedStep,
+    RecordingErrors,
+    recording_errors,
+    systematic_error,
+    systematic_error_text,
+)
+from diagnosis.screening.suspects import Suspects
 from estimation.confidence_intervals import Intervals
 from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
-from modeling.number_format import NO_VALUE, axis_label, estimate_text
+from modeling.errors import InputError
+from modeling.number_format import NO_VALUE, axis_label, estimate_text, format_number, format_p_value
 from modeling.significance import LEVELS
-from truewrench.plots.charts.chart import Chart, Heat, Panel, Points, in_rows, value_limits
-from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
+from modeling.table import Cell, Table, Value
+from truewrench.plots.chart import Band, Bars, Chart, Heat, Level, Line, Mark, Panel, Points, in_rows, value_limits
+from truewrench.plots.matplotlib_chart import matplotlib_figure
+from truewrench.plots.style import ADEQUATE_COLOUR, FAINT, HELD_OUT, INK, MISFIT_COLOUR, NOISE
+from truewrench.plots.svg_image import SvgImage
+
+# Suspects ranked by the share of the error that each would remove.
+
+
+ROW = 18
+"""Height of a row, CSS pixels."""
+
+
+def suspects_chart(suspects: Suspects) -> Chart:
+    """A bar for each effect: the share of the excess chi-square that it would remove, its p-value beside it.
+
+    Significant effects are coloured. Where the noise comes from the residual there is no excess: bars show the score.
+    """
+    tests = [test for test in suspects.tests if test.excited]
+    whole = suspects.excess is not None
+    shares = [suspects.share(test) for test in tests]
+    bars = Bars(
+        names=tuple(test.effect.id for test in tests),
+        sizes=tuple(t.statistic if s is None else 100 * s for t, s in zip(tests, shares, strict=True)),
+        colours=tuple(MISFIT_COLOUR if t.effect.id in suspects.ids else FAINT for t in tests),
+        notes=tuple(f"p {format_p_value(suspects.p_values[t.effect.id])}" for t in tests),
+    )
+    panel = Panel(
+        marks=(bars,),
+        title="suspects, one at a time; coloured: significant",
+        x_label="error that it would remove (%)" if whole else "drop of the whitened chi-square",
+        x_limits=(0, 100) if whole else None,
+    )
+    return Chart(rows=((panel,),), row_height=ROW * max(len(tests), 1), left=170, right=90, width=760)
+
+
+# The numbers of a table as bars: the figure of a result that has no other.
+
+
+MOST_ROWS, MOST_COLUMNS, TABLE_ROW = 30, 8, 18
+"""Rows and columns drawn, the first ones; height of a row in CSS pixels."""
+
+
+def table_chart(table: Table) -> Chart:
+    """A panel for each column of numbers, a bar for each row, named by the row's text.
+
+    Raises InputError for a table without numbers.
+    """
+    rows = table.rows[:MOST_ROWS]
+    kept = [i for i in range(len(table.columns)) if any(_number(row[i]) is not None for row in rows)][:MOST_COLUMNS]
+    if not kept:
+        raise InputError(what="there are no numbers to draw", where="plot", remedy="print it, or use to_frame()")
+    names = _distinct([" ".join(_text(v) for v in row if _text(v))[:24] or str(n) for n, row in enumerate(rows, 1)])
+    panels = [_table_panel(table, i, rows, names) for i in kept]
+    height = max(TABLE_ROW * len(rows), 36)
+    return Chart(rows=in_rows(panels, 2), row_height=height, left=160, right=70, between_rows=60,
+                 legend=False, between_columns=240)  # fmt: skip
+
+
+def _table_panel(table: Table, column: int, rows: tuple[tuple[Value, ...], ...], names: list[str]) -> Panel:
+    known = [(name, _number(row[column])) for name, row in zip(names, rows, strict=True)]
+    bars = Bars(
+        names=tuple(name for name, _ in known),
+        sizes=tuple(value or 0.0 for _, value in known),
+        colours=(ADEQUATE_COLOUR,) * len(known),
+        notes=tuple(format_number(value) for _, value in known),
+    )
+    return Panel(marks=(bars,), title=table.columns[column].heading)
+
+
+def _number(value: Value) -> float | None:
+    found = value.value if isinstance(value, Cell) else value
+    return float(found) if isinstance(found, int | float) and isfinite(found) else None
+
+
+def _text(value: Value) -> str:
+    found = value.value if isinstance(value, Cell) else value
+    return found if isinstance(found, str) else ""
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """Names that differ: a bar is placed by its name."""
+    return [name if names.count(name) == 1 else f"{name} ({number})" for number, name in enumerate(names, 1)]
+
+
+# Error / noise floor of each channel over a series of models, such as the steps of a diagnosis.
+
+
+COLUMNS = 3
+NOTE_SHARE = 0.25
+"""Of the steps: room for the notes left of the first points."""
+MOST_NOTES = 3
+"""Steps that all have notes; of more the first and the last have."""
+BELOW = "smaller than the axis shows; bars end at the upper limit"
+MARKERS = "osD^vPX"
+
+
+def error_reduction_figure(
+    steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]
+) -> Figure:
+    """A panel for each channel: error over noise floor, logarithmic, for every recording; tolerance shaded."""
+    return matplotlib_figure(error_reduction_chart(steps, names, tolerance))
+
+
+def error_reduction_chart(
+    steps: Sequence[ComparedStep],
+    names: Sequence[str],
+    tolerance: Mapping[str, float],
+    channel: str | None = None,
+    x_label: str = "",
+) -> Chart:
+    """A panel for each channel: error over noise floor, logarithmic, for every recording; tolerance shaded.
+
+    `names` label the steps, and `x_label` says what they are; the tolerance is by channel, in its unit. A single axes
+    shows `channel`, by default the one with the largest error of the first model.
+    """
+    first = steps[0].training[0]
+    shown = recording_errors(steps)
+    limits = _limits(tolerance, shown)
+    channels = first.recording.channels
+    panels = [
+        Panel(
+            marks=tuple(_marks(shown, name, tolerance[name], limits[0])),
+            title=axis_label(name, unit),
+            x_ticks=tuple(names),
+            x_label=x_label,
+            x_limits=(-0.4 - NOTE_SHARE * len(names), len(names) - 0.5),
+            y_label="error / noise floor",
+            y_log=True,
+            y_limits=limits,
+        )
+        for name, unit in zip(channels, first.space.units, strict=True)
+    ]
+    ratio = {c: v / shown[0].floor(c) for c, v in systematic_error(first).items()}
+    main = channels.index(channel or max(ratio, key=lambda c: ratio[c]))
+    return Chart(
+        rows=in_rows(panels, COLUMNS), row_height=165, main=divmod(main, min(COLUMNS, len(panels))), shared_y=True,
+        between_rows=60,
+    )  # fmt: skip
+
+
+def _limits(tolerance: Mapping[str, float], shown: Sequence[RecordingErrors]) -> tuple[float, float]:
+    tolerances = [size / shown[0].floor(c) for c, size in tolerance.items()]
+    sizes = [v / f.floor(k) for f in shown for c in f.comparisons for k, v in systematic_error(c).items()]
+    lowest = min([*tolerances, *(s for s in sizes if s > 0), 1.0])
+    return max(lowest, min(tolerances) / 10) / 2.5, 3 * max([*sizes, 1.0])
+
+
+def point_spacing(count: int) -> float:
+    """Horizontal distance between the points of `count` recordings, in steps."""
+    return min(0.14, 0.5 / count)
+
+
+def _marks(shown: Sequence[RecordingErrors], channel: str, tolerance: float, bottom: float) -> Iterator[Mark]:
+    share = tolerance / shown[0].floor(channel)
+    yield Band(low=bottom / 10, high=share, colour=NOISE, label="tolerance")
+    yield Level(y=1.0, colour=INK, dashed=True, note="noise floor")
+    for number, errors in enumerate(shown):
+        yield from _recording_marks(errors, channel, number, len(shown), bottom)
+
+
+def _recording_marks(errors: RecordingErrors, channel: str, number: int, count: int, bottom: float) -> Iterator[Mark]:
+    """Points of one recording, offset from the others; below the axis an arrow, the upper limit as a bar."""
+    place = np.arange(len(errors.comparisons), dtype=np.float64) + (number - (count - 1) / 2) * point_spacing(count)
+    floor = errors.floor(channel)
+    ratio = np.array([systematic_error(c)[channel] for c in errors.comparisons]) / floor
+    limit = np.array([(c.explainable_limit or systematic_error(c))[channel] for c in errors.comparisons]) / floor
+    colour = ADEQUATE_COLOUR if errors.fitted else HELD_OUT
+    drawn = np.maximum(ratio, bottom * 1.35)
+    yield Line(x=place, y=drawn, colour=colour, width=1.2, opacity=0.6)
+    texts = _notes(errors, channel) if not number else []
+    shown = ratio >= bottom
+    below = BELOW if shown.any() else f"{errors.label}, {BELOW}"
+    for inside, symbol, label in ((shown, MARKERS[number % len(MARKERS)], errors.label), (~shown, "v", below)):
+        yield Points(
+            x=place[inside], y=drawn[inside], low=drawn[inside], high=np.maximum(limit, drawn)[inside],
+            colour=colour, size=6, hollow=not errors.fitted, symbol=symbol, label=label,
+            notes=tuple(text for text, keep in zip(texts, inside, strict=False) if keep),
+        )  # fmt: skip
+
+
+def _notes(errors: RecordingErrors, channel: str) -> list[str]:
+    """The error after each step, in words; of many steps the first and the last."""
+    texts = [systematic_error_text(c, channel, 2) for c in errors.comparisons]
+    return texts if len(texts) <= MOST_NOTES else [texts[0], *[""] * (len(texts) - 2), texts[-1]]
+
+
+def error_reduction_image(
+    steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]
+) -> SvgImage:
+    """Figure of the errors of all recordings after each step, per channel."""
+    sizes = [f"{n} {format_number(_largest_error_ratio(s), 2)}" for n, s in zip(names, steps, strict=True)]
+    alt = f"Error / noise floor after each step, worst channel: {', '.join(sizes)}."
+    return SvgImage(lambda: error_reduction_figure(steps, names, tolerance), alt)
+
+
+def _largest_error_ratio(step: ComparedStep) -> float:
+    comparison = step.training[0]
+    return max(v / max(comparison.noise_floor[c], 1e-300) for c, v in systematic_error(comparison).items())
+
 
 PLACES = 9
 """Estimates side by side in a row of panels."""

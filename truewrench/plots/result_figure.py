@@ -17,27 +17,28 @@ from estimation.confidence_intervals import Intervals
 from estimation.contact.contact_wrench import ContactWrench
 from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimates
+from estimation.recordings.reading_report import ReadingReport
 from estimation.recordings.recording import Recording
-from estimation.recordings.reports.reading_report import ReadingReport
-from estimation.robust.robust_fit import RobustFit
+from estimation.robust_fit import RobustFit
 from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.significance import LEVELS
 from modeling.table import Table, Tabular
 from truewrench.files.model_file import ModelFile
-from truewrench.plots.charts.chart import Chart
+from truewrench.plots.chart import Chart
 from truewrench.plots.contact_plot import LabelledContact, contact_chart
-from truewrench.plots.error_reduction_plot import error_reduction_chart
 from truewrench.plots.motion_plot import fit_motion_chart, recording_chart, trajectory_motion_chart
-from truewrench.plots.parameters_plot import LabelledParameters, correlation_chart, parameters_chart
-from truewrench.plots.residuals.labelled_comparison import LabelledComparison
-from truewrench.plots.residuals.residual_map_plot import residual_map_chart
-from truewrench.plots.residuals.residual_spectrum_plot import residual_spectrum_chart
-from truewrench.plots.residuals.time_series_plot import measured_chart, time_series_chart
-from truewrench.plots.residuals.worst_channel_plot import worst_channel
+from truewrench.plots.parameters_plot import (
+    LabelledParameters,
+    correlation_chart,
+    error_reduction_chart,
+    parameters_chart,
+    suspects_chart,
+    table_chart,
+)
+from truewrench.plots.residual_plots import residual_map_chart, residual_spectrum_chart
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
-from truewrench.plots.suspects_plot import suspects_chart
-from truewrench.plots.table_plot import table_chart
-from truewrench.text.step_names import step_names
+from truewrench.plots.time_series_plot import LabelledComparison, measured_chart, time_series_chart, worst_channel
+from truewrench.text.diagnosis_text import step_names
 
 MAX_MAPS = 4
 """Residual maps side by side."""
@@ -69,7 +70,7 @@ def result_figure(
     chart = result_chart(result, kind=kind, channel=channel)
     if backend == "plotly":
         return _interactive(chart, ax)
-    from truewrench.plots.charts.matplotlib_chart import draw_on
+    from truewrench.plots.matplotlib_chart import draw_on
 
     return draw_on(ax, chart)
 
@@ -94,7 +95,7 @@ def _shown(result: Any) -> Any:
 
 
 def _drawn(found: Any) -> Any:
-    from truewrench.plots.charts.matplotlib_chart import matplotlib_figure
+    from truewrench.plots.matplotlib_chart import matplotlib_figure
 
     return matplotlib_figure(found) if isinstance(found, Chart) else found
 
@@ -104,7 +105,7 @@ def _interactive(chart: Chart, ax: Any) -> Any:
         remedy = 'leave ax out, or backend="matplotlib"'
         raise InputError(what="plotly has no axes of matplotlib", where="plot", remedy=remedy)
     try:
-        from truewrench.plots.charts.plotly_chart import plotly_figure  # loads plotly
+        from truewrench.plots.plotly_chart import plotly_figure  # loads plotly
     except ModuleNotFoundError:
         raise InputError(what="plotly is not installed", where="plot", remedy="pip install plotly") from None
     return plotly_figure(chart)
@@ -246,7 +247,7 @@ def _contact(found: ContactWrench, channel: str | None) -> Chart:
 
 
 def _trajectory(plan: ExcitingTrajectory, _channel: str | None) -> Any:
-    from truewrench.plots.trajectory.trajectory_plot import trajectory_figure
+    from truewrench.plots.trajectory_plot import trajectory_figure
 
     task = plan.task
     return trajectory_figure(
@@ -260,7 +261,7 @@ def _trajectory(plan: ExcitingTrajectory, _channel: str | None) -> Any:
 
 
 def _reading(report: ReadingReport, _channel: str | None) -> Any:
-    from truewrench.plots.reading.reading_plot import plot_reading
+    from truewrench.plots.reading_plot import plot_reading
 
     return plot_reading(report)
 

@@ -2,14 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from hashlib import file_digest
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
+from modeling.table import Table
 from truewrench.files.output import atomic_write, make_folder
 from truewrench.reports.page_templates import html_page, markdown_page
+
+# Provenance of a report: date, version, command and hashes of the files that it was made from.
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that was read: its path as given, and the SHA-256 of its content, empty where that is not known."""
+
+    path: str
+    sha256: str
+
+    @classmethod
+    def of(cls, path: str | Path) -> InputFile:
+        """The hash of a file as it is now; none of what is no file, such as a pipe, or cannot be read again."""
+        found = Path(path)
+        try:
+            if not found.is_file():
+                return cls(str(path), "")
+            with found.open("rb") as content:
+                return cls(str(path), file_digest(content, "sha256").hexdigest())
+        except OSError:
+            return cls(str(path), "")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """When, by what and of what a report was made; `command` is empty in Python."""
+
+    date: str
+    version: str
+    command: str = ""
+    inputs: tuple[InputFile, ...] = ()
+
+    @classmethod
+    def now(cls, command: str = "", inputs: Iterable[str | Path] = ()) -> Provenance:
+        """The present; the date is SOURCE_DATE_EPOCH's where that is set, so that a report can be made again."""
+        epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+        when = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdecimal() else datetime.now(UTC)
+        known = tuple(known for path in inputs for known in _files(Path(path)))
+        return cls(when.strftime("%Y-%m-%d %H:%M UTC"), version("truewrench"), command, known)
+
+    @property
+    def table(self) -> Table:
+        """What and when, then a row for each input file."""
+        rows = [("made", self.date), ("by", f"truewrench {self.version}")]
+        rows += [("command", self.command)] if self.command else []
+        return Table.of(("", ""), [*rows, *((f"SHA-256 of {i.path}", i.sha256 or "not known") for i in self.inputs)])
+
+
+def _files(path: Path) -> list[InputFile]:
+    """The file itself; of a folder, which is a recording too, all files in it."""
+    if path.is_dir():
+        return [InputFile.of(inside) for inside in sorted(path.rglob("*")) if inside.is_file()]
+    return [InputFile.of(path)]
+
 
 REPORT_FILES = ("report.html", "report.md")
 

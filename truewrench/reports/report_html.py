@@ -2,32 +2,277 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from diagnosis.comparison.error_table import error_table
+import numpy as np
+
+from diagnosis.comparison.compared_step import error_table, noise_floors, systematic_error, systematic_error_text
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
-from modeling.number_format import P_VALUE, SHARE, FormattedQuantity
+from diagnosis.verdict.unexplained_residual import motion_notes
+from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
+from estimation.recordings.recording import Recording
+from modeling.noise import NoiseSource
+from modeling.number_format import P_VALUE, SHARE, FormattedQuantity, format_number, format_p_value, format_unit
+from modeling.rig import Convention
 from modeling.table import Column, Table
 from truewrench.files.output import atomic_write
-from truewrench.plots.error_reduction_plot import error_reduction_image
-from truewrench.reports.effect_card import effect_cards
-from truewrench.reports.effect_row import effect_row
-from truewrench.reports.page_templates import html_page
-from truewrench.reports.parameter_changes import ParameterChanges
-from truewrench.reports.provenance import Provenance
-from truewrench.reports.recording_section import diagnosis_sections
-from truewrench.reports.report_files import ReportTexts
-from truewrench.reports.verdict_section import verdict_section
-from truewrench.text.step_names import base_name, step_names
-from truewrench.text.verdict_words import (
+from truewrench.plots.parameters_plot import error_reduction_image
+from truewrench.plots.residual_plots import residual_map_figure, residual_spectrum_figure
+from truewrench.plots.svg_image import SvgImage
+from truewrench.plots.time_series_plot import (
+    MIN_SIGNAL_TO_NOISE,
+    LabelledComparison,
+    nonperiodic_residual,
+    nonperiodic_residual_figure,
+    std_of_interval_means,
+    time_series_figure,
+    worst_channel,
+    worst_channel_figure,
+)
+from truewrench.reports.effect_row import EffectRow, effect_cards, effect_row
+from truewrench.reports.page_templates import (
+    ZoomableFigure,
+    html_page,
+    points_of_line,
+    zoomable_series,
+    zoomable_spectrum,
+)
+from truewrench.reports.parameter_changes import ParameterChanges, compared_models, worst_recording
+from truewrench.reports.report_files import Provenance, ReportTexts
+from truewrench.text.diagnosis_text import (
     CANDIDATES_NOTE,
     EFFECT_VERDICT_LABELS,
     RECORD_VERDICT_LABELS,
+    base_name,
+    disturbance_sentences,
     finding_sentence,
+    fixed_point_sentence,
+    given_sentences,
+    noise_notes,
+    step_names,
+    verdict_headline,
+    weaker_verdict_warning,
 )
+
+# Head of the report: verdict, effects added, residual of the worst channel.
+
+
+VERDICT_SYMBOLS = {
+    RecordVerdict.NOTHING_MISSING: "=",
+    RecordVerdict.EXPLAINED: "✓",
+    RecordVerdict.PARTLY_EXPLAINED: "◐",
+    RecordVerdict.UNEXPLAINED: "?",
+}
+CONVENTION_SENTENCES = {
+    Convention.ON_TOOL: "Readings are the wrench of the sensor on the tool: F = m (a − g).",
+    Convention.ON_SENSOR: "Readings are the wrench of the tool on the sensor: a hanging weight reads + m g.",
+    Convention.AUTO: "The sign convention of the readings is undecided.",
+}
+
+
+def verdict_section(diagnosis: Diagnosis, rows: Sequence[EffectRow]) -> dict[str, Any]:
+    """What the head of the report shows, with the channel of the largest error-to-noise ratio of the rigid tool."""
+    sides = compared_models(diagnosis, worst_recording(diagnosis))
+    alt = "Residual of the worst channel, with the rigid tool and with the final model."
+    picture = SvgImage(lambda: worst_channel_figure(sides), alt, _figure_caption(sides[0]))
+    return {
+        "kind": diagnosis.verdict.value,
+        "label": RECORD_VERDICT_LABELS[diagnosis.verdict],
+        "symbol": VERDICT_SYMBOLS[diagnosis.verdict],
+        "headline": verdict_headline(diagnosis),
+        "effects": [r for r in rows if r.finding.verdict is EffectVerdict.SUPPORTED],
+        "sentences": _sentences(diagnosis),
+        "notes": _notes(diagnosis),
+        "warning": weaker_verdict_warning(diagnosis),
+        "picture": picture,
+    }
+
+
+def _figure_caption(side: LabelledComparison) -> str:
+    """Caption of the figure of the worst channel."""
+    nonperiodic, channel = worst_channel(side)
+    recording = side.recording
+    name = f"{recording.name}, {recording.channels[channel]}"
+    if nonperiodic:
+        return f"{name}: non-periodic residual over the record. Grey: ± 2 standard deviations of the noise."
+    if recording.repeats == 1:
+        event = " Yellow: a transient event, excluded from the noise estimate." if side.comparison.noise.events else ""
+        return f"Residual of {name}. Grey: ± {side.noise_label}.{event}"
+    mean = f"mean over {recording.repeats} repeats"
+    return f"Residual of {name}, {mean}. Grey: ± noise of one sample; darker: ± noise of the mean."
+
+
+def _sentences(diagnosis: Diagnosis) -> list[str]:
+    number = worst_recording(diagnosis)
+    _, channel = worst_channel(compared_models(diagnosis, number)[0])
+    found = [_error_reduction_sentence([s.training[number] for s in diagnosis.steps], channel, "")]
+    if diagnosis.steps[0].validation:
+        held_out = [s.validation[0] for s in diagnosis.steps]
+        found.append(
+            _error_reduction_sentence(held_out, channel, f"On {held_out[0].recording.name} (held out, not fitted): ")
+        )
+    gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
+    points = filter(None, map(fixed_point_sentence, diagnosis.findings))
+    return [*given_sentences(diagnosis), *gravity, *found, *points, *disturbance_sentences(diagnosis)]
+
+
+def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:
+    """Error of a channel with the rigid tool and with the final model, in its unit."""
+    first, last = comparisons[0], comparisons[-1]
+    name, unit = first.recording.channels[channel], format_unit(first.space.units[channel])
+    before, after = (systematic_error_text(c, name, 2).replace("< ", "below ") for c in (first, last))
+    kind = "systematic error" if first.explainable_rms is not None else "total error (RMS)"
+    noise = noise_floors(comparisons)[name]
+    floor = f"the noise of one sample is {format_number(noise, 2)} {unit}"
+    lead = f"{where}{'in' if where else 'In'} {name}, the {kind}"
+    if systematic_error(first)[name] < MIN_SIGNAL_TO_NOISE * noise and first.noise.source is NoiseSource.RESIDUAL:
+        floor = "its noise content is unknown without repeats"
+    if len(comparisons) == 1:
+        return f"{lead} is {before} {unit}; {floor}."
+    return f"{lead} decreases from {before} to {after} {unit}; {floor}."
+
+
+def _notes(diagnosis: Diagnosis) -> list[str]:
+    first = diagnosis.steps[0].training[0]
+    rig = first.recording.rig
+    stated = rig is not None and rig.sensor.tolerance is not None
+    p_value = format_p_value(diagnosis.stated_lack_of_fit)
+    calibration = "; ".join(diagnosis.calibration_sentences)
+    return [
+        *noise_notes(diagnosis),
+        *motion_notes(diagnosis.steps[-1].training, diagnosis.fit.model),
+        CONVENTION_SENTENCES[diagnosis.model.convention]
+        + (" The sensor's y axis runs along the tip." if diagnosis.model.mirror_y else ""),
+        f"Tolerance: {'as stated in the rig file' if stated else 'a tenth of the noise floor'}.",
+        f"Lack-of-fit test of the final model: p = {p_value}".replace("p = <", "p <") + " (significant below 0.01).",
+        *([f"Calibration: {calibration}."] if calibration else []),
+    ]
+
+
+# Section of one recording: time series, residual maps, spectrum, non-periodic residual.
+
+
+MAX_MAP_VARIABLES = 6
+"""Variables of the residual maps of a channel: those that explain most of its residual."""
+
+
+@dataclass(frozen=True)
+class RecordingSection:
+    """Figures of one recording; `disturbances` are sentences on its recording-specific disturbances.
+
+    zoomable, zoomable_spectra   drawn at a reader's request: a figure for each of `series`, a spectrum by channel
+    """
+
+    name: str
+    facts: str
+    fitted: bool
+    repeats: bool
+    series: tuple[SvgImage, ...]
+    zoomable: tuple[ZoomableFigure, ...] = ()
+    zoomable_spectra: tuple[tuple[str, ZoomableFigure], ...] = ()
+    nonperiodic: SvgImage | None = None
+    maps: tuple[SvgImage, ...] = ()
+    spectrum: SvgImage | None = None
+    disturbances: tuple[str, ...] = ()
+
+
+Sides = Sequence[LabelledComparison]
+
+
+def line_count(recordings: Sequence[Sides]) -> int:
+    """Lines of all zoomable series, which share the numbers of a report."""
+    return sum(len(sides[0].recording.channels) * (2 + 2 * len(sides)) for sides in recordings)
+
+
+def full_section(sides: Sides, tolerance: Mapping[str, float], points: int) -> RecordingSection:
+    """Time series, residual maps and spectrum of one recording; `points` of each zoomable line."""
+    recording = sides[0].recording
+    periodic = recording.repeats > 1 and recording.continuous and not recording.at_rest
+    alt = "Amplitude spectrum of the residual, per channel."
+    return replace(
+        short_section(sides, points, fitted=True),
+        maps=_map_images(sides, tolerance),
+        spectrum=None if recording.at_rest else SvgImage(lambda: residual_spectrum_figure(sides), alt),
+        zoomable_spectra=()
+        if recording.at_rest
+        else tuple((name, zoomable_spectrum(sides, i)) for i, name in enumerate(recording.channels)),
+        nonperiodic=_nonperiodic_residual_image(sides) if periodic else None,
+    )
+
+
+def short_section(sides: Sides, points: int, *, fitted: bool) -> RecordingSection:
+    """Facts and time series of a recording."""
+    recording = sides[0].recording
+    repeats, series = recording.repeats > 1, _series_images(sides)
+    zoomable = tuple(zoomable_series(sides, i, points) for i in range(len(recording.channels)))
+    return RecordingSection(recording.name, recording_facts(recording), fitted, repeats, series, zoomable)
+
+
+def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage:
+    """Non-periodic residual; of the final model alone where the effects added do not change it."""
+    first, last = nonperiodic_residual(sides[0])[1], nonperiodic_residual(sides[-1])[1]
+    unchanged = np.all(np.abs(first - last).max(axis=0) < 0.2 * std_of_interval_means(sides[0]))
+    shown = sides[-1:] if unchanged else sides
+    return SvgImage(lambda: nonperiodic_residual_figure(shown), "Non-periodic residual over the record.")
+
+
+def diagnosis_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
+    """A section for each fitted recording, then for each validation one, with its recording-specific disturbances."""
+    fitted = [compared_models(diagnosis, i) for i in range(len(diagnosis.steps[0].training))]
+    held_out = [compared_models(diagnosis, i, held_out=True) for i in range(len(diagnosis.steps[0].validation))]
+    points = points_of_line(line_count([*fitted, *held_out]))
+    own = [tuple(str(o) for o in diagnosis.disturbances if o.recording is sides[0].recording) for sides in held_out]
+    return [
+        *(full_section(sides, diagnosis.tolerance, points) for sides in fitted),
+        *(
+            replace(short_section(sides, points, fitted=False), disturbances=disturbances)
+            for sides, disturbances in zip(held_out, own, strict=True)
+        ),
+    ]
+
+
+def _series_images(sides: Sequence[LabelledComparison]) -> tuple[SvgImage, ...]:
+    return tuple(
+        SvgImage(partial(time_series_figure, sides, i), f"{c}: measured and predicted; below, the residual.")
+        for i, c in enumerate(sides[0].recording.channels)
+    )
+
+
+def _map_images(sides: Sequence[LabelledComparison], tolerance: Mapping[str, float]) -> tuple[SvgImage, ...]:
+    """Residual maps of each channel against the variables that explain most of the rigid tool's residual."""
+    maps = [residual_maps(s.comparison, tolerance) for s in sides]
+    images = []
+    for channel in sides[0].recording.channels:
+        variables = [m.variable for m in maps[0] if m.channel == channel][:MAX_MAP_VARIABLES]
+        chosen = [[_map_of(found, channel, v) for v in variables] for found in maps]
+        labelled = [(s.label, row) for s, row in zip(sides, chosen, strict=True)]
+        count = sum(int(m.practically_significant.sum()) for m in chosen[0])
+        alt = f"{channel} against {', '.join(variables)}, rigid tool: {count} significant cells above tolerance."
+        images.append(SvgImage(partial(residual_map_figure, labelled), alt))
+    return tuple(images)
+
+
+def _map_of(maps: Sequence[ResidualMap], channel: str, variable: str) -> ResidualMap:
+    return next(m for m in maps if m.channel == channel and m.variable == variable)
+
+
+def recording_facts(recording: Recording) -> str:
+    """Length, repeats and sampling rate of a recording."""
+    once = recording.samples_per_repeat
+    if recording.at_rest or recording.dt is None:
+        poses = f"{once} static poses"
+        return poses if recording.repeats == 1 else f"{poses}, {recording.repeats} times"
+    rate, span = format_number(1 / recording.dt), format_number(once * recording.dt)
+    if recording.repeats == 1:
+        return f"a single run of {recording.samples} samples, {span} s at {rate} Hz"
+    kind = "without pause" if recording.continuous else "as separate runs"
+    return f"{recording.repeats} repeats {kind}, {once} samples each, {span} s at {rate} Hz"
 
 
 def write_report(diagnosis: Diagnosis, path: str | Path, provenance: Provenance | None = None) -> Path:

@@ -54,9 +54,8 @@ def _texts(result: object) -> ReportTexts:
     from diagnosis.diagnosis import Diagnosis
     from diagnosis.study import Study
     from estimation.fit import Fit
-    from truewrench.reports.comparison_report import comparison_report
-    from truewrench.reports.fit_report import fit_report, study_report
-    from truewrench.reports.provenance import Provenance
+    from truewrench.reports.fit_report import comparison_report, fit_report, study_report
+    from truewrench.reports.report_files import Provenance
     from truewrench.reports.report_html import diagnosis_report
     from truewrench.text.fit_summary import FitSummary
 

@@ -16,14 +16,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from truewrench.simulated_rig.commanded_motion import CommandedMotion, PeriodicMotion
-from truewrench.simulated_rig.flexible_tip import TipFlexibility
 from truewrench.simulated_rig.geometric_effects import (
     CentreOfMassOffset,
     GravityTilt,
+    JointBacklash,
+    JointDeflection,
+    JointElasticity,
     JointOffset,
     LinkLengthError,
     PayloadChange,
     SensorRotation,
+    TipFlexibility,
+    weight_torques,
 )
 from truewrench.simulated_rig.hidden_effect import (
     BiasEffect,
@@ -35,31 +39,35 @@ from truewrench.simulated_rig.hidden_effect import (
     ToolLoad,
     TransientEffect,
 )
-from truewrench.simulated_rig.joint_deflections import JointBacklash, JointDeflection, JointElasticity, weight_torques
 from truewrench.simulated_rig.mujoco_scene import Array, Scene, Track
-from truewrench.simulated_rig.noise_models import (
-    NOISE_MODELS,
-    AutoregressiveNoise,
-    NoiseModel,
-    PinkNoise,
-    StudentNoise,
-    WarmUpTemperature,
-    WhiteNoise,
-)
 from truewrench.simulated_rig.rigs import PlanarRig, SimulatedRig, SpatialRig
 from truewrench.simulated_rig.sensor_effects import (
+    NOISE_MODELS,
+    AutoregressiveNoise,
     BiasDrift,
     GainNonlinearity,
     LineInterference,
+    NoiseModel,
+    PinkNoise,
     Saturation,
     SensorCrosstalk,
     SensorGain,
     SensorHysteresis,
     SensorLag,
+    StudentNoise,
     ThermalDrift,
     TimeDelay,
+    WarmUpTemperature,
+    WhiteNoise,
 )
-from truewrench.simulated_rig.simulation import resolve_effects, simulate, static_poses, write_recording
+from truewrench.simulated_rig.simulation import (
+    resolve_effects,
+    rigid_tool_wrench,
+    simulate,
+    static_poses,
+    true_wrench,
+    write_recording,
+)
 from truewrench.simulated_rig.tool_loads import (
     CONTACT_EDGE,
     Buoyancy,
@@ -71,7 +79,6 @@ from truewrench.simulated_rig.tool_loads import (
     QuadraticDrag,
     ViscousDrag,
 )
-from truewrench.simulated_rig.true_wrench import rigid_tool_wrench, true_wrench
 
 __all__ = [
     "CONTACT_EDGE",

@@ -10,10 +10,10 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from design.trajectories.random_periodic import random_periodic_trajectory
+from design.trajectories.fourier import random_periodic_trajectory
 from design.trajectories.trajectory import Trajectory
 from truewrench.simulated_rig.mujoco_scene import Array, Scene, Track, Vector, mujoco_rows
-from truewrench.simulated_rig.noise_models import WarmUpTemperature
+from truewrench.simulated_rig.sensor_effects import WarmUpTemperature
 
 PLANAR_CHANNELS = ("fx", "fy", "tau")
 SPATIAL_CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")

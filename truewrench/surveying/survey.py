@@ -14,16 +14,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 from pydantic import TypeAdapter, ValidationError
 
 from diagnosis.progress import Progress, count_progress, silent
-from modeling.checksum import verified, with_checksum
+from modeling.compiled.cache import verified, with_checksum
 from modeling.errors import InputError
-from modeling.rig.rig import Rig
+from modeling.rig import Rig
 from modeling.table import Column, Table, Tabular
 from truewrench.files.output import atomic_write, require_writable_folder
-from truewrench.surveying.dask_executor import local_executor, remote_executor
-from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
-from truewrench.surveying.survey_row import SurveyRow
-from truewrench.surveying.survey_task import SurveyTask, diagnosed_outcome
-from truewrench.surveying.task_execution import Work, run_tasks
+from truewrench.surveying.dask_executor import Work, local_executor, remote_executor, run_tasks
+from truewrench.surveying.survey_task import DiagnosisOutcome, SurveyRow, SurveyTask, diagnosed_outcome
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -90,7 +87,7 @@ class Survey(Tabular):
 
     def to_frame(self) -> pd.DataFrame:
         """The columns of survey.parquet."""
-        from truewrench.surveying.parquet_table import parquet_table
+        from truewrench.surveying.survey_task import parquet_table
 
         frame: pd.DataFrame = parquet_table(self.rows).to_pandas(maps_as_pydicts="strict")
         return frame
@@ -120,7 +117,7 @@ class Survey(Tabular):
 
     def remarks(self) -> list[str]:
         """Significant changes, and errors."""
-        from truewrench.surveying.change_detection import significant_changes
+        from truewrench.surveying.survey_html import significant_changes
 
         changes = [f"{change}." for change in significant_changes(self.rows)]
         return [*changes, *(f"{row.file}: {row.outcome.error}" for row in self.rows if row.outcome.error)]

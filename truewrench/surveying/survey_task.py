@@ -5,21 +5,304 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shlex
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from enum import Enum
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import pyarrow as pa
+from pyarrow import parquet
+
+from modeling.compiled.cache import LOADED_AT, source_digest
 from modeling.errors import InputError
-from modeling.evaluation.cache import LOADED_AT, source_digest
-from truewrench.surveying.diagnosis_outcome import DiagnosisOutcome
+from modeling.number_format import finite
 
 if TYPE_CHECKING:
+    from diagnosis.comparison.comparison import Comparison
     from diagnosis.diagnosis import Diagnosis
+    from estimation.least_squares.estimates import Estimate
+
+
+# Outcome of one diagnosis as plain data.
+
+
+BIAS_PREFIX = "bias_"
+"""Prefix of the bias parameters."""
+
+
+@dataclass(frozen=True)
+class StoredEstimate:
+    """One parameter of an effect, or of the tool where `effect` is empty; None for a number that is not finite."""
+
+    effect: str
+    parameter: str
+    value: float | None
+    std: float | None
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """`viscous_drag.c`, or `m` for the tool's."""
+        return f"{self.effect}.{self.parameter}" if self.effect else self.parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelError:
+    """Error of one channel with the rigid tool (before) and with the effects added (after), in `unit`.
+
+    rms         of the residual over all raw samples
+    systematic  the part that repeats with the motion or is slow, `explainable_rms` of result.json; None without repeats
+    noise_floor std of one sample
+    """
+
+    channel: str
+    unit: str
+    noise_floor: float | None
+    rms_before: float | None
+    rms_after: float | None
+    systematic_before: float | None
+    systematic_after: float | None
+
+    @property
+    def before(self) -> float | None:
+        """Systematic error with the rigid tool; the total RMS without repeats."""
+        return self.rms_before if self.systematic_before is None else self.systematic_before
+
+    @property
+    def after(self) -> float | None:
+        """The same with the effects added."""
+        return self.rms_after if self.systematic_after is None else self.systematic_after
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisOutcome:
+    """Outcome of the diagnosis of one recording.
+
+    verdict     of the record; None where there is an error
+    sizes       of the effects added, each with its std
+    parameters  of the tool with these effects, without biases; without std where it is not known
+    tool_unknown  why the recording does not say what the tool weighs, empty where it does
+    misfit      reduced chi-square with the effects added, `misfit_before` with the rigid tool; None where the noise
+                was estimated from the residual
+    seconds     duration of the diagnosis
+    error       error message where there is no verdict; else empty
+    final       whether a rerun would give the same outcome
+    """
+
+    verdict: str | None = None
+    added: tuple[str, ...] = ()
+    sizes: tuple[StoredEstimate, ...] = ()
+    parameters: tuple[StoredEstimate, ...] = ()
+    tool_unknown: str = ""
+    misfit_before: float | None = None
+    misfit: float | None = None
+    channels: tuple[ChannelError, ...] = ()
+    seconds: float | None = None
+    error: str = ""
+    final: bool = True
+
+    @classmethod
+    def of(cls, found: Diagnosis, *, seconds: float) -> DiagnosisOutcome:
+        """The outcome of a diagnosis of one recording."""
+        first, last = found.steps[0].training[0], found.steps[-1].training[0]
+        findings = {f.effect.id: f for f in found.findings}
+        tool = {n: e for n, e in found.fit.parameters.items() if "." not in n and not n.startswith(BIAS_PREFIX)}
+        return cls(
+            verdict=found.verdict.value,
+            added=found.added,
+            sizes=tuple(size for i in found.added for size in _stored_estimates(i, findings[i].parameters)),
+            parameters=tuple(replace(e, std=None) if found.tool_unknown else e for e in _stored_estimates("", tool)),
+            tool_unknown=found.tool_unknown,
+            misfit_before=finite(first.misfit),
+            misfit=finite(last.misfit),
+            channels=tuple(_channels(first, last)),
+            seconds=seconds,
+        )
+
+    @property
+    def loudest(self) -> ChannelError | None:
+        """Channel with the largest error-to-noise ratio with the rigid tool."""
+        known = [c for c in self.channels if c.before is not None and c.noise_floor]
+        return max(known, key=lambda c: (c.before or 0.0) / (c.noise_floor or 1.0), default=None)
+
+
+def _stored_estimates(effect: str, estimates: Mapping[str, Estimate]) -> list[StoredEstimate]:
+    return [StoredEstimate(effect, name, finite(e.value), finite(e.std), e.unit) for name, e in estimates.items()]
+
+
+def _channels(first: Comparison, last: Comparison) -> list[ChannelError]:
+    systematic = [c.explainable_rms or {} for c in (first, last)]
+    return [
+        ChannelError(
+            channel=channel,
+            unit=unit,
+            noise_floor=finite(last.noise_floor[channel]),
+            rms_before=finite(first.rms[channel]),
+            rms_after=finite(last.rms[channel]),
+            systematic_before=finite(systematic[0].get(channel)),
+            systematic_after=finite(systematic[1].get(channel)),
+        )
+        for channel, unit in first.space.channel_units.items()
+    ]
+
+
+# Time of a recording, from its file name, else the modification time.
+
+
+_STAMP = re.compile(
+    r"(?<!\d)(?P<year>(?:19|20)\d\d)(?P<dash>[-_.]?)(?P<month>\d\d)(?P=dash)(?P<day>\d\d)"
+    r"(?:[T _-]{0,2}(?P<hour>\d\d)(?P<colon>[-:_.h]?)(?P<minute>\d\d)"
+    r"(?:(?P=colon)(?P<second>\d\d)(?:[.,](?P<fraction>\d{1,6}))?)?(?P<zone>Z|[+-]\d\d:?\d\d)?)?(?!\d)"
+)
+
+
+class TimeSource(Enum):
+    """Source of a recording's time."""
+
+    FILE_NAME = "file name"
+    MODIFICATION = "modification time"
+
+
+@dataclass(frozen=True)
+class RecordingTime:
+    """Time of a recording, local without a zone."""
+
+    moment: datetime
+    source: TimeSource
+
+    @classmethod
+    def of(cls, path: Path) -> RecordingTime | None:
+        """The time in the file's name if it has one, else the file's modification time; None without a file.
+
+        In the name: year, month and day, with or without dashes, then optionally hour, minute, second; local time
+        unless a zone is given.
+        """
+        named = time_in(path.name)
+        if named is not None:
+            return cls(named, TimeSource.FILE_NAME)
+        try:
+            return cls(datetime.fromtimestamp(path.stat().st_mtime), TimeSource.MODIFICATION)
+        except (OSError, OverflowError, ValueError):
+            return None
+
+
+def time_in(name: str) -> datetime | None:
+    """The first date, with its time of day if there is one, in a file's name, in local time; None without."""
+    for found in _STAMP.finditer(name):
+        for left_out in ({}, {"zone": ""}, {"hour": ""}):
+            with suppress(OverflowError, ValueError):  # 20261399 is no date, and 0061 after a date no time of day
+                return _moment(found.groupdict(default="") | left_out)
+    return None
+
+
+def _moment(part: Mapping[str, str]) -> datetime:
+    text = f"{part['year']}-{part['month']}-{part['day']}"
+    if part["hour"]:
+        text += f"T{part['hour']}:{part['minute']}:{part['second'] or '00'}"
+        text += f".{part['fraction']:0<6}" if part["fraction"] else ""
+        text += part["zone"]
+    moment = datetime.fromisoformat(text)
+    return moment if moment.tzinfo is None else moment.astimezone().replace(tzinfo=None)
+
+
+# Row of a survey: one recording with its time and outcome.
+
+
+BY_CHANNEL = ("noise_floor", "rms_before", "rms_after", "systematic_before", "systematic_after")
+"""Quantities of `ChannelError` that a row has by channel."""
+
+
+@dataclass(frozen=True)
+class SurveyRow:
+    """One recording of a survey; `file` is the path as given, `time` None where there is no such file."""
+
+    file: str
+    time: RecordingTime | None
+    outcome: DiagnosisOutcome
+
+    @classmethod
+    def of(cls, recording: Path, outcome: DiagnosisOutcome) -> SurveyRow:
+        """The row of a recording; bytes of its name that are not UTF-8 are written as `\\xe9`."""
+        file = os.fsencode(recording).decode("utf-8", "backslashreplace")
+        return cls(file, RecordingTime.of(recording), outcome)
+
+    @property
+    def moment(self) -> datetime:
+        """Local time of a recording that has one."""
+        assert self.time is not None
+        return self.time.moment
+
+    def to_data(self) -> dict[str, Any]:
+        """The row as in survey.parquet, the time in ISO 8601: plain numbers, text, lists, None."""
+        outcome, time = asdict(self.outcome), self.time
+        return {
+            "file": self.file,
+            "recorded": None if time is None else time.moment.isoformat(),
+            "recorded_from": None if time is None else time.source.value,
+            "verdict": outcome["verdict"],
+            **{name: list(outcome[name]) for name in ("added", "sizes", "parameters")},
+            "tool_unknown": outcome["tool_unknown"] or None,
+            **{name: outcome[name] for name in ("misfit_before", "misfit")},
+            **{name: {c["channel"]: c[name] for c in outcome["channels"]} for name in BY_CHANNEL},
+            "seconds": outcome["seconds"],
+            "error": outcome["error"] or None,
+        }
+
+
+# Rows of a survey as a Parquet table.
+
+
+_SIZES = pa.list_(
+    pa.struct(
+        [
+            ("effect", pa.string()),
+            ("parameter", pa.string()),
+            ("value", pa.float64()),
+            ("std", pa.float64()),
+            ("unit", pa.string()),
+        ]
+    )
+)
+SCHEMA = pa.schema(
+    [
+        ("file", pa.string()),
+        ("recorded", pa.timestamp("us")),
+        ("recorded_from", pa.string()),
+        ("verdict", pa.string()),
+        ("added", pa.list_(pa.string())),
+        ("sizes", _SIZES),
+        ("parameters", _SIZES),
+        ("tool_unknown", pa.string()),
+        ("misfit_before", pa.float64()),
+        ("misfit", pa.float64()),
+        *((name, pa.map_(pa.string(), pa.float64())) for name in BY_CHANNEL),
+        ("seconds", pa.float64()),
+        ("error", pa.string()),
+    ]
+)
+"""Of survey.parquet: errors by channel and sizes in the units of FORMATS, local times without a zone."""
+
+
+def parquet_table(rows: Sequence[SurveyRow]) -> pa.Table:
+    """The table, one row per recording."""
+    data = [row.to_data() for row in rows]
+    for line, row in zip(data, rows, strict=True):
+        line["recorded"] = None if row.time is None else row.time.moment
+        line |= {name: list(line[name].items()) for name in BY_CHANNEL}
+    return pa.Table.from_pylist(data, schema=SCHEMA)
+
+
+def write_parquet(rows: Sequence[SurveyRow], path: Path) -> None:
+    """Write the table as Parquet."""
+    parquet.write_table(parquet_table(rows), path)
 
 
 STORE_VERSION = 3
@@ -172,7 +455,7 @@ def _fingerprint_or_none(
 def _diagnosis(task: SurveyTask) -> Diagnosis:
     from diagnosis.diagnosis import diagnose
     from modeling.effects import catalogue, named
-    from modeling.rig.rig import Rig
+    from modeling.rig import Rig
     from truewrench.files.data_set import DataSet
 
     rig = None if task.rig is None else Rig.from_data(task.rig)

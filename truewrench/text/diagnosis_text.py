@@ -4,32 +4,182 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from diagnosis.comparison.error_table import error_table
+from diagnosis.comparison.compared_step import error_table
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
-from diagnosis.verdict.motion_notes import motion_notes
-from diagnosis.verdict.unexplained_residual import UnexplainedResidual
-from diagnosis.verdict.verdict import EffectVerdict, RecordVerdict
+from diagnosis.verdict.unexplained_residual import UnexplainedResidual, motion_notes
+from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
 from estimation.fit import Fit
-from estimation.least_squares.estimates import Estimate
+from estimation.least_squares.estimates import NOT_CONVERGED, Estimate
+from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
-from modeling.number_format import estimate_text
+from modeling.noise import NoiseSource
+from modeling.number_format import estimate_text, format_percentage
+from modeling.significance import LEVELS
 from truewrench.effect_description import parameter_meaning
-from truewrench.effect_description.effect_size import size_sentence
-from truewrench.text.step_names import step_names
-from truewrench.text.tool_extent import tool_extent_text
-from truewrench.text.tool_text import tool_text
-from truewrench.text.verdict_words import (
-    CANDIDATES_NOTE,
-    RECORD_VERDICT_LABELS,
-    closest_sentence,
-    disturbance_sentences,
-    fixed_point_sentence,
-    given_sentences,
-    noise_notes,
-    verdict_headline,
-    weaker_verdict_warning,
+from truewrench.effect_description.effect_words import size_sentence
+from truewrench.text.tool_text import tool_extent_text, tool_text
+
+# Names of the models of a diagnosis, from the one that the search began with to the last effect added, by ids.
+
+
+RIGID_TOOL = "rigid tool"
+
+
+def base_name(diagnosis: Diagnosis) -> str:
+    """Label of the model that the search began with: the rigid tool, with the effects given."""
+    return " + ".join([RIGID_TOOL, *diagnosis.given])
+
+
+def step_names(diagnosis: Diagnosis) -> list[str]:
+    """Label of each selection step."""
+    return [base_name(diagnosis) if s.effect is None else f"+ {s.effect}" for s in diagnosis.steps]
+
+
+# Words of a verdict and of its evidence, the same on the terminal and in the report.
+
+
+RECORD_VERDICT_LABELS = {
+    RecordVerdict.NOTHING_MISSING: "Nothing missing",
+    RecordVerdict.EXPLAINED: "Explained",
+    RecordVerdict.PARTLY_EXPLAINED: "Partly explained",
+    RecordVerdict.UNEXPLAINED: "Unexplained",
+}
+EFFECT_VERDICT_LABELS = {
+    EffectVerdict.SUPPORTED: "added",
+    EffectVerdict.CONFUSABLE: "indistinguishable",
+    EffectVerdict.NEGLIGIBLE: "negligible",
+    EffectVerdict.NOT_EXCITED: "not excited",
+    EffectVerdict.NOT_SUPPORTED: "rejected",
+}
+"""What a report calls the verdict on an effect."""
+CANDIDATES_NOTE = (
+    "p is of the score test, given the effects added before: how often noise alone would give as strong a sign of the"
+    " effect, corrected for the number of tests. The score test is a first look, linear in the effect. A candidate is"
+    " added only if it is also significant after the exact refit, in which all parameters are estimated together with"
+    " it; there another effect, or other values of the tool, may take its place."
 )
+"""What p of the table of candidate effects is, and why a small one is not enough."""
+NOISE_SOURCES = {
+    NoiseSource.REPEATS: "measured from {repeats} repeats",
+    NoiseSource.RIG: "as stated in the rig file; no repeats",
+    NoiseSource.RESIDUAL: "estimated from the residual; no repeats",
+}
+WEAKER = {
+    NoiseSource.RESIDUAL: "the noise is estimated from the residual, so that systematic error may count as noise",
+    NoiseSource.RIG: "it depends on the noise stated in the rig file",
+}
+"""Why a verdict without repeats is weaker; the worst first."""
+
+
+def verdict_headline(diagnosis: Diagnosis) -> str:
+    """The verdict as one sentence, with ids and titles of the effects added, and whether its fit has not converged."""
+    return f"{_verdict_words(diagnosis)}{'' if diagnosis.fit.converged else f'; {NOT_CONVERGED}'}"
+
+
+def _verdict_words(diagnosis: Diagnosis) -> str:
+    added = (f.effect for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
+    missing = ", ".join(f"{effect.id} ({effect.title})" for effect in added)
+    if diagnosis.verdict is RecordVerdict.NOTHING_MISSING:
+        what = f"Nothing {'more ' if diagnosis.given else ''}is missing"
+        return f"{what}: the residual of the {base_name(diagnosis)} is consistent with the noise"
+    if diagnosis.verdict is RecordVerdict.EXPLAINED:
+        return f"The model lacks {missing}"
+    if diagnosis.verdict is RecordVerdict.PARTLY_EXPLAINED:
+        return f"The model lacks {missing}; an unexplained residual remains"
+    if missing:
+        return f"Significant residual; adding {missing} removes less than half of the systematic error"
+    return f"Significant residual{_on_held_out_alone(diagnosis)}, and {_no_candidate(diagnosis)}"
+
+
+def _no_candidate(diagnosis: Diagnosis) -> str:
+    """That no candidate effect explains the residual, or that none could be tested, and why."""
+    if not diagnosis.findings or any(f.verdict is not EffectVerdict.NOT_EXCITED for f in diagnosis.findings):
+        return "no candidate effect explains it"
+    reasons = "; ".join(f"{f.effect.id}: {f.reason}" for f in diagnosis.findings)
+    return f"no candidate effect could be tested ({reasons})"
+
+
+def _on_held_out_alone(diagnosis: Diagnosis) -> str:
+    """Where the fitted repeats show no lack of fit: the held-out recordings, or other rows, that do; else empty."""
+    last = diagnosis.steps[-1]
+    failing = [c.recording.name for c in last.validation if c.lack_of_fit < LEVELS.held_out]
+    if any(c.lack_of_fit < LEVELS.effect for c in last.training):
+        return ""
+    outside = [rows.name for rows in diagnosis.rows_left_out if rows.deviations]
+    if outside and not failing:
+        return f" outside the whole repeats of {', '.join(outside)}, while these show none"
+    if not failing:
+        return ""
+    fitted = ", ".join(dict.fromkeys(c.recording.name for c in last.training))
+    return f" on {', '.join(failing)}, held out, while {fitted} shows none"
+
+
+def finding_sentence(finding: Finding) -> str:
+    """Why an effect has its verdict, as a sentence; empty for an added one."""
+    return f"{finding.reason[0].upper()}{finding.reason[1:]}." if finding.reason else ""
+
+
+def closest_sentence(finding: Finding) -> str:
+    """How far the closest other effect is from imitating an added one; empty where some are indistinguishable."""
+    if finding.confusable_with:
+        return ""
+    if finding.closest is None:
+        return "No other candidate effect is confusable with it in these recordings: none is significant in its place."
+    other, alias = finding.closest.effect.id, finding.closest
+    if alias.separated:
+        return f"No other candidate effect is confusable with it in these recordings; the closest is {other}."
+    risk = format_percentage(alias.error_probability)
+    size = f"chi-square {alias.excess:.2g} higher with it; probability of confusion by such motions {risk}"
+    return f"The closest other effect is {other}, which these recordings barely separate from it ({size})."
+
+
+def given_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Which other effects fit as well, or better, in the place of a given one."""
+    found = (alternative.sentence for alternative in diagnosis.given_alternatives)
+    return [f"{sentence}. Fit each, and compare." for sentence in found]
+
+
+def fixed_point_sentence(finding: Finding) -> str:
+    """That the point of an added effect is on the tip axis, as none beside it is significantly better; else empty."""
+    fixed = [name for name, estimate in finding.parameters.items() if estimate.std == 0]
+    if finding.verdict is not EffectVerdict.SUPPORTED or not fixed:
+        return ""
+    return (
+        f"{' and '.join(fixed)} of {finding.effect.id} are fixed at 0: a point beside the tip axis is not significant."
+    )
+
+
+def noise_notes(diagnosis: Diagnosis) -> list[str]:
+    """Where the noise of each fitted recording comes from, and which rows of its log the verdict is about."""
+    sources = [(c.recording, NOISE_SOURCES[c.noise.source]) for c in diagnosis.steps[0].training]
+    notes = [f"Noise of {r.name} {source.format(repeats=r.repeats)}.{_period_note(r)}" for r, source in sources]
+    return [*dict.fromkeys(notes), *(rows.sentence for rows in diagnosis.rows_left_out)]
+
+
+def _period_note(recording: Recording) -> str:
+    """The period that was found in the motion, where no column counted the repeats."""
+    period = None if recording.reading is None else recording.reading.period
+    return "" if period is None else f" {period}"
+
+
+def weaker_verdict_warning(diagnosis: Diagnosis) -> str:
+    """Warning that the verdict is weaker without repeats, and what to record; empty with repeats."""
+    sources = {c.noise.source for c in diagnosis.steps[0].training}
+    return next(
+        (
+            f"Without repeats this verdict is weaker: {reason}. Record four or more repeats of the same motion, with a "
+            "repeat column, or of the same poses."
+            for source, reason in WEAKER.items()
+            if source in sources
+        ),
+        "",
+    )
+
+
+def disturbance_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Recording-specific disturbances of the validation recordings."""
+    return [f"{disturbance} (recording-specific, excluded from the verdict)." for disturbance in diagnosis.disturbances]
 
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:

@@ -11,27 +11,24 @@ from typing import Any
 from diagnosis.comparison.compared_step import held_out_misfitting, misfitting
 from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
-from diagnosis.verdict.motion_notes import motion_notes
-from diagnosis.verdict.unexplained_residual import describe_residual
-from diagnosis.verdict.unknown_tool import unknown_tool_reason
-from diagnosis.verdict.upper_limit import channel_tolerance
+from diagnosis.verdict.aliasing import channel_tolerance
+from diagnosis.verdict.unexplained_residual import describe_residual, motion_notes, unknown_tool_reason
+from estimation.centre_of_mass import CentreOfMass
 from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import Fit
-from estimation.least_squares.constrained import ConstrainedMinimum
+from estimation.least_squares.constrained_minimum import ConstrainedMinimum
 from estimation.least_squares.estimates import HELD, NOT_CONVERGED, Estimate
-from estimation.noise.recording_noise import NoiseSource
-from estimation.repeatability.repeat_table import RepeatTable
-from estimation.robust.robust_fit import RobustFit
-from estimation.static.centre_of_mass import CentreOfMass
-from estimation.static.pose_advice import PoseAdvice
+from estimation.pose_advice import PoseAdvice
+from estimation.repeat_table import RepeatTable
+from estimation.robust_fit import RobustFit
+from modeling.noise import NoiseSource
 from modeling.number_format import estimate_text, interval_text
 from modeling.significance import LEVELS
 from modeling.table import Table
-from truewrench.effect_description.effect_size import size_sentence
+from truewrench.effect_description.effect_words import size_sentence
 from truewrench.files.data_set import DataSet, frame_sentences, frames_data
-from truewrench.text.tool_extent import tool_extent_text
-from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_text
+from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_extent_text, tool_text
 
 ADVICE = (
     "`truewrench diagnose` with the same recordings tests every effect that could explain it; by hand, in Python,"

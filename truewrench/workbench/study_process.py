@@ -80,7 +80,7 @@ def prepare() -> None:
     """Import once what every process needs, in a server process that the others are forked from."""
     context = _context()
     if context.get_start_method() == "forkserver":
-        context.set_forkserver_preload(["truewrench.workbench.study.study_actions"])
+        context.set_forkserver_preload(["truewrench.workbench.study_actions"])
         from multiprocessing.forkserver import ensure_running
 
         ensure_running()
@@ -163,7 +163,7 @@ def work(connection: Connection) -> None:
     busy = _cancellable()
     _bound_memory()
 
-    from truewrench.workbench.study.study_actions import StudyActions
+    from truewrench.workbench.study_actions import StudyActions
 
     connection.send(Started())
     actions = StudyActions(lambda text: connection.send(Progress(text)))

@@ -1,0 +1,401 @@
+"""Acceptance of effects: held-out error, coefficient consistency, physical bounds, confounding with tool parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison.comparison import noise_from_residual
+from diagnosis.comparison.slow_residual import Part, SlowResidual, remaining_power, removed_power
+from diagnosis.comparison.validation import half_splits
+from diagnosis.held_out import HeldOut, with_disturbances
+from diagnosis.subset_search import CandidateModel
+from diagnosis.verdict_rule import VerdictRule, judge
+from estimation.fit import Fit, refit
+from estimation.least_squares.square_root_information import orthonormal_basis
+from estimation.model_response import model_response
+from estimation.multiplicity import chi2_isf, chi2_sf
+from estimation.noise.recording_noise import RecordingNoise
+from modeling.chain.effect import Effect
+from modeling.errors import InputError
+from modeling.noise import NoiseSource
+from modeling.rigid_body import inertial_parameters
+from modeling.significance import LEVELS
+
+# Consistency of an effect's coefficients between data sets: training and held-out data, or halves of training data.
+
+
+Array = NDArray[np.float64]
+
+MAX_COEFFICIENT_CHANGE = 0.1
+"""Largest relative change of an effect's prediction between two data sets that counts as consistent: at most its
+square, 1 % of the effect's power, is then unexplained."""
+
+
+def inconsistent_effect(candidate: CandidateModel, held_out: Sequence[HeldOut]) -> tuple[str, str] | None:
+    """The lasting effect whose coefficients change most between data sets, if significantly and by more than 10 %, and
+    the reason to reject it."""
+    found, pairs = [], _fit_pairs(candidate, held_out)
+    for effect in (e for e in candidate.added if not e.per_recording):
+        for first, second, where in pairs:
+            p_value, change = coefficient_change(effect, first, second)
+            if p_value < LEVELS.effect and change > MAX_COEFFICIENT_CHANGE:
+                found.append((change, effect.id, where))
+    if not found:
+        return None
+    change, effect_id, where = max(found, key=lambda f: f[0])
+    share = f"{change:.0%}" if change < 10 else "more than ten times"
+    return effect_id, f"its coefficients are inconsistent: its prediction changes by {share} {where}"
+
+
+def _fit_pairs(candidate: CandidateModel, held_out: Sequence[HeldOut]) -> list[tuple[Fit, Fit, str]]:
+    """Pairs of fits of the same effects to different data: training and held-out, or halves of the training data."""
+    trained = candidate.fit
+    model = trained.model.without_recording_specific
+    pairs = []
+    for other in held_out:
+        start = {**trained.values, **other.start}
+        alone = refit(model + other.disturbances, (other.recording,), noise=(other.noise,), start=start)
+        pairs.append((trained, alone, f"on {other.recording.name}"))
+    if not pairs or noise_from_residual(trained):
+        first, second = (
+            refit(trained.model, trained.recordings, noise=noise, start=trained.values)
+            for noise in half_splits(trained)
+        )
+        pairs.append((first, second, "between two halves of the data"))
+    return pairs
+
+
+def coefficient_change(effect: Effect, first: Fit, second: Fit) -> tuple[float, float]:
+    """P-value of a Wald test for equal coefficients of an effect in two fits, and their relative change.
+
+    The test is in the identifiable directions. The relative change is that of the effect's whitened prediction on the
+    second recording, with the base model's column space projected out.
+    """
+    names = [p.name for p in effect.qualified(first.model.space)]
+    differences = np.array([first.values[n] - second.values[n] for n in names])
+    covariance = sum(_covariance(f, names) for f in (first, second))
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    estimable = values > 1e-10 * values.max()
+    along = vectors[:, estimable].T @ (differences / scale) / np.sqrt(values[estimable])
+    p_value = float(chi2_sf(float(along @ along), int(estimable.sum())))
+    return p_value, _relative_change(effect, first, second)
+
+
+def _covariance(fitted: Fit, names: Sequence[str]) -> Array:
+    place = [list(fitted.parameters).index(n) for n in names]
+    return np.asarray(fitted.covariance[np.ix_(place, place)])
+
+
+def _relative_change(effect: Effect, first: Fit, second: Fit) -> float:
+    number = next((i for i, m in enumerate(second.layout.models) if effect.id in [e.id for e in m.effects]), 0)
+    model, recording, noise = second.layout.models[number], second.recordings[number], second.noise[number]
+    own = effect.qualified(model.space)
+    changed = [{}, {p.name: first.values[p.name] for p in own}, {p.name: p.nominal for p in own if not p.nuisance}]
+    unchanged, swapped, absent = (second.layout.values_of(number, {**second.values, **new}) for new in changed)
+    without, derivative = noise.whitener.response(model_response(model, recording, absent))
+    responses = [model_response(model, recording, theta, derivative=False) for theta in (unchanged, swapped)]
+    basis = orthonormal_basis(derivative[:, : model.base_size])
+    rows = [*(noise.whitener.response(response)[0] for response in responses), without]
+    with_it, with_other, without = (own - basis @ (basis.T @ own) for own in rows)
+    size_of_effect = float(np.linalg.norm(with_it - without))
+    return float(np.linalg.norm(with_it - with_other)) / max(size_of_effect, 1e-300)
+
+
+# Effects whose only evidence lies in channels where most of the readings is not the tool's.
+
+
+def effect_of_foreign_residual(candidate: CandidateModel) -> tuple[str, str] | None:
+    """The effect that most lowers the residual in foreign channels and not elsewhere, and the reason to reject it.
+
+    A channel of a single run is foreign where the residual is most of its readings and far above the sensor's noise
+    (`Part.FOREIGN`): a hand, another load. The noise model takes that residual for stationary noise, which it is not,
+    and so a small correlation with it looks significant. An effect is rejected when it explains no more in all other
+    channels together than in the foreign ones, each relative to what remains, or than noise lets expect. A channel of
+    which it removes more than remains counts as one of the others.
+    """
+    numbers = range(len(candidate.fit.recordings))
+    foreign = {n: channels for n in numbers if (channels := _foreign_channels(candidate, n))}
+    if not foreign:
+        return None
+    excess = {e.id: _foreign_excess(candidate, e, foreign) for e in candidate.added}
+    worst = max(excess, key=lambda effect_id: excess[effect_id])
+    if excess[worst] <= 0:
+        return None
+    number, channels = next(iter(foreign.items()))
+    where = f"{', '.join(channels)} of {candidate.fit.recordings[number].name}"
+    return worst, f"what it explains is mostly on {where}, where a residual larger than the tool's own wrench remains"
+
+
+def _foreign_channels(candidate: CandidateModel, number: int) -> tuple[str, ...]:
+    slow = SlowResidual.of(candidate.comparisons[number])
+    return () if slow is None else tuple(c for c in slow.above_noise if slow.part[c] is Part.FOREIGN)
+
+
+def _foreign_excess(candidate: CandidateModel, effect: Effect, foreign: dict[int, tuple[str, ...]]) -> float:
+    """Log-likelihood ratio of an effect that is foreign or expected of noise, minus that in the other channels.
+
+    In white noise with the variance of each channel's residual.
+    """
+    smaller = candidate.without(effect.id)
+    in_foreign = elsewhere = 0.0
+    for number, after in enumerate(candidate.comparisons):
+        residuals = (smaller.fit.residuals[number], after.residual)
+        before, remains = (np.maximum(r.var(axis=0), 1e-300) for r in residuals)
+        explained = np.log(before / remains) * len(after.residual) / 2
+        here = np.isin(list(after.space.channel_units), foreign.get(number, ())) & (before <= 2 * remains)
+        in_foreign += float(explained[here].sum())
+        elsewhere += float(explained[~here].sum())
+    coefficients = len(effect.qualified(candidate.fit.model.space))
+    return max(in_foreign, float(chi2_isf(LEVELS.effect, coefficients)) / 2) - elsewhere
+
+
+# Acceptance rules: which effect of a set is rejected on held-out data, and when the set is accepted.
+
+
+LEAST_SHARE = 0.01
+"""That an effect removes of a single run's residual beyond noise. Its significance is by the residual's spectrum, which
+holds for noise: physics that no effect explains and that comes and goes makes some effect significant in every run."""
+
+
+@dataclass(frozen=True, eq=False)
+class AcceptanceEvidence:
+    """Evidence on a set of effects, computed when a rule asks for it.
+
+    candidate  the set, fitted to the training recordings
+    base       the rigid tool with the effects given, fitted to them
+    held_out   recordings with their disturbances given the candidate
+    """
+
+    candidate: CandidateModel
+    base: CandidateModel
+    held_out: Sequence[HeldOut] = ()
+
+    @cached_property
+    def unidentifiable(self) -> str | None:
+        """An effect without an identifiable amplitude: whatever its significance, nothing is known of it."""
+        fit = self.candidate.fit
+        return next((effect.id for effect in self.candidate.added if not fit.identifies(effect)), None)
+
+    @cached_property
+    def at_bound(self) -> tuple[str, str] | None:
+        """An effect with an estimate on a physical bound other than the nominal value, and the reason to reject it."""
+        fitted = self.candidate.fit
+        for effect in self.candidate.added:
+            for p in effect.qualified(fitted.model.space):
+                estimated = p.nuisance or isfinite(fitted.parameters[p.name].std)
+                if estimated and fitted.values[p.name] in p.bounds and fitted.values[p.name] != p.nominal:
+                    name = p.name.split(".", 1)[1]
+                    return effect.id, f"its {name} is estimated at the bound of its physical range"
+        return None
+
+    @cached_property
+    def lasting(self) -> bool:
+        """Whether any effect is not recording-specific: only such effects are tested on held-out data."""
+        return any(not effect.per_recording for effect in self.candidate.added)
+
+    @cached_property
+    def collinear_parameter(self) -> str | None:
+        """An inertial parameter of the tool that the base model determines and the candidate no longer does.
+
+        Its std is below a tenth of its value in the base model, and above its value in the candidate.
+        """
+        for p in inertial_parameters(self.candidate.fit.model.space):
+            before, after = (c.fit.parameters[p.name] for c in (self.base, self.candidate))
+            if before.std < abs(before.value) / 10 and after.std > abs(before.value):
+                return p.name
+        return None
+
+    @cached_property
+    def not_improved(self) -> str | None:
+        """The first held-out recording whose excited chi-square does not fall."""
+        for other in self.held_out if self.lasting else ():
+            if _excited_cost(other.validation_fit(self.candidate.fit)) >= _excited_cost(
+                other.validation_fit(self.base.fit)
+            ):
+                return other.recording.name
+        return None
+
+    @cached_property
+    def adequate(self) -> bool:
+        """Whether lack of fit is significant neither in training nor in held-out data, in noise known independently."""
+        fit = self.candidate.fit
+        tested = self.held_out if self.lasting else ()
+        return (
+            not noise_from_residual(fit)
+            and self.candidate.adequate
+            and all(h.prediction(fit).comparison.lack_of_fit >= LEVELS.held_out for h in tested)
+        )
+
+    @cached_property
+    def holds_across_halves(self) -> bool:
+        """Twofold cross-validation: whether effects estimated on one half of the training data explain the other.
+
+        Their chi-square drop on the test halves has to exceed half of that on the fitted halves: a true effect keeps
+        nearly all of it, one that fits noise raises the error by as much as it had lowered it.
+        """
+        halves = half_splits(self.candidate.fit)
+        ways: list[tuple[Fit, Sequence[RecordingNoise], Sequence[RecordingNoise]]]
+        ways = [(c.fit, a, b) for c in (self.base, self.candidate) for a, b in (halves, halves[::-1])]
+
+        def costs(way: tuple[Fit, Sequence[RecordingNoise], Sequence[RecordingNoise]]) -> tuple[float, float]:
+            whole, trained_on, tested_on = way
+            half = refit(whole.model, whole.recordings, noise=trained_on, start=whole.values)
+            return _cost(half, trained_on), _cost(half, tested_on)
+
+        both_ways = np.array([costs(way) for way in ways]).reshape(2, 2, 2).sum(axis=1)
+        fitted_drop, tested_drop = both_ways[0] - both_ways[1]
+        return bool(tested_drop > fitted_drop / 2)
+
+    @cached_property
+    def inconsistent(self) -> tuple[str, str] | None:
+        """The effect with the most inconsistent coefficients, and the reason to reject it."""
+        return inconsistent_effect(self.candidate, self.held_out)
+
+    @cached_property
+    def foreign(self) -> tuple[str, str] | None:
+        """The effect that explains only a part of a residual that is not the tool's, and the reason to reject it."""
+        return effect_of_foreign_residual(self.candidate) if noise_from_residual(self.candidate.fit) else None
+
+    @cached_property
+    def hardly_removes(self) -> str | None:
+        """Of single runs alone the effect that removes least, if less than what remains and `LEAST_SHARE` of all."""
+        if any(noise.source is not NoiseSource.RESIDUAL for noise in self.candidate.fit.noise):
+            return None
+        whole = self.candidate.reported
+        remains = remaining_power(whole)
+        if not remains:
+            return None
+        smaller = self.candidate.without_each()
+        removed = {i: removed_power(without.reported, whole) for i, without in smaller.items()}
+        least = min(removed, key=lambda effect_id: removed[effect_id])
+        limit = min(remains, LEAST_SHARE * (removed_power(self.base.reported, whole) + remains))
+        return least if removed[least] < limit else None
+
+    @cached_property
+    def least_significant(self) -> str:
+        """The effect whose removal raises the training chi-square least; among lasting effects if there are any."""
+        added = self.candidate.added
+        ids = [e.id for e in ([e for e in added if not e.per_recording] or added)]
+        if len(ids) == 1:
+            return ids[0]
+        costs = {i: smaller.cost for i, smaller in self.candidate.without_each().items() if i in ids}
+        return min(costs, key=lambda effect_id: costs[effect_id])
+
+
+def _cost(fitted: Fit, noise: Sequence[RecordingNoise]) -> float:
+    """Whitened chi-square of a fit in the rows of a noise."""
+    return replace(fitted.problem, noise=tuple(noise)).chi_square(fitted.theta)
+
+
+def _excited_cost(fitted: Fit) -> float:
+    """Whitened chi-square of the first recording's excited lines."""
+    rows = fitted.whitened_residual()[: fitted.noise[0].whitener.periodic_rows]
+    return float(rows @ rows)
+
+
+RejectedEffect = Callable[[AcceptanceEvidence], str | None]
+"""The id of the effect to reject; None accepts the set."""
+
+
+def _accepted(_evidence: AcceptanceEvidence) -> str | None:
+    return None
+
+
+def _least_significant(evidence: AcceptanceEvidence) -> str | None:
+    return evidence.least_significant
+
+
+def _at_bound(evidence: AcceptanceEvidence) -> str | None:
+    return evidence.at_bound and evidence.at_bound[0]
+
+
+def _inconsistent(evidence: AcceptanceEvidence) -> str | None:
+    return evidence.inconsistent and evidence.inconsistent[0]
+
+
+def _foreign(evidence: AcceptanceEvidence) -> str | None:
+    return evidence.foreign and evidence.foreign[0]
+
+
+AcceptanceRule = VerdictRule[AcceptanceEvidence, RejectedEffect]
+ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
+    VerdictRule("no effect", lambda e: not e.candidate.ids, _accepted),
+    VerdictRule(
+        "no identifiable parameter",
+        lambda e: e.unidentifiable is not None,
+        lambda e: e.unidentifiable,
+        "none of its parameters is identifiable in these data",
+    ),
+    VerdictRule("a parameter on a physical bound", lambda e: e.at_bound is not None, _at_bound, "{e.at_bound[1]}"),
+    VerdictRule(
+        "collinear with a tool parameter",
+        lambda e: e.collinear_parameter is not None and e.lasting,
+        _least_significant,
+        "it is collinear with the tool's {e.collinear_parameter} in these data",
+    ),
+    VerdictRule("a residual that is not the tool's", lambda e: e.foreign is not None, _foreign, "{e.foreign[1]}"),
+    VerdictRule(
+        "hardly anything beside what remains",
+        lambda e: e.hardly_removes is not None,
+        lambda e: e.hardly_removes,
+        f"it removes less than {LEAST_SHARE:.0%} of what a single run holds beyond noise, and more remains unexplained",
+    ),
+    VerdictRule(
+        "no smaller error on held-out data",
+        lambda e: e.not_improved is not None,
+        _least_significant,
+        "it does not lower the error on held-out {e.not_improved}",
+    ),
+    VerdictRule("no lack of fit", lambda e: e.adequate, _accepted),
+    VerdictRule(
+        "not confirmed by the other half of the training data",
+        lambda e: not e.held_out and not e.holds_across_halves,
+        _least_significant,
+        "it does not explain the other half of the data",
+    ),
+    VerdictRule("inconsistent", lambda e: e.inconsistent is not None, _inconsistent, "{e.inconsistent[1]}"),
+    VerdictRule("consistent coefficients", lambda e: True, _accepted),
+)
+"""In order: a set with lack of fit is accepted when its coefficients are consistent between data sets."""
+
+
+@dataclass(frozen=True, eq=False)
+class Acceptance:
+    """The accepted candidate, reasons for rejecting other effects, and held-out recordings with their disturbances."""
+
+    candidate: CandidateModel
+    reasons: dict[str, str]
+    held_out: tuple[HeldOut, ...]
+
+
+def accept(
+    candidate: CandidateModel, base: CandidateModel, held_out: Sequence[HeldOut], effects: Sequence[Effect]
+) -> Acceptance:
+    """Reject effects of a candidate, one by one, until `ACCEPTANCE_RULES` accept the remaining set.
+
+    Recording-specific disturbances (drift, contact, those among `effects`) of held-out recordings are re-estimated for
+    each model, also for the base.
+    """
+    reasons: dict[str, str] = {}
+    while True:
+        known: tuple[HeldOut, ...] = ()
+        try:
+            known = tuple(with_disturbances(h, candidate.fit, effects, candidate.cache) for h in held_out)
+            evidence = AcceptanceEvidence(candidate, base, known)
+            rejected, reason = judge(ACCEPTANCE_RULES, evidence)
+            effect_id = rejected(evidence)
+        except InputError:
+            # the tip's spring is too soft for the held-out motion
+            effect_id = AcceptanceEvidence(candidate, base).least_significant
+            reason = "its prediction for the held-out motion has no solution"
+        if effect_id is None:
+            return Acceptance(candidate, reasons, known)
+        reasons[effect_id] = reason
+        candidate = candidate.without(effect_id)

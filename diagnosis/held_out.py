@@ -1,0 +1,209 @@
+"""Held-out recording with its noise and its recording-specific disturbances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from diagnosis.comparison.comparison import Comparison, comparison_of
+from diagnosis.comparison.validation import non_excited_noise, validation_fit
+from diagnosis.screening.null_model import ScreeningCache
+from diagnosis.screening.score_test import ScoreTest, refit_initial_values, screen, significant_effects
+from diagnosis.subset_search import effect_with_offsets
+from estimation.fit import Fit, residual_with_tones
+from estimation.least_squares.estimates import Estimate
+from estimation.model_response import predicted_readings
+from estimation.multiplicity import chi_square_penalty
+from estimation.noise.noise_estimation import estimate_noise
+from estimation.noise.recording_noise import RecordingNoise
+from estimation.recordings.recording import Recording
+from modeling.chain.effect import Effect, NuisanceValues
+from modeling.effects import catalogue
+from modeling.noise import NoiseSource
+from modeling.space import Space
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A recording that was not used for the fit, with its noise.
+
+    disturbances    its recording-specific disturbances: drift, contact
+    start  initial values of their parameters
+    """
+
+    recording: Recording
+    noise: RecordingNoise
+    disturbances: tuple[Effect, ...] = ()
+    start: NuisanceValues = field(default_factory=dict)
+    _predictions: dict[Fit, HeldOutPrediction] = field(default_factory=dict, init=False, repr=False)
+
+    def prediction(self, fit: Fit) -> HeldOutPrediction:
+        """The prediction of this recording by a fit."""
+        return self._predictions.setdefault(fit, HeldOutPrediction(self, fit))
+
+    def validation_fit(self, fit: Fit) -> Fit:
+        """Validation fit to this recording: its biases and its disturbances estimated here."""
+        return self.prediction(fit).validation_fit
+
+    @property
+    def disturbances_identifiable(self) -> bool:
+        """Whether disturbances are identifiable: it has non-excited lines, or a detected event."""
+        return non_excited_noise(self.noise) is not None or bool(self.noise.events)
+
+    def non_excited_fit(self, fit: Fit) -> Fit:
+        """The validation fit restricted to the non-excited lines, where there are any."""
+        return replace(self.validation_fit(fit), noise=(non_excited_noise(self.noise) or self.noise,))
+
+    def reestimated(self, fit: Fit) -> HeldOut:
+        """The recording with its disturbances and its noise without them re-estimated, given a fit."""
+        carried = self.validation_fit(fit)
+        start = {p.name: carried.values[p.name] for e in self.disturbances for p in e.qualified(fit.model.space)}
+        repeats = self.noise.source is NoiseSource.REPEATS
+        noise = estimate_noise(self.recording, residual_with_tones(carried, 0)) if repeats else self.noise
+        return replace(self, noise=noise, start=start)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutPrediction:
+    """A held-out recording as a fit to other recordings predicts it."""
+
+    held_out: HeldOut
+    fit: Fit
+
+    @cached_property
+    def validation_fit(self) -> Fit:
+        """The fit with the biases and the disturbances estimated on the held-out recording."""
+        own = self.held_out
+        return validation_fit(self.fit, own.recording, own.noise, own.disturbances, own.start)
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The recording with that prediction."""
+        return comparison_of(self.validation_fit, 0)
+
+
+# Recording-specific disturbances (drift, contact, payload, interference) of a held-out recording.
+
+
+DISTURBANCE_NAMES = {
+    "bias_drift": "drift",
+    "contact_event": "contact",
+    "payload_change": "payload change",
+    "line_interference": "interference",
+}
+"""Name of the disturbance in messages, by effect id."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingDisturbance:
+    """A recording-specific disturbance of one held-out recording.
+
+    parameters  by the effect's short parameter names
+    swing       peak-to-peak contribution to each channel, in its unit
+    """
+
+    recording: Recording
+    effect: Effect
+    parameters: Mapping[str, Estimate]
+    swing: Mapping[str, float]
+
+    def __str__(self) -> str:
+        kind = DISTURBANCE_NAMES.get(self.effect.id, f"effect ({self.effect.title})")
+        space = Space(self.recording.dimension)
+        sizes = [f"{c} by {s:.2g} {u}" for (c, s), u in zip(self.swing.items(), space.units, strict=True)]
+        nuisances = [p.name for p in self.effect.parameters(space) if p.nuisance]
+        where = [f"{n} {self.parameters[n].value:.4g} {self.parameters[n].unit}" for n in nuisances]
+        listed = ", ".join([*where, *sizes])
+        return f"{self.recording.name} has a recording-specific {kind}: {listed} peak to peak"
+
+
+def with_disturbances(
+    held_out: HeldOut, fit: Fit, candidates: Sequence[Effect] = (), cache: ScreeningCache | None = None
+) -> HeldOut:
+    """The recording with its significant disturbances given a validation fit (score test, Holm, 1 %).
+
+    Tested are the recording-specific effects of the catalogue and of the candidates, on the non-excited lines only, so
+    that they cannot absorb systematic error of the fit. Without repeats there are no such lines: disturbances are then
+    tested only where the noise has a detected event. After each one found the noise is re-estimated. Workers and noise
+    draws are those of the `cache`.
+    """
+    space = fit.model.space
+    listed = [e for e in {e.id: e for e in (*catalogue(space), *candidates)}.values() if e.per_recording]
+    found = replace(held_out, disturbances=(), start={})
+    cache = ScreeningCache() if cache is None else cache
+    while found.disturbances_identifiable and (
+        extended := _with_best_effect(found, fit, _others(listed, found.disturbances), cache)
+    ):
+        found = _relocated(extended, fit, cache)
+    for effect in found.disturbances[:-1]:
+        without = replace(found, disturbances=_others(found.disturbances, [effect]))
+        if not _significant(without.non_excited_fit(fit), [effect], cache.in_other_noise()):
+            found = without.reestimated(fit)
+    return found
+
+
+def _others(effects: Sequence[Effect], known: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Those effects that are not among the known ones."""
+    return tuple(e for e in effects if e.id not in {k.id for k in known})
+
+
+def _with_best_effect(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], cache: ScreeningCache) -> HeldOut | None:
+    """The recording with the significant effect that lowers the criterion most; None without a significant one."""
+    extended = _with_each_significant(held_out, fit, effects, cache)
+    return _best(extended, fit, len(effects)).reestimated(fit) if extended else None
+
+
+def _relocated(held_out: HeldOut, fit: Fit, cache: ScreeningCache) -> HeldOut:
+    """The recording with its last effect searched again in the re-estimated noise, of which it is no longer a part."""
+    before = replace(held_out, disturbances=held_out.disturbances[:-1])
+    again = _with_each_significant(before, fit, held_out.disturbances[-1:], cache)
+    return _best([held_out, *again], fit, 1).reestimated(fit)
+
+
+def _with_each_significant(
+    held_out: HeldOut, fit: Fit, effects: Sequence[Effect], cache: ScreeningCache
+) -> list[HeldOut]:
+    """The recording with each significant effect that is identifiable in turn, from its score test's initial values."""
+    non_excited, cache = held_out.non_excited_fit(fit), cache.in_other_noise()
+    found = []
+    for screening in _significant(non_excited, effects, cache):
+        start = {**held_out.start, **refit_initial_values(non_excited, screening, cache)}
+        on_axis = replace(held_out, disturbances=(*held_out.disturbances, screening.effect), start=start)
+        tested = effect_with_offsets(on_axis.non_excited_fit(fit), screening.effect, cache)
+        extended = replace(on_axis, disturbances=(*held_out.disturbances, tested))
+        if extended.validation_fit(fit).identifies(tested):
+            found.append(extended)
+    cache.forget()
+    return found
+
+
+def _best(choices: Sequence[HeldOut], fit: Fit, candidates: int) -> HeldOut:
+    return min(choices, key=lambda h: _criterion(h.non_excited_fit(fit), candidates))
+
+
+def _significant(non_excited: Fit, effects: Sequence[Effect], cache: ScreeningCache) -> list[ScoreTest]:
+    return significant_effects(screen(non_excited, effects, cache=cache))
+
+
+def _criterion(non_excited: Fit, candidates: int) -> float:
+    return non_excited.problem.chi_square(non_excited.theta) + chi_square_penalty(non_excited.model, candidates)
+
+
+def disturbances_of(held_out: HeldOut, fit: Fit) -> tuple[RecordingDisturbance, ...]:
+    """The disturbances of a held-out recording, with estimates and sizes."""
+    carried = held_out.validation_fit(fit)
+    return tuple(_disturbance(carried, effect) for effect in held_out.disturbances)
+
+
+def _disturbance(carried: Fit, effect: Effect) -> RecordingDisturbance:
+    model, recording = carried.model, carried.recordings[0]
+    own = effect.qualified(model.space)
+    nominal = {p.name: p.nominal for p in own if not p.nuisance}
+    absent = carried.layout.values_of(0, {**carried.values, **nominal})
+    added = predicted_readings(model, recording, carried.theta) - predicted_readings(model, recording, absent)
+    swing = {c: float(s) for c, s in zip(recording.channels, np.ptp(added, axis=0), strict=True)}
+    parameters = {p.name.split(".", 1)[1]: carried.parameters[p.name] for p in own}
+    return RecordingDisturbance(recording, effect, parameters, swing)

@@ -1,0 +1,459 @@
+"""Beam search over sets of effects with exact refits, Holm-adjusted entry and backward elimination."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import inf
+
+import numpy as np
+
+from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
+from diagnosis.progress import CountCallback, Progress, count_progress, counted, silent
+from diagnosis.screening.grid_search import affected_rows
+from diagnosis.screening.null_model import NullModel, ScreeningCache
+from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
+from diagnosis.screening.score_test import (
+    ScoreTest,
+    absent_effects,
+    refit_initial_values,
+    run_searches,
+    screen,
+    significant_effects,
+)
+from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
+from estimation.fit import Fit, reestimated_noise, refit, with_ordinary_estimate
+from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi2_sf, chi_square_penalty
+from modeling.chain.effect import Effect, GridSuperposition
+from modeling.chain.model import WrenchModel
+from modeling.errors import InputError
+from modeling.significance import LEVELS
+
+# Nested test of the point of application: on the tip axis, or beside it.
+
+
+def with_offsets_tested(fit: Fit, cache: ScreeningCache, effects: Sequence[Effect] | None = None) -> Fit:
+    """The fit with x and y of its effects free where that is significantly better, and fixed at 0 where not.
+
+    Of all its effects, or of those given.
+
+    An effect on the tip axis is freed if the score test of x and y, given all other parameters of the fit, is
+    significant, and the exact refit leaves the point within its bounds. A free one returns to the axis if a Wald test
+    of x = y = 0 is not significant: another effect, added since, explains what had moved the point.
+    """
+    for effect in fit.model.effects if effects is None else effects:
+        free, restricted = effect.unrestricted(fit.model.space), effect.restricted(fit.model.space)
+        if effect != free and effect_with_offsets(fit, effect, cache) == free:
+            fit = _freed(fit, effect)
+        elif effect != restricted and not _significantly_off(fit, _fixed_names(restricted, fit.model)):
+            fit = refit_in_own_noise(fit, _with(fit.model, restricted), fit.values)
+    return fit
+
+
+def effect_with_offsets(fit: Fit, effect: Effect, cache: ScreeningCache) -> Effect:
+    """One of a fit's effects with its fixed parameters free if their score test is significant; else itself."""
+    free = effect.unrestricted(fit.model.space)
+    return free if effect != free and _score_test_p_value(fit, effect, cache) < LEVELS.offset else effect
+
+
+def refit_in_own_noise(before: Fit, model: WrenchModel, start: dict[str, float]) -> Fit:
+    """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual."""
+    after = refit(model, before.recordings, noise=before.noise, start=start)
+    if noise_from_residual(before):
+        after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
+    return after
+
+
+def _fixed_names(effect: Effect, model: WrenchModel) -> tuple[str, ...]:
+    return tuple(p.name for p in effect.qualified(model.space) if p.fixed)
+
+
+def _with(model: WrenchModel, effect: Effect) -> WrenchModel:
+    """The model with another form of one of its effects."""
+    return replace(model, effects=tuple(effect if e.id == effect.id else e for e in model.effects))
+
+
+def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> float:
+    """P-value of the fixed parameters of one of a fit's effects, at their nominal values."""
+    null_model, names = NullModel.of(fit, cache), _fixed_names(effect, fit.model)
+    model = fit.model.without(effect.id) + effect.unrestricted(fit.model.space)
+    choice = affected_rows(null_model, model, tested=False)
+    whitened = WhitenedColumns(whitened_sensitivities(null_model, model, [{}], names, choice), choice)
+    projected = ProjectedColumns(null_model, whitened, GridSuperposition.plain([{}]), -np.inf)
+    return projected.test(0).p_value()
+
+
+def _freed(fit: Fit, effect: Effect) -> Fit:
+    """The fit with the effect's fixed parameters free; itself where one of them ends on a bound."""
+    free, fixed = effect.unrestricted(fit.model.space), _fixed_names(effect, fit.model)
+    after = refit_in_own_noise(fit, _with(fit.model, free), fit.values)
+    inside = all(after.values[p.name] not in p.bounds for p in free.qualified(fit.model.space) if p.name in fixed)
+    return after if inside else fit
+
+
+def _significantly_off(fit: Fit, names: tuple[str, ...]) -> bool:
+    """Whether the parameters are identifiable and differ significantly from 0."""
+    place = [list(fit.parameters).index(name) for name in names]
+    if not fit.identifiable[place].all():
+        return False
+    values, covariance = fit.theta[place], fit.covariance[np.ix_(place, place)]
+    return bool(chi2_sf(values @ np.linalg.solve(covariance, values), len(place)) < LEVELS.offset)
+
+
+BEAM_WIDTH = 2
+"""Sets of effects kept at each size."""
+MAX_REFITS = 3
+"""Significant effects refitted exactly for each set."""
+MAX_EFFECTS = 4
+"""Largest set size."""
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateModel:
+    """A model with a set of effects, refitted exactly.
+
+    candidates  number of candidate effects, for the multiplicity correction
+    cache       cache of score tests in the same noise
+    given       effects that every set has, beside those of the set: the model that the search began with
+    """
+
+    fit: Fit
+    candidates: int
+    cache: ScreeningCache = field(default_factory=ScreeningCache)
+    given: tuple[Effect, ...] = ()
+    _without: dict[str, CandidateModel] = field(default_factory=dict, init=False, repr=False)
+    _screened: dict[tuple[Effect, ...], list[ScoreTest]] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def added(self) -> tuple[Effect, ...]:
+        """The effects of the set, in order of addition; without those given."""
+        known = {e.id for e in self.given}
+        return tuple(e for e in self.fit.model.effects if e.id not in known)
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """The ids of the effects of the set."""
+        return frozenset(e.id for e in self.added)
+
+    @property
+    def null_model(self) -> NullModel:
+        """Its fit as null model of score tests."""
+        return NullModel.of(self.fit, self.cache)
+
+    @cached_property
+    def cost(self) -> float:
+        """Whitened chi-square."""
+        return self.null_model.cost
+
+    def without(self, effect_id: str) -> CandidateModel:
+        """The candidate without one of its effects, refitted once."""
+        if effect_id not in self._without:
+            self._without[effect_id] = refit_effects(self, [e for e in self.added if e.id != effect_id])
+        return self._without[effect_id]
+
+    def without_each(self, tried: Sequence[CandidateModel] = ()) -> dict[str, CandidateModel]:
+        """The candidate without each of its effects in turn, by effect id; refitted unless `tried`."""
+        known = {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
+        return {e.id: known.get(self.ids - {e.id}) or self.without(e.id) for e in self.added}
+
+    def screened(self, effects: Sequence[Effect], announce: CountCallback | None = None) -> list[ScoreTest]:
+        """Score tests of the effects that it lacks; those of the same effects are made once."""
+        key = tuple(effects)
+        if key not in self._screened:
+            self._screened[key] = screen(self.fit, effects, cache=self.cache, announce=announce)
+        return list(self._screened[key])
+
+    @cached_property
+    def lack_of_fit(self) -> float:
+        """P-value of lack of fit in any recording, Bonferroni-corrected for their number."""
+        return bonferroni_p_value([c.lack_of_fit for c in self.comparisons])
+
+    @cached_property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Its recordings with the prediction of its fit."""
+        return _comparisons(self.fit)
+
+    @cached_property
+    def reported_fit(self) -> Fit:
+        """Its fit as `fit` reports it: `with_ordinary_estimate`."""
+        return with_ordinary_estimate(self.fit)
+
+    @cached_property
+    def reported(self) -> tuple[Comparison, ...]:
+        """Its recordings with the prediction of the reported fit."""
+        return self.comparisons if self.reported_fit is self.fit else _comparisons(self.reported_fit)
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the residual is consistent with the noise."""
+        return self.lack_of_fit >= LEVELS.effect
+
+    @property
+    def freedom(self) -> int:
+        """Number of its parameters that are not fixed."""
+        return sum(not p.fixed for p in self.fit.unknowns)
+
+    @property
+    def excess(self) -> float:
+        """Whitened chi-square in excess of its expectation under noise alone, at least 1."""
+        return max(1.0, self.cost - sum(n.whitener.rows for n in self.fit.noise) + self.freedom)
+
+    @property
+    def criterion(self) -> float:
+        """Selection criterion: whitened chi-square plus the Bonferroni threshold of each effect."""
+        return self.cost + chi_square_penalty(self.fit.model, self.candidates)
+
+
+@dataclass(eq=False)
+class SearchRecord:
+    """What a search has done with each set of effects, by the ids of the set.
+
+    tried        refitted as an extension; and the base model
+    reduced      refitted without an effect of a larger set, and not tried
+    extended     its significant extensions were looked for
+    passed_over  a significant extension that was not refitted, as MAX_REFITS others of the same set had larger scores
+    unsolved     a significant extension whose refit has no solution
+    unconverged  the set at which the search ended, as its refit has not converged; None where it ended otherwise
+    """
+
+    tried: dict[frozenset[str], CandidateModel] = field(default_factory=dict)
+    reduced: dict[frozenset[str], CandidateModel] = field(default_factory=dict)
+    extended: set[frozenset[str]] = field(default_factory=set)
+    passed_over: set[frozenset[str]] = field(default_factory=set)
+    unsolved: set[frozenset[str]] = field(default_factory=set)
+    unconverged: frozenset[str] | None = None
+
+    def without_each(self, candidate: CandidateModel) -> list[CandidateModel]:
+        """The candidate without each of its effects in turn; sets that were not tried are recorded as reduced."""
+        smaller = list(candidate.without_each(list(self.tried.values())).values())
+        self.reduced.update({c.ids: c for c in smaller if c.ids not in self.tried})
+        return smaller
+
+    def refits_with(self, effect_id: str) -> list[CandidateModel]:
+        """The refitted sets that have an effect, the smallest first."""
+        refitted = {**self.reduced, **self.tried}
+        return sorted((c for ids, c in refitted.items() if effect_id in ids), key=lambda c: len(c.ids))
+
+
+@dataclass(frozen=True, eq=False)
+class SubsetSearch:
+    """Result of the search: base model (with the effects given), chosen set, all sets tried, and what was not."""
+
+    base: CandidateModel
+    chosen: CandidateModel
+    tried: tuple[CandidateModel, ...] = field(default=())
+    record: SearchRecord = field(default_factory=SearchRecord)
+
+    def refitted(self, candidate: CandidateModel, effects: Sequence[Effect]) -> CandidateModel:
+        """The candidate with another set of effects: the tried one if in the same noise, else refitted."""
+        return _tried_or_refitted({c.ids: c for c in (self.base, *self.tried)}, candidate, effects)
+
+
+def search_subsets(
+    base: Fit, effects: Sequence[Effect], progress: Progress = silent, cache: ScreeningCache | None = None
+) -> SubsetSearch:
+    """Beam search over sets of effects, beside those of the base model, until no further effect is significant.
+
+    Each set is extended by the effects that are significant given those in it (score test, Holm, 1 %) and refitted
+    exactly; a set whose refit has not converged is not extended. The best set by the criterion goes through backward
+    elimination and is replaced by a smaller one that is as good. The `cache` is that of score tests in the base
+    model's noise.
+    """
+    cache = ScreeningCache() if cache is None else cache
+    start = CandidateModel(base, len(effects), cache, base.model.effects)
+    level, tried = [start], {start.ids: start}
+    record = SearchRecord(tried)
+    for _ in range(MAX_EFFECTS):
+        extended = _extended_sets(level, effects, record, progress)
+        if not extended:
+            break
+        if noise_from_residual(base):
+            level = [_best_of_own_noises(extended)]
+        else:
+            level = _best_by_criterion(extended, BEAM_WIDTH)
+            best = min(tried.values(), key=lambda c: c.criterion)
+            if best.adequate:
+                if best not in level:
+                    break
+                level = [best]
+        if not level[0].fit.converged:
+            record.unconverged = level[0].ids
+            break
+    best = level[0] if noise_from_residual(base) else min(tried.values(), key=lambda c: c.criterion)
+    if len(best.ids) > 1:
+        exchanged = _exchanged(best, effects, record, progress)
+        best = best if noise_from_residual(base) else exchanged  # there compared below, in a common noise
+    smaller = _backward_elimination(best, record, progress)
+    chosen = _most_parsimonious(smaller, tuple(tried.values()))
+    if chosen is not smaller and noise_from_residual(base):
+        chosen = _backward_elimination(chosen, record, progress)  # in the common noise
+    return SubsetSearch(start, chosen, tuple(tried.values()), record)
+
+
+def _best_by_criterion(candidates: Sequence[CandidateModel], width: int) -> list[CandidateModel]:
+    """The best by the criterion, of those whose refit converged if any did: a score test is valid at a minimum only."""
+    minima = [c for c in candidates if c.fit.converged]
+    return sorted(minima or candidates, key=lambda c: c.criterion)[:width]
+
+
+def _exchanged(
+    best: CandidateModel, effects: Sequence[Effect], record: SearchRecord, progress: Progress
+) -> CandidateModel:
+    """The best set after one exchange pass: each effect in turn is replaced by others significant given the rest."""
+    _extended_sets(record.without_each(best), effects, record, progress)
+    return min(record.tried.values(), key=lambda c: c.criterion)
+
+
+def _comparisons(fit: Fit) -> tuple[Comparison, ...]:
+    return tuple(comparison_of(fit, number) for number in range(len(fit.recordings)))
+
+
+def _ids(effects: Sequence[Effect]) -> str:
+    return " + ".join(sorted(e.id for e in effects))
+
+
+def _tried_or_refitted(
+    tried: Mapping[frozenset[str], CandidateModel], candidate: CandidateModel, effects: Sequence[Effect]
+) -> CandidateModel:
+    """The candidate with another set of effects: the tried one if in the same noise, else refitted."""
+    known = tried.get(frozenset(e.id for e in effects))
+    return known if known is not None and known.fit.noise is candidate.fit.noise else refit_effects(candidate, effects)
+
+
+def _most_parsimonious(best: CandidateModel, tried: Sequence[CandidateModel]) -> CandidateModel:
+    """The adequate set with the fewest parameters whose chi-square is not significantly above that of the best."""
+    if noise_from_residual(best.fit):
+        return _best_with_common_noise(best, tried)
+    alternatives = [best]
+    for other in tried:
+        saved = best.freedom - other.freedom
+        worse = other.cost - best.cost
+        if saved > 0 and worse < bonferroni_threshold(saved, best.candidates) and other.adequate:
+            alternatives.append(other)
+    return min(alternatives, key=lambda c: (c.freedom, c.criterion))
+
+
+def _best_with_common_noise(best: CandidateModel, tried: Sequence[CandidateModel]) -> CandidateModel:
+    """The best set by the criterion when all are refitted in one common noise.
+
+    Where each set's noise is estimated from its own residual, every reduced chi-square is near one: no comparison.
+    """
+    return _best_in_noise_of(best, [c for c in tried if c.ids != best.ids and c.adequate])
+
+
+def _best_of_own_noises(candidates: Sequence[CandidateModel]) -> CandidateModel:
+    """Of sets that each have a noise of their own the best when all are refitted in that of one of them."""
+    minima = [c for c in candidates if c.fit.converged] or candidates
+    first = min(minima, key=lambda c: c.criterion)
+    chosen = _best_in_noise_of(first, [c for c in minima if c is not first])
+    return next(c for c in minima if c.ids == chosen.ids)
+
+
+def _best_in_noise_of(best: CandidateModel, others: Sequence[CandidateModel]) -> CandidateModel:
+    """The best by the criterion of a set and others, refitted in its noise.
+
+    A refit stops once its slope does not lead below the criterion of the set, far above it: `levenberg_marquardt`.
+    """
+    refits = [refit_effects(best, c.added, c.fit.values, far=best.criterion) for c in others]
+    return min([best, *refits], key=lambda c: c.criterion)
+
+
+def _extended_sets(
+    level: Sequence[CandidateModel],
+    effects: Sequence[Effect],
+    record: SearchRecord,
+    progress: Progress,
+) -> list[CandidateModel]:
+    """The sets extended by one significant effect, unless tried already; they are recorded as tried."""
+    given = "; ".join(_ids(c.fit.model.effects) or "the rigid tool" for c in level)
+    screen_all(level, effects, count_progress(progress, f"score tests given {given}"))
+    wanted = [extension for c in level for extension in _wanted_extensions(c, effects, record)]
+    extended = []
+    while wanted := [extension for extension in wanted if extension.ids not in record.tried]:
+        first = list({extension.ids: extension for extension in reversed(wanted)}.values())[::-1]
+        doing = "refit with " + "; ".join(" + ".join(sorted(extension.ids)) for extension in first)
+        for extension in counted(first, count_progress(progress, doing)):
+            new = _refit_extension(extension)
+            if new is None:
+                record.unsolved.add(extension.ids)
+            else:
+                record.tried[extension.ids] = new
+                extended.append(new)
+        wanted = [extension for extension in wanted if extension not in first]
+    return extended
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """A candidate and a significant effect to add to it."""
+
+    candidate: CandidateModel
+    screening: ScoreTest
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """The ids of the extended set."""
+        return self.candidate.ids | {self.screening.effect.id}
+
+
+def screen_all(
+    level: Sequence[CandidateModel], effects: Sequence[Effect], announce: CountCallback | None = None
+) -> None:
+    """Run the grid searches of all effects that the candidates lack, in one batch per cache."""
+    for cache in {c.cache: None for c in level}:
+        wanted = [key for c in level if c.cache is cache for key in absent_effects(c.fit, effects)]
+        run_searches(wanted, cache, announce)
+
+
+def _wanted_extensions(candidate: CandidateModel, effects: Sequence[Effect], record: SearchRecord) -> list[Extension]:
+    """The extensions by significant effects, the largest score first, at most MAX_REFITS; others are passed over."""
+    significant = sorted(significant_effects(candidate.screened(effects)), key=lambda s: -s.statistic)
+    extensions = [Extension(candidate, s) for s in significant]
+    record.extended.add(candidate.ids)
+    record.passed_over.update(extension.ids for extension in extensions[MAX_REFITS:])
+    return extensions[:MAX_REFITS]
+
+
+def _refit_extension(extension: Extension) -> CandidateModel | None:
+    """The extended set, refitted and tested; None where the initial values have no solution."""
+    try:
+        new = refit_with_effect(extension.candidate, extension.screening)
+        _ = new.cost, new.lack_of_fit
+    except InputError:
+        return None
+    return new
+
+
+def refit_with_effect(candidate: CandidateModel, screening: ScoreTest) -> CandidateModel:
+    """The candidate with one more effect, refitted exactly from the score test's initial values."""
+    before = candidate.fit
+    start = {**before.values, **refit_initial_values(before, screening, candidate.cache)}
+    after = refit_in_own_noise(before, before.model + screening.effect, start)
+    given = {e.id for e in candidate.given}
+    tested = with_offsets_tested(after, candidate.cache, [e for e in after.model.effects if e.id not in given])
+    return CandidateModel(tested, candidate.candidates, candidate.cache, candidate.given)
+
+
+def refit_effects(
+    candidate: CandidateModel, effects: Sequence[Effect], start: Mapping[str, float] | None = None, far: float = inf
+) -> CandidateModel:
+    """The candidate with another set of effects, beside those given, refitted exactly in the same noise.
+
+    Where the chi-square stays far above `far` the refit stops early: `levenberg_marquardt`.
+    """
+    before = candidate.fit
+    model = before.model.base + candidate.given + effects
+    start = {**before.values, **(start or {})}
+    after = refit(model, before.recordings, noise=before.noise, start=start, far=far)
+    return CandidateModel(after, candidate.candidates, candidate.cache, candidate.given)
+
+
+def _backward_elimination(candidate: CandidateModel, record: SearchRecord, progress: Progress) -> CandidateModel:
+    """Drop effects one by one while that lowers the criterion."""
+    if candidate.ids:
+        progress(f"backward elimination: refit without each of {_ids(candidate.added)}")
+    for smaller in record.without_each(candidate):
+        if smaller.criterion < candidate.criterion:
+            return _backward_elimination(smaller, record, progress)
+    return candidate

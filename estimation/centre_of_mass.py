@@ -1,0 +1,144 @@
+"""Centre of mass of the tool with covariance, from its mass and first moment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling import symbolic as sp
+from modeling.chain.model import WrenchModel
+from modeling.compiled.cache import source_digest
+from modeling.compiled.tape import Tape
+from modeling.compiled.tape_evaluation import TapeEvaluation
+from modeling.space import Space
+from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
+
+Array = NDArray[np.float64]
+
+
+class Estimated(Protocol):
+    """A model with its parameters estimated: a fit, or a model file."""
+
+    @property
+    def model(self) -> WrenchModel: ...
+    @property
+    def theta(self) -> Array: ...
+    @property
+    def covariance(self) -> Array: ...
+    @property
+    def identifiable(self) -> NDArray[np.bool_]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class CentreOfMass(Tabular):
+    """The tool's centre of mass in the sensor frame, from the sensor origin.
+
+    `of` gives that of a fit or of a loaded model, with the model's effects on the body.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        Axes of the d components: x, y, z; in the plane `tip` along the tip, and x' if the model has that component.
+    value : array (d,)
+        Components, m.
+    covariance : array (d, d)
+        m², by the delta method: J C J' with J the derivative of first moment / mass.
+    shown : array (d,) of bool
+        Whether a component is identifiable.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
+    >>> centre = tw.CentreOfMass.of(fit)
+    >>> centre.axes, centre.value.round(3).tolist()
+    (('tip',), [0.07])
+    """
+
+    axes: tuple[str, ...]
+    value: Array
+    covariance: Array
+    shown: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, fitted: Estimated) -> CentreOfMass:
+        """Of the model's body, changed by its effects, at the values estimated; without a load that it took up."""
+        model = fitted.model
+        size = len(model.parameters)  # the model's parameters come first
+        form = model.stored(
+            f"centre of mass by {SOURCE}", lambda: _CentreForm.of(model).to_data(), _CentreForm.from_data
+        )
+        value, jacobian = form.at(fitted.theta[:size])
+        covariance = np.nan_to_num(fitted.covariance[:size, :size], posinf=0.0)
+        known = np.array([fitted.identifiable[list(used)].all() for used in form.used])
+        return cls(form.axes, value, jacobian @ covariance @ jacobian.T, known)
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation (d,) m; infinite where it is not identifiable."""
+        return np.asarray(np.where(self.shown, np.sqrt(np.diag(self.covariance)), np.inf))
+
+    @property
+    def table(self) -> Table:
+        """Axis, value and std in mm."""
+        value, std = Column("value", format=".2f"), Column("std", format=".2g", unknown=NOT_IDENTIFIABLE)
+        numbers = zip(self.axes, (1e3 * self.value).tolist(), (1e3 * self.std).tolist(), strict=True)
+        rows = [(f"centre of mass, {axis}", v if np.isfinite(s) else None, s, "mm") for axis, v, s in numbers]
+        return Table.of(("quantity", value, std, "unit"), rows)
+
+
+@dataclass(frozen=True, eq=False)
+class _CentreForm:
+    """The centre of mass of a model as a function of its k parameters.
+
+    axes  of the d components
+    used  of each, the numbers of the parameters that it depends on
+    tape  the components, then their derivatives (d, k) row by row, over the parameters
+    """
+
+    axes: tuple[str, ...]
+    used: tuple[tuple[int, ...], ...]
+    tape: Tape
+
+    @classmethod
+    def of(cls, model: WrenchModel) -> Self:
+        """Derived from the model's body."""
+        body, space = model.without_recording_specific.chain.body, model.space
+        unit = {"x'": sp.Matrix([1, 0, 0]), "tip": space.tip_axis} if space is Space.PLANE else _unit_vectors()
+        centre = {name: axis.dot(body.first_moment) / body.mass for name, axis in unit.items()}
+        centre = {name: expression for name, expression in centre.items() if expression != 0}
+        symbols = [p.symbol for p in model.parameters]
+        column = sp.Matrix(list(centre.values()))
+        slopes = column.jacobian(symbols)
+        used = tuple(tuple(j for j in range(len(symbols)) if slopes[i, j] != 0) for i in range(len(centre)))
+        return cls(tuple(centre), used, Tape.of_expressions(symbols, [*column, *slopes]))
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Self:
+        """From the result of `to_data`."""
+        used = tuple(tuple(map(int, row)) for row in data["used"])
+        return cls(tuple(map(str, data["axes"])), used, Tape.from_data(data["tape"]))
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"axes": self.axes, "used": self.used, "tape": self.tape.to_data()}
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """Components (d,) m, and their derivatives (d, k) at these parameters."""
+        values = TapeEvaluation(self.tape).values(list(theta[:, None])).ravel()
+        count = len(self.axes)
+        return values[:count], values[count:].reshape(count, len(theta))
+
+
+SOURCE = source_digest(Path(__file__).parent)
+"""Of the modules that derive it."""
+
+
+def _unit_vectors() -> dict[str, sp.Matrix]:
+    return {name: sp.eye(3).col(i) for i, name in enumerate("xyz")}

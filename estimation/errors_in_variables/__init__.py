@@ -1,1 +1,0 @@
-"""Errors in variables: fits that account for noise in the measured motion."""

@@ -1,1 +1,0 @@
-"""Constraints on parameters: bounds, physical consistency and a prior; their feasible region."""

@@ -1,1 +1,0 @@
-"""Logs: what robots write, in any of their formats, brought onto one clock as a recording, with a reading report."""

@@ -1,1 +1,0 @@
-"""Clocks of logs: samples mended, offsets estimated, everything on one clock."""

@@ -1,1 +1,0 @@
-"""Recording-specific disturbances: drift, transient events and tones."""

@@ -1,0 +1,183 @@
+"""Sequential D-optimal choice of further static poses for parameters that are not yet identifiable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.candidate_poses import CandidatePoses
+from estimation.fit import Fit, WhitenedProblem
+from modeling.chain.prediction import compiled_prediction
+from modeling.errors import InputError
+from modeling.identifiability import ScaledSVD
+from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
+
+Array = NDArray[np.float64]
+
+PRIOR_INFORMATION_SHARE = 1e-9
+"""Prior information on unidentifiable directions, as a share of that of all poses together: so little that a pose
+which makes a direction identifiable always precedes one that only reduces variances."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseAdvice(Tabular):
+    r"""Identifiability from static poses, and the further poses that complete it.
+
+    `of` gives it for a fit; InputError when none of its recordings is of static poses.
+
+    Parameters
+    ----------
+    fit : Fit
+        The fit, with at least one recording of static poses.
+    poses : CandidatePoses
+        Poses of the rig to choose from.
+    never : tuple of str
+        Parameters not identifiable from the recordings and any static poses.
+    missing : tuple of str
+        Parameters not identifiable from the recordings, but with further static poses.
+    chosen : tuple of int
+        Indices in `poses` of the poses chosen until all these are identifiable; the most informative one if none is
+        missing.
+    after : mapping of str to float
+        Std of every unknown with the chosen poses added, each once, in its unit; infinite where not identifiable.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rows = [f"0.5,{-4.3 + 0.1 * (i % 2)},{-7.9 + 0.1 * (i % 3)},{-0.5 - 0.01 * (i % 2)}" for i in range(8)]
+    >>> with open("poses.csv", "w") as file:  # one pose, eight readings
+    ...     print("phi,fx,fy,tau", *rows, sep="\n", file=file)
+    >>> advice = tw.PoseAdvice.of(tw.fit(tw.planar(), tw.read("poses.csv")))
+    >>> advice.never, advice.missing, len(advice.chosen)
+    (('I',), ('bias_fx', 'bias_fy', 'bias_tau', 'm', 'mlg'), 1)
+    """
+
+    fit: Fit
+    poses: CandidatePoses
+    never: tuple[str, ...]
+    missing: tuple[str, ...]
+    chosen: tuple[int, ...]
+    after: Mapping[str, float]
+
+    @classmethod
+    def of(cls, fitted: Fit) -> PoseAdvice:
+        """Advice for the rig of the fit's first recording of static poses, with the zero and noise of that recording.
+
+        With A the whitened sensitivity of the recordings and r_i (p, k) that of a pose, all that is identifiable is
+        the row space of A and all r_i together. In it poses are chosen one by one, each to maximise det(A'A + sum r'r)
+        (sequential D-optimality: Fedorov, Theory of Optimal Experiments, 1972), until the rank is reached;
+        `PRIOR_INFORMATION_SHARE` regularises the first steps.
+        Raises InputError when no recording is of static poses.
+        """
+        number = _first_static_recording(fitted)
+        poses = CandidatePoses.of(fitted.recordings[number])
+        recorded = WhitenedProblem(fitted.layout, fitted.recordings, fitted.noise).evaluate(fitted.theta)[1]
+        root, rows = np.asarray(np.linalg.qr(recorded, mode="r")), whitened_pose_sensitivity(fitted, number, poses)
+        all_poses = _stacked_svd([root, *rows])
+        chosen = _sequential_d_optimal(root, rows, all_poses)
+        after, now = _stacked_svd([root, *rows[list(chosen)]]), _stacked_svd([root])
+        names = [p.name for p in fitted.layout.parameters]
+        std = np.where(after.identifiable, np.sqrt(np.diag(after.covariance)), np.inf)
+        return cls(
+            fitted,
+            poses,
+            tuple(n for n, identifiable in zip(names, all_poses.identifiable, strict=True) if not identifiable),
+            tuple(
+                n
+                for n, later, before in zip(names, all_poses.identifiable, now.identifiable, strict=True)
+                if later and not before
+            ),
+            chosen,
+            dict(zip(names, std.tolist(), strict=True)),
+        )
+
+    @property
+    def complete(self) -> bool:
+        """Whether all that static poses can identify is identifiable already."""
+        return not self.missing
+
+    @cached_property
+    def before(self) -> Mapping[str, float]:
+        """Std of every unknown in the fit; infinite where not identifiable."""
+        return {name: estimate.std for name, estimate in self.fit.parameters.items()}
+
+    def sentences(self) -> list[str]:
+        """The advice as sentences."""
+        never = ", ".join(self.never)
+        found = [f"Not identifiable from static poses, only from motion: {never}."] if never else []
+        count = len(self.chosen)
+        if self.complete:
+            found.append("All that static poses can identify is identifiable from the recorded poses.")
+            return [*found, "The most informative further pose:"]
+        needed = "One more pose is" if count == 1 else f"{count} more poses are"
+        return [*found, f"{needed} needed for {', '.join(self.missing)}, for example:"]
+
+    @property
+    def pose_table(self) -> Table:
+        """Descriptions of the chosen poses, with the quaternion x y z w where the motion is recorded as one."""
+        columns = self.poses.columns
+        if "qw" not in columns:
+            return Table.of(["pose"], [(self.poses.words[i],) for i in self.chosen])
+        numbers = (" ".join(f"{values[i] + 0.0:.4f}" for values in columns.values()) for i in self.chosen)
+        return Table.of(
+            ["sensor", "qx qy qz qw"], zip((self.poses.words[i] for i in self.chosen), numbers, strict=True)
+        )
+
+    @property
+    def table(self) -> Table:
+        """Name, std now, std with the chosen poses, and unit of what static poses can identify."""
+        known = [p for p in self.fit.layout.parameters if p.name not in self.never]
+        stds = (Column(n, format=".2g", unknown=NOT_IDENTIFIABLE) for n in ("std now", "std with these poses"))
+        rows = [(p.name, self.before[p.name], self.after[p.name], p.unit) for p in known]
+        return Table.of(("parameter", *stds, "unit"), rows)
+
+    def printed(self) -> list[Table | str]:
+        """Advice, poses, stds."""
+        return [*self.sentences(), self.pose_table, self.table]
+
+
+def whitened_pose_sensitivity(fitted: Fit, number: int, poses: CandidatePoses) -> Array:
+    """Derivative (n, p, k) of the readings at poses in all unknowns of a fit, over the noise std of a recording."""
+    fitted.layout.models[number].require_direct("pose advice")
+    index, model = fitted.layout.index[number], compiled_prediction(fitted.layout.models[number])
+    parts = (e.tangent(poses.signals, fitted.theta[index], len(poses))[1] for e in (model.load, model.bias))
+    rows = np.zeros((len(poses), len(fitted.recordings[number].channels), fitted.layout.size))
+    rows[:, :, index] = sum(parts) / fitted.noise[number].floor[:, None]
+    return rows
+
+
+def _sequential_d_optimal(root: Array, rows: Array, all_poses: ScaledSVD) -> tuple[int, ...]:
+    """Poses one by one until the rank with all poses is reached; one pose when it is reached already."""
+    resolved = all_poses.regular
+    axes = all_poses.right[resolved].T / all_poses.singular[resolved] / all_poses.scale[:, None]
+    information = (root @ axes).T @ (root @ axes) + PRIOR_INFORMATION_SHARE * np.eye(int(resolved.sum()))
+    sensitivities, chosen = rows @ axes, list[int]()
+    while not chosen or _stacked_svd([root, *rows[chosen]]).regular.sum() < resolved.sum():
+        variance = sensitivities @ np.linalg.solve(information, np.swapaxes(sensitivities, 1, 2))
+        best = int(np.argmax(np.linalg.slogdet(np.eye(rows.shape[1]) + variance)[1]))
+        chosen.append(best)
+        information = information + sensitivities[best].T @ sensitivities[best]
+    return tuple(chosen)
+
+
+def _stacked_svd(parts: Sequence[Array]) -> ScaledSVD:
+    """Scaled SVD of stacked rows (., k)."""
+    stacked = np.concatenate(parts)
+    missing = max(0, stacked.shape[1] - len(stacked))
+    return ScaledSVD.of(np.asarray(np.linalg.qr(np.pad(stacked, ((0, missing), (0, 0))), mode="r")))
+
+
+def _first_static_recording(fitted: Fit) -> int:
+    """Index of the first recording of static poses."""
+    for number, recording in enumerate(fitted.recordings):
+        if recording.at_rest:
+            return number
+    raise InputError(
+        what="no recording is of static poses",
+        where=", ".join(r.name for r in fitted.recordings),
+        remedy="give a recording without a time column, one row per pose",
+    )

@@ -1,0 +1,404 @@
+"""Column recognition: the wrench, the motion and the rest among the tables' columns, by a map, else by names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.reading.column_map import ColumnMap, name_and_unit
+from estimation.reading.column_pattern import PATTERNS, ColumnPattern, Quantity
+from estimation.reading.log_reader import NO_WRENCH, ROS_TOPIC, TF_CHAIN, Array, LogTable
+from estimation.reading.orientation_form import OrientationForm
+from modeling.errors import InputError, cut, quoted
+from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
+
+# Incomplete vector: columns that would be a wrench or an orientation, if none of them were missing.
+
+
+LEAST_SHARE = 0.5
+"""Of a vector's columns that are there, below which its name is chance."""
+
+
+def columns_by_stem(pattern: ColumnPattern, table: LogTable) -> dict[str, dict[str, str]]:
+    """Columns of a table that match a pattern, by stem and part."""
+    found: dict[str, dict[str, str]] = {}
+    for name in table.columns:
+        match = pattern.matched(name_and_unit(name)[0])
+        if match is not None:
+            found.setdefault(match[0].lower(), {}).setdefault(match[1], name)
+    return found
+
+
+@dataclass(frozen=True)
+class IncompleteVector:
+    """Columns that are there, and the names that lack."""
+
+    present: tuple[str, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def share(self) -> float:
+        """Of the columns that are there."""
+        return len(self.present) / (len(self.present) + len(self.missing))
+
+    def __str__(self) -> str:
+        present, missing = (tuple(map(cut, names)) for names in (self.present, self.missing))
+        shown = present if len(present) < 4 else (present[0], "..", present[-1])
+        verb = "is" if len(missing) == 1 else "are"
+        listed = ", ".join(shown).replace(", .., ", " .. ")
+        return f"beside {listed}, {', '.join(missing)} {verb} missing"
+
+
+def nearest_vector(tables: Iterable[LogTable], quantities: Sequence[Quantity]) -> IncompleteVector | None:
+    """The incomplete vector of these quantities that lacks least, the best pattern first; None without any."""
+    patterns = [p for p in PATTERNS if p.quantity in quantities and len(p.parts) > 2]
+    found = [
+        incomplete
+        for pattern in patterns
+        for table in tables
+        for members in columns_by_stem(pattern, table).values()
+        if (incomplete := _incomplete(pattern, members)) is not None
+    ]
+    return max((v for v in found if v.share > LEAST_SHARE), key=lambda v: v.share, default=None)
+
+
+def _incomplete(pattern: ColumnPattern, members: dict[str, str]) -> IncompleteVector | None:
+    """What of a pattern's parts is there; None where all are, or numbers beyond them."""
+    parts = pattern.parts
+    if parts[0] == "0" and "0" not in members and str(len(parts)) in members:
+        parts = tuple(str(int(part) + 1) for part in parts)
+    lacking = [part for part in parts if part not in members]
+    if not lacking or not set(members) <= set(parts):
+        return None
+    present = tuple(members[part] for part in parts if part in members)
+    return IncompleteVector(present, tuple(_name_of(pattern, part, members) for part in lacking))
+
+
+def _name_of(pattern: ColumnPattern, part: str, members: dict[str, str]) -> str:
+    """The name that a column would have: that of another part of its kind, with its own part in the other's place."""
+    for other, name in members.items():
+        match = re.fullmatch(pattern.regex, name, re.IGNORECASE)
+        if match is not None and other[:-1] == part[:-1]:
+            start, end = match.span("part")
+            return name[:start] + part[-(end - start) :] + name[end:]
+    return part
+
+
+COMMANDED = re.compile(
+    r"target|desired|command|setpoint|goal|reference|(?:^|[^a-z])(?:cmd|ref|des)(?:[^a-z]|$)", re.IGNORECASE
+)
+ASK = "name its columns in a map"
+EXAMPLES = {
+    Quantity.WRENCH: 'fx = "column", ...',
+    Quantity.POSE: 'orientation_columns = ["column", ...] with orientation = "rotation_vector", or qx = "column", ...',
+}
+"""Of a map, by what is missing."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ColumnGroup:
+    """Columns of one table that are one quantity, under the names `targets` of a recording where they have some."""
+
+    quantity: Quantity
+    table: LogTable
+    columns: tuple[str, ...]
+    targets: tuple[str, ...] = ()
+    form: OrientationForm | None = None
+    stem: str = ""
+    base_axes: bool = False
+    compensated: bool = False
+    preset: str = ""
+
+    def values(self) -> Array:
+        """The columns (n, k), as found."""
+        return np.stack([self.table.columns[name] for name in self.columns], axis=1)
+
+    @property
+    def title(self) -> str:
+        """Table and columns, for a message."""
+        first, last = cut(self.columns[0]), cut(self.columns[-1])
+        shown = first if len(self.columns) == 1 else f"{first} .. {last}"
+        return f"{shown} of {self.table.name}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ColumnMapping:
+    """What is read of all tables: wrench; motion as an orientation, with or without a position, or as joints."""
+
+    wrench: ColumnGroup
+    orientation: ColumnGroup | None
+    position: ColumnGroup | None
+    joints: tuple[ColumnGroup, ...]
+
+    @property
+    def groups(self) -> tuple[ColumnGroup, ...]:
+        """All groups, the wrench first."""
+        return tuple(g for g in (self.wrench, self.orientation, self.position, *self.joints) if g is not None)
+
+
+def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: Sequence[str] | None) -> ColumnMapping:
+    """The mapping of these tables. `joint_names` are those of the rig's arm, in order; None without an arm.
+
+    Raises InputError where something is missing, or two groups of columns could be it.
+    """
+    found = _Groups(tables, stated)
+    for reference in (*stated.columns.values(), *stated.orientation):
+        if not any(reference in table.columns for table in tables):
+            found.place(reference)  # an error, or a qualified name
+    wrench = found.stated_vector(Quantity.WRENCH, SPATIAL_CHANNELS) or found.stated_vector(
+        Quantity.WRENCH, PLANAR_CHANNELS
+    )
+    wrench = wrench or found.chosen(Quantity.WRENCH)
+    if wrench is None:
+        if all(table.kind in (ROS_TOPIC, TF_CHAIN) and table.wrench_frame is None for table in tables):
+            raise found.without_wrench()
+        raise found.error("no wrench is recognised", (Quantity.WRENCH,), found.incomplete_wrench())
+    joints = found.joints(joint_names)
+    if joints and (joint_names is not None or not stated.orientation):
+        orientation = None if joint_names is not None else found.orientation()
+        if orientation is None:
+            return ColumnMapping(wrench=wrench, orientation=None, position=None, joints=joints)
+    else:
+        orientation = found.orientation()
+    if orientation is None:
+        what = "no motion is recognised: neither an orientation nor joint angles"
+        raise found.error(what, (Quantity.POSE, Quantity.ORIENTATION))
+    return ColumnMapping(wrench=wrench, orientation=orientation, position=found.position(orientation), joints=())
+
+
+@dataclass(frozen=True)
+class _Groups:
+    """The complete groups of columns in the tables, as a map states them, else as the patterns find them."""
+
+    tables: Sequence[LogTable]
+    stated: ColumnMap
+
+    def error(self, what: str, quantities: Sequence[Quantity], hint: str = "") -> InputError:
+        """That something is missing: the nearest of these quantities names what lacks, else the columns are named."""
+        where = ", ".join(table.name for table in self.tables[:3])
+        near = nearest_vector(self.tables, quantities)
+        found = self.nearest() + hint if near is None or hint else f": {near}"
+        return InputError(
+            what=what + found, where=where, remedy=f"{ASK}: {EXAMPLES[quantities[0]]}, and give it by --map"
+        )
+
+    def without_wrench(self) -> InputError:
+        """The error of bags in which nobody published a wrench, with the topics that they have."""
+        topics = [table.name.partition(":")[2] for table in self.tables]
+        unread = [topic for table in self.tables for topic in table.unread]
+        listed = ", ".join(dict.fromkeys([*topics, *unread]))
+        remedy = "record the sensor's topic, too, or give its log beside the bag"
+        return InputError(
+            what=f"{NO_WRENCH}; its topics are {listed}", where=self.tables[0].name.partition(":")[0], remedy=remedy
+        )
+
+    def nearest(self) -> str:
+        """The columns that there are, for a message."""
+        names = [name for table in self.tables for name in table.columns]
+        return f" among {', '.join(map(cut, names[:8]))}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+
+    def incomplete_wrench(self) -> str:
+        """What of a wrench there is and what lacks, for a message; empty where there is nothing of one."""
+        names = {name for table in self.tables for name in table.columns}
+        present = [c for c in dict.fromkeys((*SPATIAL_CHANNELS, *PLANAR_CHANNELS)) if c in names]
+        lacking = [[c for c in channels if c not in names] for channels in (PLANAR_CHANNELS, SPATIAL_CHANNELS)]
+        if not present or not all(lacking):
+            return ""
+        planar, spatial = (", ".join(channels) for channels in lacking)
+        outside = "tau" not in present and not {"fx", "fy"}.issuperset(present)
+        return f": beside {', '.join(present)} it lacks {spatial if outside else f'{planar}, or {spatial} in six axes'}"
+
+    # ------------------------------------------------------------------------------ as the map says
+
+    def place(self, reference: str) -> tuple[LogTable, str]:
+        """Table and column of a map's reference: the column's name, or `table:column` where two tables have it."""
+        found = [(table, reference) for table in self.tables if reference in table.columns]
+        if not found:
+            found = [
+                (table, name)
+                for table in self.tables
+                for name in table.columns
+                if reference in (f"{table.name}:{name}", f"{table.name.rsplit('.', 1)[0]}:{name}")
+            ]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            what = f"column {quoted(reference)} occurs in {' and '.join(table.name for table, _ in found)}"
+            raise InputError(what=what, where=self.stated.where, remedy=f'write "{found[0][0].name}:{reference}"')
+        what = f"there is no column {quoted(reference)}"
+        raise InputError(what=what + self.nearest(), where=self.stated.where, remedy="correct the map")
+
+    def of_columns(self, quantity: Quantity, references: Sequence[str], targets: Sequence[str]) -> ColumnGroup:
+        """The group of these columns, which have to be in one table."""
+        places = [self.place(reference) for reference in references]
+        if len({id(table) for table, _ in places}) > 1:
+            what = f"the columns of the {quantity.value} are in different sources"
+            raise InputError(what=what, where=self.stated.where, remedy="name columns of one source for it")
+        names = tuple(name for _, name in places)
+        return ColumnGroup(quantity=quantity, table=places[0][0], columns=names, targets=tuple(targets))
+
+    def stated_vector(self, quantity: Quantity, targets: tuple[str, ...]) -> ColumnGroup | None:
+        """The group that the map names for these targets; None when it names none of them."""
+        named = [target for target in targets if target in self.stated.columns]
+        if not named or ("tau" in targets) != ("tau" in self.stated.columns):
+            return None
+        missing = [target for target in targets if target not in named]
+        if missing:
+            what = f"the map names {', '.join(named)}, and not {', '.join(missing)}"
+            raise InputError(what=what, where=self.stated.where, remedy="name all columns of a vector")
+        return self.of_columns(quantity, [self.stated.columns[target] for target in targets], targets)
+
+    # ------------------------------------------------------------------------------------ by name
+
+    def candidates(self, quantity: Quantity) -> list[ColumnGroup]:
+        """The complete groups of a quantity, best pattern first, measured before commanded ones."""
+        patterns = [pattern for pattern in PATTERNS if pattern.quantity is quantity and pattern.parts]
+        found = [group for pattern in patterns for table in self.tables for group in _matches(pattern, table)]
+        return sorted(found, key=lambda group: bool(COMMANDED.search(group.title)))
+
+    def chosen(self, quantity: Quantity) -> ColumnGroup | None:
+        """The only group, or the best; InputError when two are equally good."""
+        return self.only([group for group in self.candidates(quantity) if _is_alive(group)])
+
+    def only(self, groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
+        """The first group; InputError when the next one is as good a reading."""
+        if not groups:
+            return None
+        best = groups[0]
+        rivals = [
+            g
+            for g in groups[1:]
+            if (g.preset, bool(COMMANDED.search(g.title))) == (best.preset, bool(COMMANDED.search(best.title)))
+        ]
+        rivals = [g for g in rivals if g.targets == best.targets and g.columns != best.columns and not g.preset]
+        if rivals:
+            what = f"the {best.quantity.value} could be {best.title} or {rivals[0].title}"
+            raise InputError(what=what, where=best.table.name, remedy=f"{ASK}, and give it by --map")
+        return best
+
+    def orientation(self) -> ColumnGroup | None:
+        """The orientation's columns, with those of a pose that holds it."""
+        if self.stated.orientation:
+            group = self.of_columns(Quantity.ORIENTATION, self.stated.orientation, ("qx", "qy", "qz", "qw"))
+            form = self.stated.form or OrientationForm("xyzw")
+            return ColumnGroup(**{**vars(group), "form": form})
+        if "phi" in self.stated.columns:
+            group = self.of_columns(Quantity.ORIENTATION, [self.stated.columns["phi"]], ("phi",))
+            return ColumnGroup(**{**vars(group), "form": OrientationForm("planar")})
+        both = [*self.candidates(Quantity.POSE), *self.candidates(Quantity.ORIENTATION)]
+        order = {pattern: place for place, pattern in enumerate(PATTERNS)}
+        both.sort(key=lambda g: (bool(COMMANDED.search(g.title)), not g.preset))
+        found = self.only([g for g in both if _has_samples(g)]) if order else None
+        if found is not None and self.stated.form is not None and len(found.columns) in self.stated.form.columns:
+            found = ColumnGroup(**{**vars(found), "form": self.stated.form})
+        return found
+
+    def position(self, orientation: ColumnGroup) -> ColumnGroup | None:
+        """The position that belongs to the orientation: of the map, else of the same pose; None without one."""
+        stated = self.stated_vector(Quantity.POSITION, ("px", "py", "pz"))
+        if stated is not None or orientation.quantity is Quantity.POSE or orientation.form == OrientationForm("planar"):
+            return stated
+        same = [g for g in self.candidates(Quantity.POSITION) if g.table is orientation.table]
+        plain = [g for g in same if g.stem == orientation.stem] or [
+            g for g in same if re.search(r"pos|p[^a-z]*$", g.columns[0].lower().removesuffix("x"))
+        ]
+        return next(iter(plain), None)
+
+    def joints(self, names: Sequence[str] | None) -> tuple[ColumnGroup, ...]:
+        """Groups of joint angles with the targets q1 .. qn; several where several sources hold some each."""
+        stated = [key for key in self.stated.columns if re.fullmatch(r"q[1-9]\d*", key)]
+        if stated:
+            stated.sort(key=lambda key: int(key[1:]))
+            return (self.of_columns(Quantity.JOINTS, [self.stated.columns[key] for key in stated], stated),)
+        named = self._named_joints(names)
+        if named:
+            return named
+        patterns = [p for p in PATTERNS if p.quantity is Quantity.JOINTS and "joint:" not in p.regex]
+        found = [group for pattern in patterns for table in self.tables for group in _numbered(pattern, table)]
+        found = [g for g in found if names is None or len(g.columns) == len(names)]
+        found.sort(key=lambda g: bool(COMMANDED.search(g.title)))
+        return tuple(found[:1])
+
+    def _named_joints(self, names: Sequence[str] | None) -> tuple[ColumnGroup, ...]:
+        """Joints by the names that ROS gives them, in the order of the rig's arm, else in that of their names."""
+        places = {c.split(":", 1)[1]: (t, c) for t in self.tables for c in t.columns if c.startswith("joint:")}
+        order = [name for name in (names or sorted(places)) if name in places]
+        if not order or (names is not None and len(order) < len(names)):
+            return ()
+        groups: dict[int, list[tuple[LogTable, str, str]]] = {}
+        for number, name in enumerate(order, 1):
+            groups.setdefault(id(places[name][0]), []).append((*places[name], f"q{number}"))
+        return tuple(
+            ColumnGroup(
+                quantity=Quantity.JOINTS, table=members[0][0],
+                columns=tuple(c for _, c, _ in members), targets=tuple(t for _, _, t in members),
+            )
+            for members in groups.values()
+        )  # fmt: skip
+
+
+def _has_samples(group: ColumnGroup) -> bool:
+    known = np.ones(group.table.rows, dtype=bool)
+    for name in group.columns:
+        known &= np.isfinite(group.table.columns[name])
+    return bool(known.any())
+
+
+def _is_alive(group: ColumnGroup) -> bool:
+    """Whether any of its columns changes."""
+    columns = [group.table.columns[name] for name in group.columns]
+    return any(bool(np.fmax.reduce(column) > np.fmin.reduce(column)) for column in columns)
+
+
+def _matches(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
+    """The complete groups of a pattern in a table; numbered parts may begin at 1."""
+    groups = []
+    for stem, members in columns_by_stem(pattern, table).items():
+        parts = pattern.parts
+        if parts[0] == "0" and "0" not in members and str(len(parts)) in members:
+            parts = tuple(str(int(part) + 1) for part in parts)
+        numbers = [part for part in members if part.isdigit()]
+        if not all(part in members for part in parts) or (parts[0].isdigit() and len(numbers) > len(parts)):
+            continue
+        groups.append(_group(pattern, table, stem, tuple(members[part] for part in parts)))
+    return groups
+
+
+def _group(pattern: ColumnPattern, table: LogTable, stem: str, columns: tuple[str, ...]) -> ColumnGroup:
+    targets = {
+        Quantity.WRENCH: PLANAR_CHANNELS if len(columns) == 3 else SPATIAL_CHANNELS,
+        Quantity.POSITION: ("px", "py", "pz"),
+    }.get(pattern.quantity, ("qx", "qy", "qz", "qw"))
+    form = OrientationForm(pattern.form) if pattern.form else None
+    return ColumnGroup(
+        quantity=pattern.quantity, table=table, columns=columns, targets=targets, form=form, stem=stem,
+        base_axes=pattern.base_axes, compensated=pattern.compensated, preset=pattern.preset,
+    )  # fmt: skip
+
+
+def _numbered(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
+    """Joint angles numbered from 0 or 1 on without a gap, or by names."""
+    groups = []
+    for stem, members in columns_by_stem(pattern, table).items():
+        numeric = all(part.isdigit() for part in members)
+        parts = sorted(members, key=int) if numeric else sorted(members)
+        if numeric and (
+            [int(p) for p in parts] != list(range(int(parts[0]), int(parts[0]) + len(parts))) or int(parts[0]) > 1
+        ):
+            continue
+        columns = tuple(members[part] for part in parts)
+        targets = tuple(f"q{i}" for i in range(1, len(parts) + 1))
+        groups.append(
+            ColumnGroup(
+                quantity=Quantity.JOINTS,
+                table=table,
+                columns=columns,
+                targets=targets,
+                stem=stem,
+                preset=pattern.preset,
+            )
+        )
+    return groups

@@ -1,0 +1,314 @@
+"""Readers of data files that hold named arrays or sheets: MATLAB, HDF5, NumPy, Excel, Parquet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.reading.log_reader import (
+    Array,
+    LogReader,
+    LogTable,
+    SourceFile,
+    require_columns,
+    require_size,
+    unique_names,
+)
+from modeling.errors import InputError
+
+# Bundle of arrays by name, as MATLAB, NumPy and HDF5 files hold them: those of equal length are a table.
+
+
+MOST_COLUMNS_OF_ARRAY = 64
+"""A two-dimensional array with more columns, and as many rows, is an image or a matrix, not a log."""
+
+
+def columns_of_array(name: str, array: NDArray[Any]) -> dict[str, Array]:
+    """The columns (n,) of one array: along its longest dimension; `name[i]` for those of a matrix, row by row.
+
+    A structured array gives one column a field. Nothing of text, objects, scalars and images.
+    """
+    if array.dtype.names:
+        fields = [columns_of_array(f"{name}.{field}" if name else field, array[field]) for field in array.dtype.names]
+        return {key: column for field in fields for key, column in field.items()}
+    if array.dtype.kind not in "fiub" or array.ndim == 0:
+        return {}
+    array = array if array.ndim < 3 else array.squeeze()
+    if array.ndim == 0 or array.size == 0:
+        return {}
+    samples = int(np.argmax(array.shape))
+    rows = np.moveaxis(array, samples, 0).reshape(array.shape[samples], -1)
+    if rows.shape[1] > MOST_COLUMNS_OF_ARRAY and rows.shape[1] > rows.shape[0] // 4:
+        return {}
+    if array.ndim == 1 or rows.shape[1] == 1:
+        return {name or "column_1": rows[:, 0].astype(np.float64)}
+    return {f"{name}[{i}]" if name else f"column_{i + 1}": rows[:, i].astype(np.float64) for i in range(rows.shape[1])}
+
+
+def tables_of_arrays(arrays: Mapping[str, NDArray[Any]], *, name: str, kind: str, where: str) -> list[LogTable]:
+    """One table for each length that occurs, the arrays' columns in it."""
+    require_size(sum(array.size for array in arrays.values()), where)
+    by_rows: dict[int, dict[str, Array]] = {}
+    for key, array in arrays.items():
+        for column, values in columns_of_array(key, array).items():
+            by_rows.setdefault(len(values), {})[column] = values
+    samples = {rows: columns for rows, columns in by_rows.items() if rows >= 3}
+    tables = []
+    for rows, columns in samples.items():
+        require_columns(len(columns), where)
+        title = name if len(samples) == 1 else f"{name}:{rows}"
+        named = dict(zip(unique_names(list(columns)), columns.values(), strict=True))
+        tables.append(LogTable(name=title, kind=kind, columns=named))
+    return tables
+
+
+# Reader of NumPy's .npy and .npz files; arrays of objects are pickles, and never opened.
+
+
+NUMPY_MAGIC = b"\x93NUMPY"
+LARGEST_ARCHIVE = 1 << 30
+"""Bytes of all arrays of an .npz together."""
+
+
+class NumpyArrays(LogReader):
+    """One array, or a zip file of several."""
+
+    title = "NumPy .npy or .npz"
+
+    def recognises(self, source: SourceFile) -> bool:
+        """By NumPy's magic string, or a zip file that is named .npz."""
+        return source.head.startswith(NUMPY_MAGIC) or (source.suffix == ".npz" and source.head.startswith(b"PK"))
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """The arrays; a single one has columns without names."""
+        with source.on_disk() as path:
+            if source.compression is None and not source.head.startswith(NUMPY_MAGIC):
+                source.require_members(LARGEST_ARCHIVE)
+            arrays = self._arrays(path, single=source.head.startswith(NUMPY_MAGIC))
+            return tables_of_arrays(arrays, name=source.name, kind="NumPy array", where=str(source.path))
+
+    @staticmethod
+    def _arrays(path: Path, *, single: bool) -> dict[str, NDArray[Any]]:
+        if single:
+            with path.open("rb") as stream:
+                if b"|O'" in stream.read(1000):
+                    what = "an array of Python objects is a pickle, which can run programs and is never opened"
+                    raise InputError(what=what, where=str(path), remedy="save the numbers as arrays of numbers")
+            return {
+                "": np.load(path, allow_pickle=False, mmap_mode="r")
+            }  # a header that lies about its size fails here
+        # NumPy leaves a file that it opened itself open when it is no archive.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+
+
+# Reader of Excel workbooks (.xlsx), one table a sheet; formulas by the values that were saved with them.
+
+
+HEADER_ROWS = 30
+"""Rows from the top among which the header is looked for."""
+LARGEST_BOOK = 256 << 20
+"""Bytes of a workbook's XML: its cells as Python objects take several times as much memory."""
+
+
+class Excel(LogReader):
+    """Excel workbook."""
+
+    title = "Excel .xlsx"
+
+    def recognises(self, source: SourceFile) -> bool:
+        """A zip file that is named .xlsx or .xlsm."""
+        return source.suffix in (".xlsx", ".xlsm") and source.head.startswith(b"PK")
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """The sheets that hold numbers."""
+        import openpyxl  # slow to import
+
+        source.require_members(LARGEST_BOOK)
+        with source.path.open("rb") as stream:
+            book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
+            sheets = [(sheet.title, _rows(sheet, str(source.path))) for sheet in book.worksheets]
+        found = [_table(f"{source.name}:{title}", rows) for title, rows in sheets if rows]
+        return [table for table in found if table is not None]
+
+
+def _rows(sheet: Any, where: str) -> list[tuple[Any, ...]]:
+    require_columns(sheet.max_column or 0, where)
+    rows, cells = [], 0
+    for row in sheet.iter_rows(values_only=True):
+        cells += len(row)
+        require_size(cells, where)
+        rows.append(row)
+    return rows
+
+
+def _number(cell: Any) -> float:
+    if isinstance(cell, str):
+        try:
+            return float(cell.strip().replace(",", "."))
+        except ValueError:
+            return np.nan
+    if hasattr(cell, "timestamp"):
+        return float(cell.timestamp())
+    return float(cell) if isinstance(cell, int | float) else np.nan
+
+
+def _is_data(row: Sequence[Any]) -> bool:
+    filled = [cell for cell in row if cell is not None and cell != ""]
+    return bool(filled) and sum(np.isfinite(_number(cell)) for cell in filled) >= 0.5 * len(filled)
+
+
+def _table(name: str, rows: Sequence[Sequence[Any]]) -> LogTable | None:
+    first = next((i for i, row in enumerate(islice(rows, HEADER_ROWS)) if _is_data(row)), None)
+    if first is None:
+        return None
+    width = max(len(row) for row in rows)
+    header = next((row for row in reversed(rows[:first]) if any(isinstance(cell, str) for cell in row)), ())
+    names = unique_names([str(cell or "") for cell in header] + [""] * (width - len(header)))
+    columns: dict[str, Array] = {}
+    texts: dict[str, tuple[str, ...]] = {}
+    for place, title in enumerate(names):
+        cells = [row[place] if place < len(row) else None for row in rows[first:]]
+        numbers = np.array([_number(cell) for cell in cells])
+        if np.isfinite(numbers).any():
+            columns[title] = numbers
+        elif words := [str(cell) for cell in cells if cell is not None]:
+            texts[title] = tuple(dict.fromkeys(words))[:3]
+    return LogTable(name=name, kind="Excel sheet", columns=columns, texts=texts)
+
+
+# Reader of HDF5 files, MATLAB's of version 7.3 among them.
+
+
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+MATLAB_OFFSET = 512
+"""Bytes of MATLAB's own header in front of HDF5."""
+MOST_CELLS = 100
+NO_SAMPLES = ("char", "cell", "struct", "function_handle")
+
+
+class Hdf5(LogReader):
+    """HDF5; datasets by their paths, MATLAB's cells by what they refer to. External links are not followed."""
+
+    title = "HDF5, MATLAB 7.3"
+    rank = -1
+
+    def recognises(self, source: SourceFile) -> bool:
+        """By HDF5's signature, at the start or behind MATLAB's header."""
+        return HDF5_MAGIC in (source.head[:8], source.head[MATLAB_OFFSET : MATLAB_OFFSET + 8])
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """Every numeric dataset; those of one length in one table."""
+        import h5py  # slow to import
+
+        arrays: dict[str, NDArray[Any]] = {}
+        with source.on_disk() as path, h5py.File(path, "r") as file:
+
+            def collect(name: str, item: Any) -> None:
+                if not isinstance(item, h5py.Dataset) or name.startswith("#refs#"):
+                    return
+                if h5py.check_ref_dtype(item.dtype) is not None:
+                    for place, reference in enumerate(np.ravel(item[()])[:MOST_CELLS], 1):
+                        target = file[reference]
+                        if isinstance(target, h5py.Dataset):
+                            self._add(f"{name}{{{place}}}", target, arrays, str(source.path))
+                else:
+                    self._add(name, item, arrays, str(source.path))
+
+            file.visititems(collect)
+        kind = "MATLAB 7.3" if source.head.startswith(b"MATLAB") else "HDF5"
+        return tables_of_arrays(arrays, name=source.name, kind=kind, where=str(source.path))
+
+    @staticmethod
+    def _add(name: str, dataset: Any, arrays: dict[str, NDArray[Any]], where: str) -> None:
+        kind = dataset.attrs.get("MATLAB_class", b"")
+        text = kind.decode() if isinstance(kind, bytes) else str(kind)
+        if text in NO_SAMPLES or dataset.shape is None or "MATLAB_empty" in dataset.attrs:
+            return
+        if dataset.dtype.kind not in "fiubV" or dataset.ndim == 0 or dataset.external:
+            return
+        require_size(dataset.size, where)
+        arrays[name.strip("/").replace("/", ".")] = dataset[()]
+
+
+# Reader of Parquet files.
+
+
+class Parquet(LogReader):
+    """Parquet; null is a missing cell, and what is not numeric is text."""
+
+    title = "Parquet"
+
+    def recognises(self, source: SourceFile) -> bool:
+        """By its magic string."""
+        return source.head.startswith(b"PAR1")
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """One table."""
+        import pyarrow as pa  # slow to import
+        import pyarrow.parquet as pq
+
+        with source.on_disk() as path, pq.ParquetFile(path) as file:
+            require_columns(file.metadata.num_columns, str(source.path))
+            require_size(file.metadata.num_columns * file.metadata.num_rows, str(source.path))
+            table = file.read()
+        columns: dict[str, Array] = {}
+        texts: dict[str, tuple[str, ...]] = {}
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            kind = column.type
+            if pa.types.is_timestamp(kind):
+                columns[name] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy().astype(np.float64) * 1e-9
+            elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
+                columns[name] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+            else:
+                texts[name] = tuple(str(value)[:60] for value in column.slice(0, 3).to_pylist())
+        return [LogTable(name=source.name, kind="Parquet", columns=columns, texts=texts)]
+
+
+# Reader of MATLAB files up to version 7: variables, structs and cells of numeric arrays.
+
+
+DEEPEST = 6
+"""Levels of structs and cells that are looked into."""
+
+
+class Matlab(LogReader):
+    """MATLAB .mat of version 5 to 7; version 7.3 is HDF5."""
+
+    title = "MATLAB .mat"
+
+    def recognises(self, source: SourceFile) -> bool:
+        """By its header; version 7.3 states it too."""
+        return source.head.startswith(b"MATLAB 5.0 MAT-file")
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """Every numeric array; those of one length in one table, but the elements of a cell each in its own."""
+        from scipy.io import loadmat  # slow to import
+
+        with source.on_disk() as path:
+            variables = loadmat(path, struct_as_record=False, squeeze_me=True)
+        arrays: dict[str, NDArray[Any]] = {}
+        for name, value in variables.items():
+            if not name.startswith("__"):
+                collect_arrays(name, value, arrays)
+        return tables_of_arrays(arrays, name=source.name, kind="MATLAB", where=str(source.path))
+
+
+def collect_arrays(name: str, value: Any, found: dict[str, NDArray[Any]], depth: int = 0) -> None:
+    """Add the numeric arrays in a value of `loadmat` by their paths: `struct.field`, `cell{1}`."""
+    if depth > DEEPEST:
+        return
+    fields = getattr(value, "_fieldnames", None)
+    if fields is not None:
+        for field in fields:
+            collect_arrays(f"{name}.{field}", getattr(value, field), found, depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype == object:
+        for place, element in enumerate(value.ravel()[:100], 1):
+            collect_arrays(f"{name}{{{place}}}", element, found, depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        found[name] = value

@@ -1,0 +1,259 @@
+"""Reader of ROS 1 and ROS 2 bags (sqlite3, MCAP): wrench, joint states, poses, tf, by their header stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimation.reading.log_reader import (
+    NO_WRENCH,
+    ROS_TOPIC,
+    TF_CHAIN,
+    Array,
+    LogReader,
+    LogTable,
+    SourceFile,
+    require_size,
+)
+from estimation.reading.sample_mending import interpolated_position, interpolated_quaternion
+
+# Transform tree: the pose of a frame in the root of a bag's tf, from fixed and moving transforms.
+
+
+@dataclass(frozen=True)
+class Transform:
+    """Pose of `child` in `parent` at a stamp (s): x, y, z (m), then the quaternion x, y, z, w; `fixed` for ever."""
+
+    parent: str
+    child: str
+    stamp: float
+    values: tuple[float, ...]
+    fixed: bool
+
+
+class TransformTree:
+    """Transforms by child frame, each with its series of poses."""
+
+    def __init__(self, transforms: Sequence[Transform]) -> None:
+        self.series: dict[str, list[Transform]] = {}
+        for transform in transforms:
+            self.series.setdefault(transform.child, []).append(transform)
+
+    def chain(self, frame: str) -> list[str]:
+        """Child frames from a frame up to the root; none when tf does not know the frame."""
+        found: list[str] = []
+        while frame in self.series and frame not in found:
+            found.append(frame)
+            frame = self.series[frame][0].parent
+        return found
+
+    def pose_columns(self, frame: str) -> dict[str, Array]:
+        """Pose of the frame in the root at the stamps of the fastest moving transform; none of a frame that rests."""
+        from scipy.spatial.transform import Rotation  # slow to import
+
+        chain = self.chain(frame)
+        moving = [link for link in chain if not self.series[link][0].fixed and len(self.series[link]) > 2]
+        if not moving:
+            return {}
+        stamps = self._stamps(max(moving, key=lambda link: len(self.series[link])))
+        low, high = max(self._stamps(m)[0] for m in moving), min(self._stamps(m)[-1] for m in moving)
+        stamps = stamps[(stamps >= low) & (stamps <= high)]
+        if len(stamps) < 3:
+            return {}
+        place, turn = np.zeros((len(stamps), 3)), Rotation.identity(len(stamps))
+        for link in chain:
+            offset, rotation = self._at(link, stamps)
+            place, turn = Rotation.from_quat(rotation).apply(place) + offset, Rotation.from_quat(rotation) * turn
+        names = [f"pose.position.{a}" for a in "xyz"] + [f"pose.orientation.{a}" for a in "xyzw"]
+        return {"stamp": stamps, **dict(zip(names, np.hstack([place, turn.as_quat()]).T, strict=True))}
+
+    def _stamps(self, link: str) -> Array:
+        return np.unique([transform.stamp for transform in self.series[link]])
+
+    def _at(self, link: str, stamps: Array) -> tuple[Array, Array]:
+        series = self.series[link]
+        values = np.array([transform.values for transform in series])
+        if series[0].fixed or len(series) < 3:
+            return np.tile(values[-1, :3], (len(stamps), 1)), np.tile(values[-1, 3:], (len(stamps), 1))
+        own, first = np.unique([transform.stamp for transform in series], return_index=True)
+        values = values[first]
+        if len(own) == len(stamps) and np.array_equal(own, stamps):
+            return values[:, :3], values[:, 3:]
+        return interpolated_position(own, values[:, :3], stamps), interpolated_quaternion(own, values[:, 3:], stamps)
+
+
+ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
+WORST_LATENESS = 0.02
+"""Seconds by which header and receive stamp may differ before it is worth a note."""
+
+
+class RosBag(LogReader):
+    """ROS bag; each topic is a table, of joint states each publisher."""
+
+    title = "ROS bag"
+    repair = "repair it (`mcap recover`, `ros2 bag reindex`, `rosbag reindex`), or give a bag that is whole"
+
+    def recognises(self, source: SourceFile) -> bool:
+        """By the magic strings of the three storages, or a folder with a metadata.yaml."""
+        if source.path.is_dir():
+            return (source.path / "metadata.yaml").exists()
+        return source.head.startswith((ROS1_MAGIC, MCAP_MAGIC)) or (
+            source.head.startswith(SQLITE_MAGIC) and source.suffix == ".db3"
+        )
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """The topics with known message types."""
+        topics = _Topics(source.name)
+        with source.on_disk() as path:
+            for topic, kind, received, message in messages(path):
+                EXTRACTORS[kind](topics, topic, message, received * 1e-9)
+                require_size(topics.messages * 10, str(source.path))
+            found = topics.tables()
+            unread = unread_topics(path) if not topics.frames else ()
+        if not found and unread:
+            what = f"{NO_WRENCH}; its topics are {', '.join(unread)}"
+            raise source.error(what, "record the topics of wrench and pose, or joint states")
+        return [replace(table, unread=unread) for table in found]
+
+
+def unread_topics(path: Path) -> tuple[str, ...]:
+    """The topics of a bag whose message type is not read, with their types."""
+    from rosbags.highlevel import AnyReader  # slow to import
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        others = {c.topic: c.msgtype.replace("/msg/", "/") for c in reader.connections if c.msgtype not in EXTRACTORS}
+    return tuple(f"{topic} ({kind})" for topic, kind in others.items())
+
+
+def messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
+    """Topic, message type, receive stamp (ns) and message of every message of a known type."""
+    from rosbags.highlevel import AnyReader  # slow to import
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        known = [c for c in reader.connections if c.msgtype in EXTRACTORS]
+        if not known:
+            return
+        for connection, received, raw in reader.messages(known):
+            yield connection.topic, connection.msgtype, received, reader.deserialize(raw, connection.msgtype)
+
+
+class _Topics:
+    """What was read so far: rows by table, transforms."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.rows: dict[tuple[str, tuple[str, ...]], list[tuple[float, ...]]] = {}
+        self.frames: dict[str, str] = {}
+        self.lateness: dict[str, list[float]] = {}
+        self.transforms: list[Transform] = []
+        self.messages = 0
+
+    def add(self, topic: str, header: Any, received: float, values: Mapping[str, float]) -> float:
+        """Add a message's values under its header stamp, or its receive stamp where that is empty."""
+        stamp = received if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9
+        if stamp <= 0:
+            stamp = received
+        elif header is not None:
+            self.lateness.setdefault(topic, []).append(received - stamp)
+        self.rows.setdefault((topic, tuple(values)), []).append((stamp, *values.values()))
+        self.messages += 1
+        return stamp
+
+    def tables(self) -> list[LogTable]:
+        """A table for each topic and set of columns, and one for the pose of the wrench's frame by tf."""
+        found = [self._table(topic, names, rows) for (topic, names), rows in self.rows.items()]
+        frames = [frame for frame in dict.fromkeys(self.frames.values()) if frame]
+        chains = [TransformTree(self.transforms).pose_columns(frame) for frame in frames]
+        for frame, columns in zip(frames, chains, strict=True):
+            if columns:
+                found.append(LogTable(name=f"{self.source}:/tf ({frame})", kind=TF_CHAIN, columns=columns))
+        return found
+
+    def _table(self, topic: str, names: tuple[str, ...], rows: list[tuple[float, ...]]) -> LogTable:
+        values = np.array(rows, dtype=np.float64).T
+        columns: dict[str, Array] = dict(zip(("stamp", *names), values, strict=True))
+        late = np.array(self.lateness.get(topic, [0.0]))
+        notes = []
+        if np.median(np.abs(late)) > 1e-3:
+            what = f"header stamps used; received {np.median(late) * 1e3:.3g} ms later in the median,"
+            what += f" {np.max(late) * 1e3:.3g} ms at most"
+            notes.append((what, len(late), False))
+        name = f"{self.source}:{topic}" + (f" ({names[0]}..)" if names and names[0].startswith("joint:") else "")
+        frame = self.frames.get(topic)
+        return LogTable(name=name, kind=ROS_TOPIC, columns=columns, wrench_frame=frame, notes=tuple(notes))
+
+
+# ------------------------------------------------------------------------------------------- messages
+
+
+def _vector(prefix: str, vector: Any, names: str = "xyz") -> dict[str, float]:
+    return {f"{prefix}.{name}": float(getattr(vector, name)) for name in names}
+
+
+def _wrench(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    header = getattr(message, "header", None)
+    wrench = message.wrench if header is not None else message
+    topics.add(topic, header, received, _vector("wrench.force", wrench.force) | _vector("wrench.torque", wrench.torque))
+    topics.frames[topic] = "" if header is None else header.frame_id.strip("/")
+
+
+def _pose_values(position: Any, orientation: Any) -> dict[str, float]:
+    return _vector("pose.position", position) | _vector("pose.orientation", orientation, "xyzw")
+
+
+def _pose(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    header = getattr(message, "header", None)
+    pose = message.pose if header is not None else message
+    pose = getattr(pose, "pose", pose)  # with a covariance
+    topics.add(topic, header, received, _pose_values(pose.position, pose.orientation))
+
+
+def _transform(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    moved = message.transform
+    topics.add(topic, message.header, received, _pose_values(moved.translation, moved.rotation))
+
+
+def _tf(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    fixed = "static" in topic
+    for stamped in message.transforms:
+        header, moved = stamped.header, stamped.transform
+        stamp = header.stamp.sec + header.stamp.nanosec * 1e-9
+        place, turn = moved.translation, moved.rotation
+        values = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+        parent, child = header.frame_id.strip("/"), stamped.child_frame_id.strip("/")
+        topics.transforms.append(Transform(parent, child, stamp or received, values, fixed))
+        topics.messages += 1
+
+
+def _joints(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    position, velocity = (np.atleast_1d(series) for series in (message.position, message.velocity))
+    values = {f"joint:{name}": float(angle) for name, angle in zip(message.name, position, strict=False)}
+    values |= {f"rate:{name}": float(rate) for name, rate in zip(message.name, velocity, strict=False)}
+    if values:
+        topics.add(topic, message.header, received, values)
+
+
+def _temperature(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    topics.add(topic, message.header, received, {"temperature": float(message.temperature)})
+
+
+EXTRACTORS: Mapping[str, Callable[[_Topics, str, Any, float], None]] = {
+    "geometry_msgs/msg/WrenchStamped": _wrench,
+    "geometry_msgs/msg/Wrench": _wrench,
+    "geometry_msgs/msg/PoseStamped": _pose,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _pose,
+    "geometry_msgs/msg/Pose": _pose,
+    "geometry_msgs/msg/TransformStamped": _transform,
+    "nav_msgs/msg/Odometry": _pose,
+    "sensor_msgs/msg/JointState": _joints,
+    "sensor_msgs/msg/Temperature": _temperature,
+    "tf/msg/tfMessage": _tf,
+    "tf2_msgs/msg/TFMessage": _tf,
+}
+"""What is read of each message type."""

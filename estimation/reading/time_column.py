@@ -1,0 +1,185 @@
+"""Time column: the stamps of a table in seconds, their unit recognised where it is beyond doubt."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.reading.column_map import TIME, name_and_unit
+from estimation.reading.column_pattern import NANOSECONDS, SECONDS, TIME_NAMES
+from estimation.reading.log_reader import Array, LogTable
+from modeling.errors import InputError
+
+EPOCH = (1.0e9, 2.2e9)
+"""Seconds since 1970 of the years 2001 to 2039."""
+SURE_SECONDS = 0.3
+"""A longest sampling interval that is surely in seconds; three times a second is slow for any robot's log."""
+PLAIN_NAMES = ("time", "stamp", "_*time", "%?time", "time_?stamps?", "t")
+"""Names of time alone, of which none comes before another."""
+SAME_SPAN = 0.01
+"""Of their length: by so much two clocks may differ in a log that both stamp."""
+STRAY = 50
+"""Usual steps by which a stamp is off both its neighbours, which agree with each other, from which it is damaged: no
+clock jumps for one row, and stamps that are late or out of order stay nearer."""
+LARGEST_STAMP = 1e20
+"""Beyond stamps in any unit: those in ns since 1970 are 1.8e18."""
+UNIT_NAMES = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimeColumn:
+    """Stamps (n,) in s, relative to `epoch` s, NaN where missing; the columns they came from, and how."""
+
+    columns: tuple[str, ...]
+    stamps: Array
+    epoch: float
+    how: str
+
+
+def time_column(
+    table: LogTable, *, stated: str | None = None, factor: float | None = None, milliseconds: bool = False
+) -> TimeColumn | None:
+    """The time of a table: `stated` by a map, else by name, else by content where columns have no names; None without.
+
+    `factor` to seconds where the unit is stated; `milliseconds` where steps of 1 mean them (presets that say so).
+    Raises InputError when the unit is in doubt.
+    """
+    if stated is not None:
+        return _one(table, stated, factor, milliseconds)
+    pair = _pair(table)
+    if pair is not None:
+        return pair
+    for name in _called_time(table):
+        if _increases(table.columns[name]):
+            return _undisputed(table, _one(table, name, factor, milliseconds), milliseconds)
+    unnamed = [name for name in table.columns if re.fullmatch(r"column_\d+", name)]
+    regular = [name for name in unnamed if _increases(table.columns[name]) and _is_regular(table.columns[name])]
+    if len(unnamed) == len(table.columns) and regular:
+        epochs = [name for name in regular if EPOCH[0] < np.nanmedian(table.columns[name]) < EPOCH[1] * 1e9]
+        return _one(table, (epochs or regular)[0], factor, milliseconds)
+    return None
+
+
+def _undisputed(table: LogTable, found: TimeColumn, milliseconds: bool) -> TimeColumn:
+    """The time found by a plain name, where no other plain name tells another time. Raises InputError."""
+    plain = [n for n in table.columns if any(re.fullmatch(p, name_and_unit(n)[0], re.IGNORECASE) for p in PLAIN_NAMES)]
+    if not set(found.columns) <= set(plain):
+        return found
+    for name in plain:
+        if name in found.columns or not (_increases(table.columns[name]) and _is_regular(table.columns[name])):
+            continue
+        try:
+            other = _one(table, name, None, milliseconds)
+        except InputError:  # a count of samples
+            continue
+        spans = [float(np.nanmax(one.stamps) - np.nanmin(one.stamps)) for one in (found, other)]
+        if abs(spans[0] - spans[1]) > SAME_SPAN * max(spans):
+            means = [
+                f"{one.columns[0]} ({span:.4g} s, {(table.rows - 1) / span:.5g} Hz)"
+                for one, span in zip((found, other), spans, strict=True)
+            ]
+            raise InputError(
+                what=f"the time could be {means[0]} or {means[1]}; accelerations would differ by the square of that",
+                where=table.name,
+                remedy=f'state it in a map: time = "{found.columns[0]}", or "{name}"',
+            )
+    return found
+
+
+def _called_time(table: LogTable) -> Iterator[str]:
+    """Columns with a name of the time, the best name first."""
+    for pattern in TIME_NAMES:
+        for name in table.columns:
+            bare = name_and_unit(name)[0]
+            if any(re.fullmatch(pattern, part, re.IGNORECASE) for part in (bare, re.split(r"[./:]", bare)[-1])):
+                yield name
+
+
+def decreasing_time(table: LogTable) -> str | None:
+    """The column that is called like a time and decreases from row to row; None without one."""
+    return next((name for name in _called_time(table) if _increases(-table.columns[name])), None)
+
+
+def _pair(table: LogTable) -> TimeColumn | None:
+    """Seconds and nanoseconds in two columns, those of a header before any other."""
+    names = sorted(table.columns, key=lambda name: "header" not in name.lower())
+    for name in names:
+        found = re.fullmatch(SECONDS, name, re.IGNORECASE)
+        other = found and next(
+            (n for n in names if (m := re.fullmatch(NANOSECONDS, n, re.IGNORECASE)) and m["stem"] == found["stem"]),
+            None,
+        )
+        if other:
+            whole, parts = _without_strays(table.columns[name]), table.columns[other]
+            epoch = float(np.floor(whole[np.isfinite(whole)][0])) if np.isfinite(whole).any() else 0.0
+            return TimeColumn(columns=(name, other), stamps=(whole - epoch) + parts * 1e-9, epoch=epoch, how="s and ns")
+    return None
+
+
+def _increases(column: Array) -> bool:
+    known = column[np.isfinite(column)]
+    if len(known) < 3:
+        return False
+    steps = np.diff(known)
+    return bool((steps >= 0).mean() > 0.9 and (steps > 0).mean() > 0.2)
+
+
+def _is_regular(column: Array) -> bool:
+    """Whether most steps are alike, as no measured quantity's are."""
+    steps = np.diff(column[np.isfinite(column)])
+    middle = float(np.median(steps))
+    return middle > 0 and bool((np.abs(steps - middle) < 0.5 * middle).mean() > 0.8)
+
+
+def _without_strays(column: Array) -> Array:
+    """The stamps, NaN where they are damaged: a single one that is far off, while its neighbours are not."""
+    is_stamp = np.abs(column) < LARGEST_STAMP
+    known = np.flatnonzero(is_stamp)
+    stamps = column[known]
+    steps = np.diff(stamps)
+    if len(stamps) > 2 and steps.any():
+        reach = STRAY * float(np.median(np.abs(steps[steps != 0])))
+        far, agree = np.abs(steps) > reach, np.abs(stamps[2:] - stamps[:-2]) <= reach
+        stray = np.concatenate([[steps[0] < -reach], far[:-1] & far[1:] & agree, [steps[-1] < -reach]])
+        is_stamp[known[stray]] = False
+    return column if is_stamp.all() else np.where(is_stamp, column, np.nan)
+
+
+def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -> TimeColumn:
+    column = _without_strays(table.columns[name])
+    unit = name_and_unit(name)[1]
+    how = "as stated"
+    if factor is None and unit in TIME:
+        factor, how = TIME[unit], f"{unit}, as its name says"
+    if factor is None:
+        factor, how = _recognised_factor(column, name, table.name, milliseconds)
+    damaged = int(np.isfinite(table.columns[name]).sum() - np.isfinite(column).sum())
+    how += f"; damaged stamps, {damaged}, taken as missing" if damaged else ""
+    known = column[np.isfinite(column)]
+    start = float(known[0]) if len(known) else 0.0
+    # Whole seconds are taken off before scaling, or stamps of 1e18 ns would be rounded to 0.2 µs once more.
+    epoch = np.floor(start * factor) if abs(start * factor) > 1e6 else 0.0
+    stamps = column * factor if epoch == 0.0 else (column - epoch / factor) * factor
+    return TimeColumn(columns=(name,), stamps=stamps, epoch=float(epoch), how=how)
+
+
+def _recognised_factor(column: Array, name: str, where: str, milliseconds: bool) -> tuple[float, str]:
+    known = column[np.isfinite(column)]
+    if len(known) < 2:
+        return 1.0, "s"
+    middle = float(np.median(known))
+    for factor, unit in UNIT_NAMES.items():
+        if EPOCH[0] < middle * factor < EPOCH[1]:
+            return factor, f"{unit} since 1970" + ("" if factor == 1.0 else ", recognised by their size")
+    steps = np.diff(known)
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    if step <= SURE_SECONDS:
+        return 1.0, "s"
+    for factor, unit, least, most in ((1e-3, "ms", 1.5, 500.0), (1e-6, "us", 500.0, 3e5), (1e-9, "ns", 3e5, 3e8)):
+        if least <= step < most or (unit == "ms" and milliseconds and step < most):
+            return factor, f"{unit}, recognised by their step of {step:.6g}"
+    what = f"column {name} steps by {step:.4g}: seconds, milliseconds or a count of samples?"
+    raise InputError(what=what, where=where, remedy='state it in a map: units = { time = "ms" }, or rate = 500 (Hz)')

@@ -1,1 +1,0 @@
-"""What is reported of reading a recording: steps, clocks, and curves for a picture."""

@@ -1,1 +1,0 @@
-"""Stages of the measurement chain from the true wrench to the reading, each an object that describes itself."""

@@ -1,0 +1,183 @@
+"""The identified tool as a payload: for robot controllers and robot descriptions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree.ElementTree import Comment, Element, ElementTree, SubElement, indent, tostring
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling.codegen.payload_format import MOMENTS, PayloadFormat, remarks, where_it_goes
+from modeling.codegen.tool_inertia import ToolInertia
+from modeling.rig import STANDARD_GRAVITY
+
+# The tool as robot controllers take it: Universal Robots, Franka, parameters of a ROS 2 node.
+
+
+FLANGE = "the controller takes them in the flange's frame: where that is another one, emit with --sensor-pose"
+
+
+class UniversalRobots(PayloadFormat):
+    """URScript: `set_payload` with mass and centre of mass, and the call with inertia as a comment.
+
+    The controller's frame is the tool flange. Inertia about the centre of mass along the flange's axes, in the order
+    Ixx, Iyy, Izz, Ixy, Ixz, Iyz (URScript manual, `set_target_payload`).
+    """
+
+    name = "ur"
+
+    def text(self, tool: ToolInertia, source: str) -> str:
+        """The script."""
+        lines = [f"# {remark}" for remark in remarks(tool, source)]
+        lines += [f"# {FLANGE}; mass (kg), centre of mass [x, y, z] (m):"]
+        lines.append(f"set_payload({tool.mass!r}, {_list(tool.centre_of_mass)})")
+        if tool.inertia is not None:
+            moments = _list(tool.inertia[at] for at in MOMENTS.values())
+            lines.append("# with inertia, on controllers that have it, the next line instead, which takes:")
+            lines.append(f"# mass (kg), centre of mass [x, y, z] (m), inertia about it [{', '.join(MOMENTS)}] (kg m²)")
+            lines.append(f"# set_target_payload({tool.mass!r}, {_list(tool.centre_of_mass)}, {moments})")
+        return "\n".join(lines) + "\n"
+
+
+class Franka(PayloadFormat):
+    """libfranka: `Robot::setLoad` with mass, flange to centre of mass, and the inertia column by column."""
+
+    name = "franka"
+
+    def text(self, tool: ToolInertia, source: str) -> str:
+        """The call in C++."""
+        columns = np.ravel(tool.required_inertia(self.name), order="F")
+        lines = [f"// {remark}" for remark in remarks(tool, source)]
+        lines += [
+            f"// {FLANGE}; mass (kg), centre of mass (m), and inertia about it (kg m²)",
+            "// by columns Ixx, Ixy, Ixz, Ixy, Iyy, Iyz, Ixz, Iyz, Izz",
+        ]
+        lines += [
+            f"robot.setLoad({tool.mass!r},",
+            f"              {{{{{_joined(tool.centre_of_mass)}}}}},",
+            f"              {{{{{_joined(columns)}}}}});",
+        ]
+        return "\n".join(lines) + "\n"
+
+
+class Ros2Parameters(PayloadFormat):
+    """Parameters of a ROS 2 node in YAML: `tool`, and `gravity_compensation` as ros2_controllers' admittance
+    controller has it (position of the centre of gravity, m, and weight, N).
+    """
+
+    name = "ros2"
+
+    def text(self, tool: ToolInertia, source: str) -> str:
+        """The parameter file, of any node."""
+        lines = [f"# {remark}" for remark in remarks(tool, source)]
+        lines += [
+            "/**:",
+            "  ros__parameters:",
+            "    tool:",
+            f"      mass: {_decimal(tool.mass)}",
+            f"      center_of_mass: {_list(tool.centre_of_mass)}",
+        ]
+        if tool.inertia is not None:
+            lines.append(f"      inertia: {_list(np.ravel(tool.inertia))}  # row by row, symmetric")
+        lines += [
+            "    gravity_compensation:",
+            "      CoG:",
+            f"        pos: {_list(tool.centre_of_mass)}",
+            f"        force: {_decimal(tool.mass * STANDARD_GRAVITY)}  # weight at {STANDARD_GRAVITY} m/s², N",
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def _joined(values: Iterable[float]) -> str:
+    return ", ".join(map(_decimal, values))
+
+
+def _list(values: Iterable[float]) -> str:
+    return f"[{_joined(values)}]"
+
+
+def _decimal(value: float) -> str:
+    """The shortest text that reads back as the same number, with a point even before an exponent (YAML 1.1)."""
+    text = repr(float(value))
+    return text if "." in text or "e" not in text else text.replace("e", ".0e")
+
+
+# The tool as a link of a robot description: URDF, SDF, MJCF.
+
+
+Array = NDArray[np.float64]
+
+TRIANGLE = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+"""Names of the elements of an inertia in URDF and SDF."""
+
+
+class Urdf(PayloadFormat):
+    """URDF: a robot of one link `tool`, whose `inertial` element is for copying; the link's frame is the tool's."""
+
+    name = "urdf"
+
+    def text(self, tool: ToolInertia, source: str) -> str:
+        """The robot."""
+        root = _root("robot", tool, source, name="tool")
+        inertial = SubElement(SubElement(root, "link", name="tool"), "inertial")
+        SubElement(inertial, "origin", xyz=_numbers(tool.centre_of_mass), rpy="0 0 0")
+        SubElement(inertial, "mass", value=repr(tool.mass))
+        inertia = tool.required_inertia(self.name)
+        SubElement(inertial, "inertia", {name: _number(inertia[at]) for name, at in TRIANGLE.items()})
+        return _document(root)
+
+
+class Sdf(PayloadFormat):
+    """SDF: a model of one link `tool`; the link's frame is the tool's."""
+
+    name = "sdf"
+
+    def text(self, tool: ToolInertia, source: str) -> str:
+        """The model."""
+        root = _root("sdf", tool, source, version="1.7")
+        inertial = SubElement(SubElement(SubElement(root, "model", name="tool"), "link", name="tool"), "inertial")
+        SubElement(inertial, "pose").text = f"{_numbers(tool.centre_of_mass)} 0 0 0"
+        SubElement(inertial, "mass").text = repr(tool.mass)
+        moments, inertia = tool.required_inertia(self.name), SubElement(inertial, "inertia")
+        for name, at in TRIANGLE.items():
+            SubElement(inertia, name).text = _number(moments[at])
+        return _document(root)
+
+
+class Mjcf(PayloadFormat):
+    """MuJoCo's MJCF: a free body `tool`, whose `inertial` element is for copying; the body's frame is the tool's."""
+
+    name = "mjcf"
+
+    def text(self, tool: ToolInertia, source: str) -> str:
+        """The model."""
+        root = _root("mujoco", tool, source, model="tool")
+        body = SubElement(SubElement(root, "worldbody"), "body", name="tool")
+        SubElement(body, "freejoint")
+        inertia = tool.required_inertia(self.name)
+        full = [inertia[TRIANGLE[name]] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
+        where = {"pos": _numbers(tool.centre_of_mass), "mass": repr(tool.mass), "fullinertia": _numbers(full)}
+        SubElement(body, "inertial", where)
+        return _document(root)
+
+
+def _root(tag: str, tool: ToolInertia, source: str, **attributes: str) -> Element:
+    root = Element(tag, attributes)
+    said = [*remarks(tool, source), where_it_goes(tool, "inertial", "body" if tag == "mujoco" else "link")]
+    root.extend(Comment(f" {remark.replace('--', '- ')} ") for remark in said)
+    return root
+
+
+def _document(root: Element) -> str:
+    indent(ElementTree(root))
+    return f'<?xml version="1.0"?>\n{tostring(root, encoding="unicode")}\n'
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(map(_number, values))
+
+
+def _number(value: float) -> str:
+    """The shortest decimal text that reads back as the same number."""
+    return repr(float(value))

@@ -1,1 +1,0 @@
-"""The identified tool in the formats of robot descriptions and controllers."""

@@ -1,0 +1,1 @@
+"""Derived expressions compiled: straight-line programs, their evaluation over samples, and their derivatives."""

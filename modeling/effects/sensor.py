@@ -1,0 +1,263 @@
+"""Effects of the sensor: calibration, hysteresis, lag and delay, saturation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import permutations
+from math import inf, pi
+
+from modeling import symbolic as sp
+from modeling.chain.chain import Chain, Stage
+from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
+from modeling.chain.stages import Clipping, Gain, LinearDynamics, Mounting, Play, PolynomialGain
+from modeling.compiled.straight_line_program import laplace
+from modeling.parameter import Parameter
+from modeling.space import TORQUE_UNIT, Space, rotation_matrix
+
+# First-order lag and pure delay.
+
+
+@dataclass(frozen=True)
+class SensorLag(Effect):
+    """First-order low-pass of the sensor or its filter: H(s) = 1 / (1 + s time_constant), time constant in s."""
+
+    id = "sensor_lag"
+    title = "first-order lag of the sensor or its filter"
+    stage = Stage.LINEAR_DYNAMICS
+    equation = "H(s) = 1 / (1 + s time_constant)"
+    advice = "look up the sensor's filter setting; tap the tool and see how fast the reading decays"
+    confused_with = "time_delay: at low frequencies the two are aliased, only fast motion discriminates"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """The time constant in s."""
+        return (Parameter(name="time_constant", unit="s", bounds=(0.0, 10.0)),)
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Low-pass every channel."""
+        return chain.with_stage(LinearDynamics(chain.transfer_function / (1 + laplace() * p["time_constant"])))
+
+
+@dataclass(frozen=True)
+class TimeDelay(Effect):
+    """Pure delay (s) of the reading against the motion: H(s) = exp(-s delay); negative for a lead."""
+
+    id = "time_delay"
+    title = "reading delayed against the motion"
+    stage = Stage.LINEAR_DYNAMICS
+    equation = "H(s) = exp(-s delay)"
+    advice = "compare the clocks of robot and sensor; look for a buffer or a network between them"
+    confused_with = "sensor_lag: at low frequencies the two are aliased, only fast motion discriminates"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """The delay in s."""
+        return (Parameter(name="delay", unit="s", bounds=(-10.0, 10.0)),)
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Delay every channel."""
+        return chain.with_stage(LinearDynamics(chain.transfer_function * sp.exp(-laplace() * p["delay"])))
+
+
+# Sensor rotation, gain, crosstalk, nonlinearity and saturation.
+
+
+SATURATION_FRACTIONS = (0.99, 0.96, 0.92, 0.85, 0.7)
+"""Initial saturation levels as fractions of the largest reading, which noise lifts above the level."""
+
+CROSSTALK_BOUNDS = {"1": (-0.5, 0.5), "m": (-0.2, 0.2), "1/m": (-5.0, 5.0)}
+"""Bounds of a crosstalk gain by its unit: at most half of a channel, or a force-to-torque lever of 0.2 m."""
+
+
+@dataclass(frozen=True)
+class SensorRotation(Effect):
+    """Rotation of the sensor relative to the frame in which its motion is given.
+
+    The wrench is read in rotated axes: R(angle)' F and R(angle)' T. One angle about e3 (rad, clockwise) in the plane;
+    roll, pitch, yaw in six axes. The bias is added after the rotation.
+    """
+
+    id = "sensor_rotation"
+    title = "sensor mounted at an angle"
+    stage = Stage.MOUNTING
+    equation = "reading = R(angle)' wrench"
+    advice = "check the sensor's orientation mark and the flange transform; record static poses about the tool axis"
+    confused_with = "sensor_crosstalk between the forces, of which it is a special case; gravity_tilt, in a single pose"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """One angle in the plane, three in six axes, rad."""
+        names = ("angle",) if space is Space.PLANE else ("roll", "pitch", "yaw")
+        return tuple(Parameter(name=name, unit="rad", bounds=(-pi, pi)) for name in names)
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Rotate the axes of the reading."""
+        return chain.with_stage(
+            replace(
+                chain[Mounting], rotation=rotation_matrix(chain.space, tuple(p.values())).T * chain[Mounting].rotation
+            )
+        )
+
+
+@dataclass(frozen=True)
+class SensorGain(Effect):
+    """Gain of each channel relative to the first: reading_i = gain_i wrench_i, gain_1 = 1.
+
+    A common gain of all channels is collinear with the mass and not identifiable. gain_i is dimensionless and positive,
+    nominally 1; the bias is added after it.
+    """
+
+    id = "sensor_gain"
+    title = "channels of different gain"
+    stage = Stage.GAIN
+    equation = "reading_i = gain_i wrench_i, gain_1 = 1"
+    advice = "hang known weights along each axis; in the plane only the mlg that fx and tau share excites a torque gain"
+    confused_with = "a wrong mass, which affects all channels; link_length_error and crosstalk, for the torque"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """A gain for each channel after the first, unit 1."""
+        return tuple(Parameter(name=c, unit="1", nominal=1.0, bounds=(0.2, 5.0)) for c in space.channels[1:])
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Scale the channels."""
+        return chain.with_stage(replace(chain[Gain], matrix=chain[Gain].matrix * sp.diag(1, *p.values())))
+
+
+@dataclass(frozen=True)
+class SensorCrosstalk(Effect):
+    """Crosstalk between channels: reading = (1 + G) wrench with zero diagonal of G.
+
+    Element `<row>_<column>` of G is the gain from true channel `column` to reading `row`, in the row's unit over the
+    column's. The bias is added after it.
+    """
+
+    id = "sensor_crosstalk"
+    title = "crosstalk between channels"
+    stage = Stage.GAIN
+    equation = "reading_i = wrench_i + sum_j g_ij wrench_j"
+    advice = "apply pure forces along one axis; compare the calibration matrix in use with the sensor's serial number"
+    confused_with = "sensor_rotation, a special case of it; link_length_error, for the crosstalk from fx to tau"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """The off-diagonal gains."""
+        units = space.channel_units
+        return tuple(
+            Parameter(name=f"{row}_{column}", unit=unit, bounds=CROSSTALK_BOUNDS[unit])
+            for row, column in permutations(space.channels, 2)
+            for unit in (gain_unit(units[row], units[column]),)
+        )
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Mix the channels."""
+        channels = chain.space.channels
+        crosstalk = sp.Matrix(
+            len(channels),
+            len(channels),
+            lambda i, j: 0 if i == j else p[f"{channels[i]}_{channels[j]}"],
+        )
+        return chain.with_stage(replace(chain[Gain], matrix=(sp.eye(len(channels)) + crosstalk) * chain[Gain].matrix))
+
+
+@dataclass(frozen=True)
+class GainNonlinearity(Effect):
+    """Polynomial nonlinearity of each channel: reading = w + quadratic w² + cubic w³, the bias added after it.
+
+    For each channel `<channel>_2` in 1/N and `<channel>_3` in 1/N² (1/(N m) and 1/(N m)² of a torque).
+    """
+
+    id = "gain_nonlinearity"
+    title = "gain depends on the load"
+    stage = Stage.NONLINEARITY
+    equation = "reading_i = w_i + a_i w_i² + b_i w_i³"
+    advice = "hang several known weights, or vary the amplitude; look for a mechanical stop or an overload"
+    confused_with = "sensor_gain, over a narrow range of loads; saturation, if only the peaks are flat"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """The channels' quadratic gains in 1/N or 1/(N m), then the cubic ones in 1/N² or 1/(N m)²."""
+        named = space.channel_units.items()
+        squares = [Parameter(name=f"{c}_2", unit="1/N" if u == "N" else "1/(N m)") for c, u in named]
+        return (*squares, *(Parameter(name=f"{c}_3", unit="1/N²" if u == "N" else "1/(N² m²)") for c, u in named))
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Set the quadratic and cubic gains."""
+        names = chain.space.channels
+        quadratic, cubic = (sp.Matrix([p[f"{c}_{power}"] for c in names]) for power in (2, 3))
+        return chain.with_stage(PolynomialGain(quadratic, cubic))
+
+
+@dataclass(frozen=True)
+class Saturation(Effect):
+    """Symmetric saturation of each channel: the absolute reading, bias included, does not exceed its level.
+
+    The level is in the channel's unit, positive, and nominally infinite. A saturated reading carries information about
+    the level alone: the residuals are censored.
+    """
+
+    id = "saturation"
+    title = "readings saturate"
+    stage = Stage.SATURATION
+    equation = "reading_i = max(-level_i, min(level_i, reading_i))"
+    advice = "compare the largest readings with the sensor's range; look for flat peaks in the plot over time"
+    confused_with = "gain_nonlinearity; a level that the readings just reach is masked by the noise"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """The level of each channel, in the channel's unit."""
+        named = space.channel_units.items()
+        return tuple(Parameter(name=c, unit=u, nominal=inf, bounds=(0.0, inf)) for c, u in named)
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Set the saturation levels."""
+        return chain.with_stage(Clipping(sp.Matrix(list(p.values()))))
+
+    def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
+        """Levels slightly below the largest reading of each channel."""
+        space = Space.PLANE if len(domain.largest) == len(Space.PLANE.channels) else Space.SPACE
+        return tuple(
+            {c: fraction * size for c, size in zip(space.channels, domain.largest, strict=True)}
+            for fraction in (SATURATION_FRACTIONS if domain.largest else ())
+        )
+
+
+def gain_unit(row: str, column: str) -> str:
+    """Unit of a gain from a channel of the unit `column` to a reading of the unit `row`."""
+    if row == column:
+        return "1"
+    return "m" if row == TORQUE_UNIT else "1/m"
+
+
+# Hysteresis of the sensor: a play operator between load and reading.
+
+
+HALF_WIDTH_FRACTIONS = (0.01, 0.05, 0.2)
+"""Initial half-widths as fractions of the load's amplitude; smaller ones have the sensitivity of the first."""
+
+
+@dataclass(frozen=True)
+class SensorHysteresis(Effect):
+    """Play operator of half-width w (N, N m) in each channel, between load and reading.
+
+    The reading y is constant while the load is within w of it, and is pushed along beyond: max(y, load - w) while the
+    load rises, min(y, load + w) while it falls. A load of larger amplitude draws a loop of width 2 w. Nominal 0; to
+    first order it subtracts w in the direction of the load's change.
+    """
+
+    id = "sensor_hysteresis"
+    title = "hysteresis between load and reading"
+    stage = Stage.PLAY
+    equation = "y = max(y, load - w) while the load rises, min(y, load + w) while it falls"
+    advice = "load and unload the sensor slowly in steps and compare the readings; look for a loose cover or cable"
+    confused_with = "coulomb_friction and joint_backlash; sensor_lag, whose loop widens with the rate of the load"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """One half-width per channel, in its unit."""
+        return tuple(Parameter(name=c, unit=u, bounds=(0.0, inf)) for c, u in space.channel_units.items())
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Set the half-widths of the play operator."""
+        return chain.with_stage(Play(sp.Matrix([p[channel] for channel in chain.space.channels])))
+
+    def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
+        """Half-widths of 1 %, 5 % and 20 % of the load's amplitude in each channel."""
+        space = Space.PLANE if len(domain.swing) == len(Space.PLANE.channels) else Space.SPACE
+        return tuple(
+            {channel: fraction * swing for channel, swing in zip(space.channels, domain.swing, strict=True)}
+            for fraction in (HALF_WIDTH_FRACTIONS if domain.swing else ())
+        )

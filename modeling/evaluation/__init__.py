@@ -1,1 +1,0 @@
-"""Numerical evaluation of derived expressions and of their parameter derivatives over arrays of samples."""

@@ -1,1 +1,0 @@
-"""Symbolic derivations: intermediate variables, straight-line programs, and their conversion to NumPy and CasADi."""

@@ -1,1 +1,0 @@
-"""Effects defined by users as formulas with units."""

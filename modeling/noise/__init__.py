@@ -1,1 +1,0 @@
-"""Stationary noise of the readings: autoregressive or by its spectrum, and the maps that whiten it."""

@@ -1,0 +1,331 @@
+"""The rig: arm, limits, workspace and sensor, read from a TOML file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modeling.compiled.cache import cached
+from modeling.errors import InputError, file_text, toml_data
+from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
+from modeling.kinematics.placement import Direction, unit_direction
+from modeling.table import Table, shortened
+
+# Table of a rig: what its file states, by the names of the file.
+
+
+UNITS = {"link_lengths": "m", "tip_length": "m", "gravity": "m/s²", "x": "m", "y": "m", "z": "m"}
+RATES = {"position": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+CHANNELS = ("noise", "range", "tolerance")
+"""Entries with a number for each channel, N or N m."""
+
+
+def rig_table(data: Mapping[str, Any], joint_unit: str = "rad") -> Table:
+    """Of the rig's plain data; an arm that was read from a URDF is the URDF's name."""
+    rows = [
+        (name, _text(value), _unit(name.rpartition(".")[2], joint_unit))
+        for name, value in _entries(data)
+        if name != "robot.name" and value not in (False, "")
+    ]
+    return Table.of(("stated", "value", "unit"), rows)
+
+
+def _entries(data: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for section, table in data.items():
+        for key, value in table.items():
+            if key != "spatial_arm":
+                yield f"{section}.{key}", value
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
+    if isinstance(value, list):
+        inner = ", ".join(_text(part) for part in value)
+        return f"[{inner}]" if value and not isinstance(value[0], list) else inner
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _unit(key: str, joint_unit: str) -> str:
+    if key in RATES:
+        return " or ".join(unit + RATES[key] for unit in joint_unit.split(" or "))
+    return "N, N m" if key in CHANNELS else UNITS.get(key, "")
+
+
+RigTables: TypeAlias = dict[str, Any]
+"""Validated rig data, as returned by `modeling.rig_schema.validated_tables`."""
+
+STANDARD_GRAVITY = 9.806  # m/s², the value of the chapter and of FORMATS
+CURRENT_FOLDER = Path()
+_CONVERTED = ("link_lengths", "spatial_arm", "gravity_direction")
+"""Entries of [robot] that the rig keeps in another form."""
+PLANAR_CHANNELS = ("fx", "fy", "tau")
+SPATIAL_CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+class Convention(Enum):
+    """Sign convention of the readings: wrench of sensor on tool, of tool on sensor, or to be estimated."""
+
+    ON_TOOL = "on_tool"
+    ON_SENSOR = "on_sensor"
+    AUTO = "auto"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limits:
+    """Joint limits, each (n, 2): low and high. rad, rad/s, rad/s², rad/s³; m instead of rad for prismatic joints."""
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    jerk: NDArray[np.float64] | None = None
+
+    @property
+    def joints(self) -> int:
+        """The number of joints n."""
+        return len(self.position)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workspace:
+    """Allowed box of the tip, low and high in m (planar: x right, y up; in space: z up); None is unbounded."""
+
+    x: tuple[float, float] | None = None
+    y: tuple[float, float] | None = None
+    z: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorDescription:
+    """Stated properties of the sensor, per channel in N or N·m; None where not stated.
+
+    `noise` is the std of one sample, `range` the largest absolute reading, `tolerance` the largest acceptable error.
+    `mirror_y`: planar readings whose y axis points along the tip.
+    """
+
+    noise: Mapping[str, float] | None = None
+    range: Mapping[str, float] | None = None
+    tolerance: Mapping[str, float] | None = None
+    convention: Convention | None = None
+    mirror_y: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Rig:
+    """A robot with a wrist sensor, as a rig file describes it; a rig without a robot is valid.
+
+    Parameters
+    ----------
+    name : str, optional
+        For messages.
+    link_lengths : tuple of float, optional
+        Of a planar arm, m.
+    urdf : str, optional
+        Path of the arm's URDF, as given.
+    sensor_frame : str, optional
+        Link of the URDF that carries the sensor.
+    spatial_arm : SpatialArm, optional
+        The kinematic chain read from the URDF up to `sensor_frame`.
+    tip_length : float, optional
+        From the sensor origin to the end of the tool, m.
+    gravity : float, optional
+        m/s², by default 9.806.
+    gravity_direction : tuple of float, optional
+        Unit vector along gravity in base axes, (x, y) in the plane, (x, y, z) in six axes; by default along -y, -z. The
+        world is then the base turned by the least angle that points gravity down.
+    limits : Limits, optional
+        Of joint position, velocity and acceleration; rad, rad/s, rad/s².
+    workspace : Workspace, optional
+        Where the tip has to stay, m.
+    sensor : SensorDescription, optional
+        Noise, range, convention and tolerance of the sensor, where stated.
+    columns : mapping, optional
+        Names of the columns of this rig's logs, as in a map of `truewrench import`.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> rig.link_lengths, rig.gravity
+    ((1.0, 0.97, 0.4), 9.806)
+    """
+
+    name: str = ""
+    link_lengths: tuple[float, ...] | None = None
+    urdf: str | None = None
+    sensor_frame: str | None = None
+    spatial_arm: SpatialArm | None = None
+    tip_length: float | None = None
+    gravity: float = STANDARD_GRAVITY
+    gravity_direction: Direction | None = None
+    limits: Limits | None = None
+    workspace: Workspace | None = None
+    sensor: SensorDescription = SensorDescription()
+    columns: Mapping[str, Any] | None = None
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """The rig of a TOML file; InputError when it, or its URDF, does not conform to FORMATS."""
+        path = Path(path)
+        text = file_text(path, kind="a rig file")
+        # Cached by its text: importing the validator takes longer than the rest of reading a rig.
+        checked = cached({"rig": text}, lambda: _tables_of_text(text, str(path)), dict)
+        return cls._of_tables(checked, where=str(path), folder=path.parent)
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, object], *, where: str = "rig", folder: Path = CURRENT_FOLDER) -> Self:
+        """The rig of a plain dictionary with the structure of the TOML file, or as returned by `to_data`.
+
+        `where` is its name in an InputError; a relative URDF path starts at `folder`.
+        """
+        from modeling.rig_schema import validated_tables  # pydantic is slow to import
+
+        return cls._of_tables(validated_tables(data, where), where=where, folder=folder)
+
+    @classmethod
+    def _of_tables(cls, tables: RigTables, *, where: str, folder: Path) -> Self:
+        robot, limits, workspace = tables["robot"], tables["limits"], tables["workspace"]
+        lengths, arm, direction = robot["link_lengths"], _spatial_arm(robot, where, folder), robot["gravity_direction"]
+        return cls(
+            **_stated({key: value for key, value in robot.items() if key not in _CONVERTED}),
+            gravity_direction=None if direction is None else unit_direction(direction),
+            link_lengths=None if lengths is None else tuple(lengths),
+            spatial_arm=arm,
+            limits=None if limits is None else _limits(limits, arm, where),
+            workspace=None if workspace is None else _workspace(workspace),
+            sensor=_sensor(tables["sensor"]),
+            columns=tables["columns"],
+        )
+
+    @cached_property
+    def arm(self) -> Arm | None:
+        """Forward kinematics from the joints to the sensor in the world; None when the rig states no arm."""
+        arm = self.spatial_arm if self.link_lengths is None else PlanarArm(self.link_lengths)
+        direction = self.gravity_direction
+        return arm if arm is None or direction is None else arm.mounted(direction)
+
+    @property
+    def table(self) -> Table:
+        """What the rig file states, by its names."""
+        units = ("rad",) if self.arm is None else self.arm.units
+        return rig_table(self.to_data(), " or ".join(sorted(set(units), reverse=True)))
+
+    def __repr__(self) -> str:
+        return f"{self._title}\n{shortened(str(self.table))}"
+
+    def _repr_html_(self) -> str:
+        from html import escape  # in notebooks alone
+
+        return f"<p>{escape(self._title)}</p>\n{self.table.to_html()}"
+
+    @property
+    def _title(self) -> str:
+        return f"Rig {self.name!r}" if self.name else "Rig"
+
+    @property
+    def position_limits(self) -> NDArray[np.float64] | None:
+        """Lowest and highest joint coordinates (n, 2): those stated, else the URDF's; None without either."""
+        if self.limits is not None:
+            return self.limits.position
+        return None if self.spatial_arm is None else self.spatial_arm.position_limits
+
+    def to_data(self) -> dict[str, Any]:
+        """The rig as nested dictionaries, lists, numbers and strings, accepted by `from_data`."""
+        robot = {"name": self.name, "gravity": self.gravity, "urdf": self.urdf, "tip_length": self.tip_length}
+        robot |= {"sensor_frame": self.sensor_frame, "link_lengths": _listed(self.link_lengths)}
+        robot |= {"gravity_direction": _listed(self.gravity_direction)}
+        if self.spatial_arm is not None:
+            from modeling.rig_schema import SPATIAL_ARM  # pydantic is slow to import
+
+            robot |= {"spatial_arm": SPATIAL_ARM.dump_python(self.spatial_arm, mode="json")}
+        data: dict[str, Any] = {"robot": _stated(robot), "sensor": _sensor_data(self.sensor)}
+        if self.columns is not None:
+            data["columns"] = dict(self.columns)
+        if self.limits is not None:
+            data["limits"] = _stated({name: _listed(pairs) for name, pairs in vars(self.limits).items()})
+        if self.workspace is not None:
+            data["workspace"] = _stated({name: _listed(pair) for name, pair in vars(self.workspace).items()})
+        return data
+
+
+def _stated(table: Mapping[str, object]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def _listed(values: NDArray[np.float64] | tuple[float, ...] | None) -> list[Any] | None:
+    return None if values is None else np.asarray(values, dtype=float).tolist()
+
+
+def _sensor_data(sensor: SensorDescription) -> dict[str, Any]:
+    channels = {name: getattr(sensor, name) for name in ("noise", "range", "tolerance")}
+    data = {name: dict(values) for name, values in channels.items() if values is not None}
+    convention = None if sensor.convention is None else sensor.convention.value
+    return _stated({**data, "convention": convention, "mirror_y": sensor.mirror_y})
+
+
+def _tables_of_text(text: str, where: str) -> RigTables:
+    """The tables in the text of a TOML file; InputError where they do not conform to FORMATS."""
+    from modeling.rig_schema import validated_tables  # pydantic is slow to import
+
+    return validated_tables(toml_data(text, where), where)
+
+
+def _spatial_arm(robot: Mapping[str, Any], where: str, folder: Path) -> SpatialArm | None:
+    """The arm stored in the rig data, or read from its URDF."""
+    if robot["spatial_arm"] is not None:
+        from modeling.rig_schema import SPATIAL_ARM  # pydantic is slow to import
+
+        return SPATIAL_ARM.validate_python(robot["spatial_arm"])
+    if robot["urdf"] is None:
+        return None
+    from modeling.kinematics.urdf import read_urdf  # and so is the XML parser
+
+    path = folder / robot["urdf"]
+    if not path.exists():
+        what = f"urdf: there is no file {robot['urdf']} in {folder.absolute()}, the folder of the rig file"
+        raise InputError(what=what, where=where, remedy="give its path from that folder, or an absolute one")
+    return read_urdf(path, robot["sensor_frame"])
+
+
+def _limits(table: Mapping[str, list[list[float]] | None], arm: SpatialArm | None, where: str) -> Limits:
+    """The limits of the table; missing position and velocity limits are taken from the URDF, which has no others."""
+    counts = [len(pairs) for pairs in table.values() if pairs is not None]
+    if arm is not None and any(count != arm.joints for count in counts):
+        what = f"limits: expected {arm.joints} joints, got {min(counts)} limits"
+        raise InputError(
+            what=what, where=where, remedy=f"give limits of {', '.join(j.name for j in arm.chain)}, in this order"
+        )
+    pairs: dict[str, Any] = dict(table)
+    for name in ("position", "velocity", "acceleration"):
+        if pairs[name] is None:
+            pairs[name] = _limits_of_urdf(arm, name, where)
+    arrays = {name: np.array(pair, dtype=float) for name, pair in pairs.items() if pair is not None}
+    for array in arrays.values():
+        array.flags.writeable = False
+    return Limits(**arrays)
+
+
+def _limits_of_urdf(arm: SpatialArm | None, name: str, where: str) -> list[tuple[float, float]]:
+    chain = () if arm is None else arm.chain
+    unlimited = [joint.name for joint in chain if getattr(joint, name, None) is None]
+    if unlimited or not chain:
+        reason = f", and the URDF has none for '{unlimited[0]}'" if unlimited else ""
+        what = f"limits.{name}: missing{reason}"
+        raise InputError(what=what, where=where, remedy="add it to the rig file")
+    return [getattr(joint, name) for joint in chain]
+
+
+def _workspace(table: Mapping[str, list[float] | None]) -> Workspace:
+    return Workspace(**{axis: None if ends is None else (ends[0], ends[1]) for axis, ends in table.items()})
+
+
+def _sensor(table: Mapping[str, Any]) -> SensorDescription:
+    stated = table["convention"]
+    return SensorDescription(**{**table, "convention": None if stated is None else Convention(stated)})

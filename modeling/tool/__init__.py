@@ -1,1 +1,0 @@
-"""Rigid-body dynamics of the tool and the components of contact wrenches."""

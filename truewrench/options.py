@@ -1,0 +1,342 @@
+"""Options shared by several commands, and how each prints its result."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, redirect_stdout
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from modeling.kinematics.placement import LARGEST_NUMBER
+
+if TYPE_CHECKING:
+    from estimation.recordings.recording import Recording
+    from modeling.chain.effect import Effect
+    from modeling.chain.model import WrenchModel
+    from truewrench.files.data_set import DataSet
+    from truewrench.reports.report_files import Provenance
+
+
+# Names of the layouts of logs, for the options of commands and the workbench's form; none is read here.
+
+
+PRESETS = (
+    *("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova"),
+    *("xyz_quaternion_wrench", "joints_deg_wrench"),
+)
+
+
+Subcommands = argparse._SubParsersAction  # argparse has no public name for what add_subparsers returns
+
+
+def add_recordings(command: argparse.ArgumentParser) -> None:
+    """Add the recordings and the rig file."""
+    command.add_argument("recordings", nargs="+", metavar="REC", help="recording (CSV or Parquet), one rig and tool")
+    command.add_argument("--rig", metavar="RIG", help="rig file (TOML), required for joint angles")
+
+
+def add_period(command: argparse.ArgumentParser) -> None:
+    """Add the options that say how a recording is cut into repeats."""
+    either = command.add_mutually_exclusive_group()
+    text = "period of the repeated motion of REC, s (default: repeats as a column counts them, or as a period is found)"
+    either.add_argument("--period", type=positive, metavar="SECONDS", help=text)
+    add_no_period(either)
+
+
+def add_no_period(command: argparse._ActionsContainer) -> None:
+    """Add the option that takes every recording as one run."""
+    command.add_argument("--no-period", action="store_true", help="every recording as one run, whatever repeats")
+
+
+def add_custom_effects(command: argparse.ArgumentParser) -> None:
+    """Add the option for a file of custom effects."""
+    command.add_argument("--effects", type=Path, metavar="FILE", help="custom effects, formulas in TOML")
+
+
+def add_report(command: argparse.ArgumentParser) -> None:
+    """Add the folder of a report."""
+    text = "folder for report.html, self-contained and zoomable, and report.md, for an issue or a lab book"
+    command.add_argument("--report", type=Path, metavar="DIR", help=text)
+
+
+READ = (
+    "sources", "recordings", "recording", "models", "model", "on", "validate", "rig", "map", "effects", "bounds",
+    "prior", "calibration",
+)  # fmt: skip
+"""Arguments of all commands that name files which are read."""
+
+
+def require_results_apart(arguments: argparse.Namespace) -> None:
+    """Check before any work that the results of a command can be written, and that none replaces what it reads.
+
+    Where --out is no file, or not the only one, the command's `result_files` are those that it will write.
+    Raises InputError.
+    """
+    given = vars(arguments)
+    written = given["result_files"](arguments) if "result_files" in given else [given.get("out"), given.get("plot")]
+    if given.get("report") is not None:
+        from truewrench.reports.report_files import REPORT_FILES
+
+        written += [arguments.report / name for name in REPORT_FILES]
+    if any(written):
+        from truewrench.files.output import require_writable_files
+
+        named = [given.get(name) or [] for name in READ]
+        read = [Path(path) for paths in named for path in (paths if isinstance(paths, list) else [paths])]
+        require_writable_files(filter(None, written), [*read, *_urdf_of(given.get("rig"))])
+
+
+def _urdf_of(rig: str | None) -> list[Path]:
+    """The URDF that a rig file names; what is wrong with that file is said when it is read."""
+    from modeling.errors import InputError, file_text, toml_data
+
+    if rig is None or not Path(rig).is_file():  # a pipe can be read only once
+        return []
+    try:
+        robot = toml_data(file_text(rig, kind="a rig file"), rig).get("robot")
+    except InputError:
+        return []
+    urdf = robot.get("urdf") if isinstance(robot, dict) else None
+    return [Path(rig).parent / urdf] if isinstance(urdf, str) else []
+
+
+def provenance_of(arguments: argparse.Namespace, *files: str | Path | None) -> Provenance:
+    """What a report says about itself: the command as typed, and the files that it read."""
+    from truewrench.reports.report_files import Provenance
+
+    return Provenance.now(getattr(arguments, "typed", ""), [file for file in files if file is not None])
+
+
+MAX_WORKERS = 1000
+
+
+def available_cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+WORKERS = "number of processes (default: one for each core, under Linux); the result does not depend on N"
+
+
+def add_workers(command: argparse.ArgumentParser, text: str = WORKERS) -> None:
+    """Add the number of processes."""
+    command.add_argument("--workers", type=worker_count, metavar="N", help=text)
+
+
+def worker_count(text: str) -> int:
+    """A whole number from 1 to MAX_WORKERS."""
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_WORKERS:
+        raise argparse.ArgumentTypeError(f"a number of at least one, at most {MAX_WORKERS}, is needed, not {text!r}")
+    return int(text)
+
+
+def positive(text: str) -> float:
+    """A number above zero; argparse reports a ValueError in one line."""
+    value = finite(text)
+    if value <= 0:
+        raise ValueError(text)
+    return value
+
+
+def finite(text: str) -> float:
+    """A number of plausible size; argparse reports a ValueError in one line."""
+    value = float(text)
+    if not abs(value) < LARGEST_NUMBER:
+        raise ValueError(text)
+    return value
+
+
+def add_repeatable(command: argparse.ArgumentParser, *options: str, metavar: str, text: str) -> argparse.Action:
+    """Add an option that may be given several times."""
+    help_text = f"{text}; may be given several times"
+    return command.add_argument(*options, action="append", default=[], metavar=metavar, help=help_text)
+
+
+def add_verbosity(command: argparse.ArgumentParser) -> None:
+    """Add --quiet and --progress."""
+    group = command.add_mutually_exclusive_group()
+    text = "print nothing but errors and warnings, and with --json the data; files are written"
+    group.add_argument("--quiet", action="store_true", help=text)
+    text = "progress as lines on stderr, for a log (default: one line, on a terminal only)"
+    group.add_argument("--progress", action="store_true", help=text)
+
+
+@contextmanager
+def verbosity(arguments: argparse.Namespace) -> Iterator[None]:
+    """What --quiet and --progress ask for, for the time of one command."""
+    quiet, lines = getattr(arguments, "quiet", False), getattr(arguments, "progress", False)
+    if not quiet and not lines:
+        yield
+        return
+    from truewrench.files.output import ProgressStyle, progress_style
+
+    with ExitStack() as stack:
+        stack.enter_context(progress_style(ProgressStyle.LINES if lines else ProgressStyle.SILENT))
+        if quiet and not getattr(arguments, "json", False):
+            stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
+        yield
+
+
+def print_result(
+    arguments: argparse.Namespace,
+    text: Callable[[], object],
+    data: Callable[[], Mapping[str, Any]],
+    written: Sequence[Path] = (),
+) -> None:
+    """Print a result: with --json its data alone, else its text and the files written."""
+    if arguments.json:
+        print(json.dumps(data(), indent=2, allow_nan=False))
+        return
+    print(text())
+    if written:
+        print("\nWritten: " + ", ".join(map(str, written)))
+
+
+@contextmanager
+def suspicions_named(recordings: Sequence[Recording]) -> Iterator[None]:
+    """Name what was suspicious when these recordings were read: a line each on stderr, in an InputError the first."""
+    from estimation.recordings.reading_report import StepKind
+    from modeling.errors import InputError
+    from truewrench.files.output import say
+
+    said = [
+        f"{recording.name}: {str(step).removeprefix(f'{step.where}: ')}"
+        for recording in recordings
+        for step in (() if recording.reading is None else recording.reading.of(StepKind.SUSPICIOUS))
+    ]
+    try:
+        yield
+    except InputError as error:
+        what = "; ".join([error.what, *(line for line in said[:1] if error.what not in line)])
+        raise InputError(what=what, where=error.where, remedy=error.remedy) from None
+    for line in said:
+        say(f"warning: {line}")
+
+
+# Effects named on the command line: candidates of a diagnosis, and effects added to or dropped from a model.
+
+
+def add_effect_changes(command: argparse.ArgumentParser) -> None:
+    """Add --add and --drop."""
+    add_effect_ids(command, "--add", text="effect to add")
+    add_effect_ids(command, "--drop", text="effect to remove again")
+
+
+def add_candidate_choice(command: argparse.ArgumentParser) -> None:
+    """Add --given, --only and --without."""
+    add_effect_ids(command, "--given", "--add", text="effect that the model has already")
+    add_effect_ids(command, "--only", text="candidate effect, instead of the whole catalogue")
+    add_effect_ids(command, "--without", text="effect that is no candidate")
+
+
+def add_effect_ids(command: argparse.ArgumentParser, *options: str, text: str) -> None:
+    """Add an option that takes one id or several, and may be given several times."""
+    action = add_repeatable(command, *options, metavar="ID", text=f"{text}, or several")
+    action.completer = catalogue_ids  # type: ignore[attr-defined]  # of argcomplete
+
+
+def catalogue_ids(**_: object) -> list[str]:
+    """The ids of the catalogue's effects, for the shell to complete."""
+    from modeling.effects import catalogue
+
+    return [effect.id for effect in catalogue()]
+
+
+def ids_apart(arguments: list[str], options: set[str]) -> list[str]:
+    """Arguments with `--add A B` or `--add A,B` as `--add A --add B`: an id is a name, no option and no file.
+
+    argparse itself would take the recordings that follow for ids too.
+    """
+    found: list[str] = []
+    option, ids = "", 0
+    for text in arguments:
+        if text.startswith("-"):
+            option, ids = text if text in options else "", 0
+        elif option and ids and (not _are_ids(text) or Path(text).exists()):
+            option = ""
+        elif option:
+            names = [name for name in text.split(",") if name] or [text]
+            found += [option] * (ids > 0)
+            found += [part for name in names[:-1] for part in (name, option)]
+            text, ids = names[-1], ids + 1
+        found.append(text)
+    return found
+
+
+def _are_ids(text: str) -> bool:
+    """Whether these are names, separated by commas where there are several."""
+    return all(name.isidentifier() for name in text.rstrip(",").split(","))
+
+
+def effect_by_id(effect_id: str, custom: tuple[Effect, ...] = ()) -> Effect:
+    """Effect of that id, a custom one or of the catalogue.
+
+    Raises InputError for an unknown id.
+    """
+    from modeling.effects import named
+    from modeling.errors import InputError
+
+    for effect in custom:
+        if effect.id == effect_id:
+            return effect
+    try:
+        return named(effect_id)
+    except InputError as error:
+        also = f", or a custom effect: {', '.join(effect.id for effect in custom)}" if custom else ""
+        raise InputError(what=error.what, where=error.where, remedy=error.remedy + also) from None
+
+
+def custom_effects(path: Path | None, case: DataSet) -> tuple[Effect, ...]:
+    """Custom effects of the effects file; none without a file."""
+    if path is None:
+        return ()
+    from truewrench.files.effects_file import custom_candidates
+
+    return custom_candidates(path, case)
+
+
+def with_effects_changed(
+    model: WrenchModel, add: list[str], drop: list[str], custom: tuple[Effect, ...] = ()
+) -> WrenchModel:
+    """The model with and without the effects of these ids, of the catalogue or custom ones.
+
+    Raises InputError for ids that are unknown, added twice, or dropped without being in the model.
+    """
+    from modeling.errors import InputError
+
+    decided = {effect.id for effect in model.effects}  # by the data: a base mounted in no axis's direction
+    for effect_id in (effect_id for effect_id in add if effect_id not in decided):
+        model = model + effect_by_id(effect_id, custom)
+    for effect_id in drop:
+        if effect_id not in [effect.id for effect in model.effects]:
+            remedy = "drop only what --add has added"
+            raise InputError(what=f"'{effect_id}' is not in the model", where="--drop", remedy=remedy)
+        model = model.without(effect_id)
+    return model
+
+
+def candidate_effects(
+    model: WrenchModel, only: list[str], without: list[str], custom: tuple[Effect, ...] = ()
+) -> tuple[Effect, ...]:
+    """The candidates: catalogue and custom effects, or `only` those of these ids, less those `without`.
+
+    Raises InputError for an unknown id, for one that is not defined for these channels, and when none is left.
+    """
+    from modeling.effects import catalogue
+    from modeling.errors import InputError
+
+    listed = {effect.id: effect for effect in (*catalogue(model.space), *custom)}
+    for option, ids in (("--only", only), ("--without", without)):
+        for effect_id in ids:
+            if effect_by_id(effect_id, custom).id not in listed:
+                remedy = "see `truewrench effects` for where each applies"
+                what = f"'{effect_id}' is not defined for {len(model.channels)} channels"
+                raise InputError(what=what, where=option, remedy=remedy)
+    chosen = [listed[i] for i in dict.fromkeys(only or listed) if i not in without]
+    if not [effect for effect in chosen if effect.id not in {e.id for e in model.effects}]:
+        remedy = "name an effect that is neither given nor left out"
+        raise InputError(what="no candidate effect is left", where="--only, --without", remedy=remedy)
+    return tuple(chosen)

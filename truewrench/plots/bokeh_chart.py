@@ -1,0 +1,390 @@
+"""A chart as figures of Bokeh: zoomable in a page that a server feeds, long lines thinned to what is on the screen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import singledispatch
+from html import escape
+from math import ceil, floor, log10
+from typing import Any
+
+import numpy as np
+from bokeh.events import RangesUpdate
+from bokeh.layouts import column, row
+from bokeh.models import (
+    BasicTicker,
+    ColumnDataSource,
+    CustomJSTickFormatter,
+    DataRange1d,
+    FactorRange,
+    FixedTicker,
+    HoverTool,
+    LinearColorMapper,
+    PlainText,
+    Range1d,
+    Spacer,
+)
+from bokeh.models.annotations import Label, Title
+from bokeh.models.annotations import Span as Rule
+from bokeh.plotting import figure
+
+from truewrench.plots.chart import (
+    Array,
+    Band,
+    Bars,
+    Chart,
+    Heat,
+    Level,
+    Line,
+    Panel,
+    Points,
+    Span,
+    decimated,
+    legend_labels,
+)
+from truewrench.plots.style import FAINT, INK, MEASURED, MUTED, NOISE, QUIET_NOISE
+
+LINE_COLUMNS = 1200
+"""Columns of pixels for which a line keeps its extremes."""
+MARKERS = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle", "v": "inverted_triangle", "P": "plus",
+           "X": "x", "_": "dash"}  # fmt: skip
+SYMBOLS = {"o": ("●", "○"), "s": ("■", "□"), "D": ("◆", "◇"), "^": ("▲", "△"), "v": ("▼", "▽"), "P": ("✚", "✚"),
+           "X": ("✖", "✖"), "_": ("–", "–")}  # fmt: skip
+"""The same in a legend: full and hollow."""
+TICKS = 5
+"""Wanted on an axis: panels are small."""
+PLAIN_NUMBER = "return String(Number(tick.toPrecision(3)))"
+"""JavaScript that writes a tick of a logarithmic axis."""
+PLAIN_NUMBERS = """
+const step = ticks.length > 1 ? Math.abs(ticks[1] - ticks[0]) : Math.abs(tick) || 1
+const places = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9))
+const text = places > 6 || Math.abs(tick) >= 1e6 ? tick.toPrecision(3) : tick.toFixed(places + 1)
+return String(Number(text)).replace("-", "−")
+"""
+"""The same of a linear axis, to the digits that its ticks differ by."""
+FONT = "10.5px"
+LEAST = 230
+"""CSS pixels of a figure; where they do not fit beside each other they are below."""
+LEFT, RIGHT = 80, 12
+"""CSS pixels beside a panel, so that panels below each other are aligned."""
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Colours of a page: paper and lines of axes, and what other colours become on this paper."""
+
+    paper: str
+    ink: str
+    muted: str
+    grid: str
+    instead: Mapping[str, str] = field(default_factory=dict)
+
+    def colour(self, colour: str) -> str:
+        """The colour on this paper."""
+        return self.instead.get(colour, colour)
+
+
+LIGHT = Scheme(paper="#ffffff", ink=INK, muted=MUTED, grid="#e9ecf0")
+DARK = Scheme(
+    paper="#14171b", ink="#e6e9ed", muted="#9aa4b0", grid="#272c33",
+    instead={
+        INK: "#e6e9ed", MUTED: "#9aa4b0", FAINT: "#4a525c", NOISE: "#262b31", QUIET_NOISE: "#3a424c",
+        MEASURED: "#a7adb6", "#0072B2": "#56B4E9", "#D55E00": "#F0803C",
+    },
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawing:
+    """A figure under way: its panel and colours, and the lines that are thinned again when it is zoomed."""
+
+    figure: Any
+    panel: Panel
+    scheme: Scheme
+    thinned: list[tuple[Line, ColumnDataSource]] = field(default_factory=list)
+
+    def colour(self, colour: str) -> str:
+        return self.scheme.colour(colour)
+
+
+def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT) -> Any:
+    """The chart as a column of rows of figures, each as wide as its place; shared axes are linked."""
+    shared: dict[tuple[str, int], Any] = {}
+    lines = []
+    for number, panels in enumerate(chart.labelled_rows):
+        figures = [
+            Spacer(sizing_mode="stretch_width")
+            if panel is None
+            else _linked_figure(chart, panel, (number, place), shared, scheme)
+            for place, panel in enumerate(panels)
+        ]
+        lines.append(row(*figures, sizing_mode="stretch_width", spacing=10, styles={"flex-wrap": "wrap"}))
+    return column(*lines, sizing_mode="stretch_width", spacing=4)
+
+
+def legend_html(chart: Chart, scheme: Scheme = LIGHT) -> str:
+    """The legend of a chart: each label once, with its colour and kind; empty without labels.
+
+    Where each panel has a legend of its own, a line for each, headed by the name of its y axis.
+    """
+    if not chart.legend:
+        return ""
+    if chart.panel_legends:
+        return "".join(_legend_list([panel], scheme, panel.y_label) for panel in chart.panels)
+    return _legend_list(chart.panels, scheme)
+
+
+def _legend_list(panels: Sequence[Panel], scheme: Scheme, head: str = "") -> str:
+    entries: dict[str, str] = {}
+    for mark in (mark for panel in panels for mark in panel.drawn):
+        if label := _entry(mark):
+            entries.setdefault(label, _key(mark, scheme))
+    order = legend_labels(panels)
+    ordered = sorted(entries, key=lambda label: order.index(label) if label in order else len(order))
+    items = [f"<li>{entries[label]}{escape(label)}</li>" for label in ordered]
+    named = f"<li>{escape(head)}:</li>" if head else ""
+    return f'<ul class="legend">{named}{"".join(items)}</ul>' if items else ""
+
+
+def _entry(mark: Any) -> str:
+    return str(mark.note if isinstance(mark, Level) else getattr(mark, "label", ""))
+
+
+def _key(mark: Any, scheme: Scheme) -> str:
+    """A line, point or area of the mark's colour."""
+    colour = scheme.colour(mark.colour)
+    if isinstance(mark, Line | Level):
+        width, opacity = (mark.width, mark.opacity) if isinstance(mark, Line) else (1.5, 1.0)
+        style = f"border-top: {max(width, 1.0):g}px {'dashed' if mark.dashed else 'solid'} {colour}"
+        return f'<i class="line-key" style="{style}; opacity: {opacity:g}"></i>'
+    if isinstance(mark, Points):
+        full, hollow = SYMBOLS.get(mark.symbol, SYMBOLS["o"])
+        return f'<i class="point-key" style="color: {colour}">{hollow if mark.hollow else full}</i>'
+    opacity = max(mark.opacity, 0.4)
+    return f'<i class="area-key" style="background: {colour}; opacity: {opacity:g}"></i>'
+
+
+def figures_of(layout: Any) -> list[figure]:
+    """The figures of a layout, row by row."""
+    return [drawn for line in layout.children for drawn in line.children if isinstance(drawn, figure)]
+
+
+def _linked_figure(
+    chart: Chart, panel: Panel, at: tuple[int, int], shared: dict[tuple[str, int], Any], scheme: Scheme
+) -> figure:
+    number, place = at
+    share = chart.heights[number] * len(chart.heights) / sum(chart.heights) if chart.heights else 1.0
+    height = chart.row_height * share + 14 + 26 * bool(panel.x_label) + 18 * _has_title(chart, number)
+    drawn = bokeh_panel(
+        panel, height=int(height), scheme=scheme,
+        x_range=shared.get(("x", place)) if chart.shared_x else None,
+        y_range=shared.get(("y", number)) if chart.shared_y else None,
+    )  # fmt: skip
+    if chart.shared_x and not panel.x_label:
+        drawn.xaxis.major_label_text_font_size, drawn.xaxis.major_label_text_color = (
+            "1px",
+            None,
+        )  # those of the lowest panel are below
+    shared.setdefault(("x", place), drawn.x_range)
+    shared.setdefault(("y", number), drawn.y_range)
+    return drawn
+
+
+def _has_title(chart: Chart, row_number: int) -> bool:
+    return any(panel is not None and panel.title for panel in chart.rows[row_number])
+
+
+def bokeh_panel(
+    panel: Panel,
+    *,
+    height: int,
+    scheme: Scheme = LIGHT,
+    x_range: Any = None,
+    y_range: Any = None,
+) -> figure:
+    """One panel as a figure, without a legend."""
+    names = [name for mark in panel.marks if isinstance(mark, Bars) for name in mark.names]
+    rows = [name for mark in panel.marks if isinstance(mark, Heat) for name in mark.rows]
+    ordered = FactorRange(factors=list(reversed(names or rows))) if names or rows else None
+    options: dict[str, Any] = {
+        "x_axis_type": "log" if panel.x_log else "linear", "y_axis_type": "log" if panel.y_log else "linear",
+        "x_range": x_range or _range(panel.x_limits), "y_range": y_range or ordered or _range(panel.y_limits),
+        "tools": "xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save", "active_drag": "xbox_zoom", "active_scroll": None,
+        "toolbar_location": "right", "min_border_left": LEFT, "min_border_right": RIGHT,
+    }  # fmt: skip
+    drawn = figure(height=height, sizing_mode="stretch_width", min_width=LEAST, **options)
+    drawing = _Drawing(drawn, panel, scheme)
+    for mark in panel.drawn:
+        _draw(mark, drawing)
+    _label(drawing)
+    if drawing.thinned:
+        drawn.on_event(RangesUpdate, lambda event: _thin_again(drawing.thinned, event.x0, event.x1))
+    return drawn
+
+
+def _range(limits: tuple[float, float] | None) -> Any:
+    return DataRange1d() if limits is None else Range1d(start=limits[0], end=limits[1])
+
+
+def _label(drawing: _Drawing) -> None:
+    """Title, names of axes, ticks and colours."""
+    drawn, panel, scheme = drawing.figure, drawing.panel, drawing.scheme
+    if panel.title:
+        drawn.add_layout(
+            Title(text=panel.title, text_color=scheme.colour(panel.title_colour), text_font_size="12.5px"), "above"
+        )
+    for axis, label in ((drawn.xaxis, panel.x_label), (drawn.yaxis, panel.y_label)):
+        axis.axis_label = PlainText(text=label) if label else None  # a user's column may be called like a formula
+    drawn.background_fill_color = drawn.border_fill_color = scheme.paper
+    drawn.outline_line_color = None
+    drawn.toolbar.logo = None
+    drawn.toolbar.autohide = True
+    for axis in (*drawn.xaxis, *drawn.yaxis):
+        axis.axis_label_text_color, axis.major_label_text_color = scheme.ink, scheme.muted
+        axis.axis_label_text_font_style, axis.axis_label_text_font_size = "normal", "11.5px"
+        axis.major_label_text_font_size = FONT
+        axis.axis_line_color = axis.major_tick_line_color = scheme.muted
+        axis.minor_tick_line_color = None
+    drawn.grid.grid_line_color = scheme.grid
+    _place_ticks(drawn.xaxis, panel.x_limits, log=panel.x_log)
+    _place_ticks(drawn.yaxis, panel.y_limits, log=panel.y_log)
+    if panel.x_ticks:
+        drawn.xaxis.ticker = list(range(len(panel.x_ticks)))
+        drawn.xaxis.major_label_overrides = dict(enumerate(panel.x_ticks))
+    if panel.note:
+        place: dict[str, Any] = {"x_units": "screen", "y_units": "screen", "x": 6, "y": 4}
+        drawn.add_layout(Label(text=panel.note, text_color=scheme.muted, text_font_size=FONT, **place))
+
+
+def _place_ticks(axis: Any, limits: tuple[float, float] | None, *, log: bool) -> None:
+    """Few ticks, as panels are small, plainly written."""
+    if log and limits is not None:
+        axis.ticker = FixedTicker(ticks=log_ticks(*limits))
+        axis.formatter = CustomJSTickFormatter(code=PLAIN_NUMBER)
+    elif not log and isinstance(axis[0].ticker, BasicTicker):
+        axis.ticker.desired_num_ticks = TICKS
+        axis.formatter = CustomJSTickFormatter(code=PLAIN_NUMBERS)
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Ticks of a logarithmic axis, and as many beyond both ends for who moves it: 1, 2, 5 where it spans little."""
+    decades = log10(high / low)
+    mantissas = (1, 2, 5) if decades < 1.5 else (1, 3) if decades < 2.5 else (1,)
+    step = ceil(decades / TICKS)
+    first, last = floor(log10(low)), ceil(log10(high))
+    exponents = range(first - first % step - 2 * step, last + 2 * step + 1, step)
+    return [m * 10.0**e for e in exponents for m in mantissas]
+
+
+def _thin_again(thinned: Iterable[tuple[Line, ColumnDataSource]], start: float, end: float) -> None:
+    """The extremes of what is between two values of x, one sample beyond each."""
+    for line, source in thinned:
+        first, last = np.searchsorted(line.x, (start, end))
+        inside = slice(max(int(first) - 1, 0), int(last) + 1)
+        x, y = decimated(Line(x=line.x[inside], y=line.y[inside], colour=line.colour), LINE_COLUMNS, log=False)
+        if len(x) > 1:
+            source.data = {"x": x, "y": y}
+
+
+# ------------------------------------------------------------------------------------------------- marks
+
+
+@singledispatch
+def _draw(mark: object, drawing: _Drawing) -> None:
+    raise TypeError(f"no drawing of {type(mark).__name__}")
+
+
+@_draw.register
+def _line(mark: Line, drawing: _Drawing) -> None:
+    x, y = decimated(mark, LINE_COLUMNS, log=drawing.panel.x_log)
+    source = ColumnDataSource({"x": x, "y": y})
+    if len(x) < len(mark.x) and not drawing.panel.x_log:
+        drawing.thinned.append((mark, source))
+    style: dict[str, Any] = {
+        "line_color": drawing.colour(mark.colour), "line_width": mark.width, "line_alpha": mark.opacity,
+        "line_dash": "dashed" if mark.dashed else "solid",
+    }  # fmt: skip
+    draw = drawing.figure.step if mark.steps else drawing.figure.line
+    more = {"mode": "center"} if mark.steps else {}
+    draw("x", "y", source=source, **style, **more)
+
+
+@_draw.register
+def _points(mark: Points, drawing: _Drawing) -> None:
+    colour = drawing.colour(mark.colour)
+    if mark.low is not None and mark.high is not None:
+        drawing.figure.segment(mark.x, mark.low, mark.x, mark.high, line_color=colour, line_width=1.3)
+    drawing.figure.scatter(
+        mark.x, mark.y, marker=MARKERS.get(mark.symbol, "circle"), size=1.6 * mark.size, line_color=colour,
+        fill_color=drawing.scheme.paper if mark.hollow else colour, line_width=1.4,
+    )  # fmt: skip
+    if mark.notes:
+        drawing.figure.text(
+            mark.x, mark.y, text=list(mark.notes), x_offset=-7, y_offset=-6, text_align="right",
+            text_font_size=FONT, text_color=drawing.scheme.ink,
+        )  # fmt: skip
+
+
+@_draw.register
+def _band(mark: Band, drawing: _Drawing) -> None:
+    colour = drawing.colour(mark.colour)
+    if mark.x is None:
+        limits = {"y0": [float(np.asarray(mark.low))], "y1": [float(np.asarray(mark.high))]}
+        drawing.figure.hstrip(**limits, fill_color=colour, fill_alpha=mark.opacity, line_color=None, level="underlay")
+        return
+    low, high = (np.broadcast_to(np.asarray(v, dtype=np.float64), mark.x.shape) for v in (mark.low, mark.high))
+    x, bottom = decimated(Line(x=mark.x, y=low, colour=colour), LINE_COLUMNS, log=drawing.panel.x_log)
+    x_top, top = decimated(Line(x=mark.x, y=high, colour=colour), LINE_COLUMNS, log=drawing.panel.x_log)
+    outline: Array = np.concatenate([bottom, top[::-1]])
+    drawing.figure.patch(
+        np.concatenate([x, x_top[::-1]]), outline, fill_color=colour, fill_alpha=mark.opacity, line_color=None
+    )
+
+
+@_draw.register
+def _span(mark: Span, drawing: _Drawing) -> None:
+    colour = drawing.colour(mark.colour)
+    drawing.figure.vstrip(
+        x0=[mark.start], x1=[mark.end], fill_color=colour, fill_alpha=mark.opacity, line_color=None, level="underlay"
+    )
+
+
+@_draw.register
+def _level(mark: Level, drawing: _Drawing) -> None:
+    drawing.figure.add_layout(
+        Rule(
+            location=mark.y, dimension="width", line_color=drawing.colour(mark.colour), line_width=1,
+            line_dash="dashed" if mark.dashed else "solid",
+        )
+    )  # fmt: skip
+
+
+@_draw.register
+def _bars(mark: Bars, drawing: _Drawing) -> None:
+    data: dict[str, Any] = {"name": list(mark.names), "size": list(mark.sizes), "note": list(mark.notes)}
+    source = ColumnDataSource(data | {"colour": [drawing.colour(c) for c in mark.colours]})
+    drawing.figure.hbar(y="name", right="size", height=0.7, fill_color="colour", line_color=None, source=source)
+    drawing.figure.text(
+        x="size", y="name", text="note", x_offset=5, text_baseline="middle", text_font_size=FONT,
+        text_color=drawing.scheme.ink, source=source,
+    )  # fmt: skip
+
+
+@_draw.register
+def _heat(mark: Heat, drawing: _Drawing) -> None:
+    across = np.arange(mark.values.shape[1], dtype=float) if mark.x is None else mark.x
+    low, high = mark.ends
+    x, y = np.meshgrid(across, np.arange(len(mark.rows)))
+    source = ColumnDataSource({"x": x.ravel(), "y": [mark.rows[i] for i in y.ravel()], "value": mark.values.ravel()})
+    mapper = LinearColorMapper(palette=list(mark.colours), low=mark.limits[0], high=mark.limits[1])
+    width = (high - low) / max(len(across), 1)
+    drawing.figure.rect(
+        x="x", y="y", width=width, height=1.0, fill_color={"field": "value", "transform": mapper}, line_color=None,
+        source=source,
+    )  # fmt: skip
+    drawing.figure.add_tools(HoverTool(tooltips=[(escape(mark.scale), "@value{0.000}")]))
+    if mark.columns:
+        drawing.figure.xaxis.ticker = list(range(len(mark.columns)))
+        drawing.figure.xaxis.major_label_overrides = dict(enumerate(mark.columns))
+        drawing.figure.xaxis.major_label_orientation = 1.0

@@ -1,1 +1,0 @@
-"""Picture of a reading: how a log became a recording."""

@@ -1,1 +1,0 @@
-"""Plot of an exciting trajectory."""
