@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -93,8 +94,8 @@ def interrupted_at(
 ) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of a command whose processes all get a signal, as of a terminal or `timeout`.
 
-    It is sent once a start of a stage is done, at which a line of the progress is waited for. The pipes end with the
-    last process that holds them: with one that is left, this does not return.
+    It is sent once a start of a stage is done, at which a line of the progress is waited for, and once more by somebody
+    who does not wait. The pipes end with the last process that holds them: with one that is left, this does not return.
     """
     program = "import sys; from truewrench.command_line import main; sys.exit(main())"
     command = [sys.executable, "-W", "default", "-c", program, "design", str(rig), *options, "--out", str(out)]
@@ -111,6 +112,10 @@ def interrupted_at(
             before += process.stderr.readline()
             assert process.poll() is None, before
         os.killpg(process.pid, ending)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=1.0)
+        if process.returncode is None:
+            os.killpg(process.pid, ending)
         text, error = process.communicate(timeout=120)
     return process.returncode, text, before + error
 
@@ -134,6 +139,27 @@ def test_interrupted_it_writes_the_best_so_far(
     assert (data["bound_logdet"], data["efficiency"], data["outcome"]) == (None, None, "interrupted")
     assert max(use for use in data["worst_limit_use"].values() if use is not None) <= 1
     assert logdet_of(pd.read_csv(out)) == pytest.approx(data["logdet"], abs=1e-6)
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_what_the_search_found_is_written_whatever_signals_come(
+    ending: signal.Signals, joint_limits: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Signals that come while the figure is drawn, after a search that ended by itself."""
+    from truewrench.plots import trajectory_plot
+
+    drawn, out, before = trajectory_plot.trajectory_figure, tmp_path / "plan.csv", signal.getsignal(ending)
+
+    def interrupted_figure(*given: Any, **options: Any) -> Any:
+        os.kill(os.getpid(), ending)
+        return drawn(*given, **options)
+
+    monkeypatch.setattr(trajectory_plot, "trajectory_figure", interrupted_figure)
+    options = ["--starts", "1", "--harmonics", "2", "--samples", "40", "--no-bound", "--workers", "1"]
+    assert main(["design", str(joint_limits), *options, "--out", str(out)]) == 0
+    assert len(pd.read_csv(out)) == 40
+    assert out.with_suffix(".png").exists()
+    assert signal.getsignal(ending) == before
 
 
 @pytest.mark.long(8)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -89,32 +88,44 @@ def seed(text: str) -> int:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Design the trajectory, write and print it; where interrupted, the best so far, and exit as interrupted."""
+    """Design the trajectory, write and print it; where interrupted, the best so far, and exit as interrupted.
+
+    The first signal ends the search. Further ones, and all after the search, are ignored until its result is written.
+    """
     import signal
 
     from design.exciting_trajectory import DesignInterrupted
     from truewrench.commands.design_request import DesignRequest
+    from truewrench.files.output import say
 
-    request, terminated = DesignRequest.of(arguments), False
+    request = DesignRequest.of(arguments)
+    received: list[int] = []
+    reached: ExcitingTrajectory | DiscriminationDesign | None
 
-    def interrupt(*_: object) -> None:
-        nonlocal terminated
-        terminated = True
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # `timeout` sends a second one
+    def ignore_signals() -> None:
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)
+
+    def interrupt(number: int, _: object) -> None:
+        ignore_signals()
+        received.append(number)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        found = exciting_plan(request) if arguments.tell is None else discriminating_plan(request)
-    except KeyboardInterrupt as interruption:
-        best = interruption.best if isinstance(interruption, DesignInterrupted) else None
-        print(f"interrupted: {NOTHING_YET if best is None else BEST_SO_FAR}", file=sys.stderr)
-        if best is not None:
-            show(request, best)
-        raise SystemExit(128 + (signal.SIGTERM if terminated else signal.SIGINT)) from None
+        try:
+            reached = exciting_plan(request) if arguments.tell is None else discriminating_plan(request)
+            ignore_signals()
+        except KeyboardInterrupt as interruption:
+            reached = interruption.best if isinstance(interruption, DesignInterrupted) else None
+        if reached is not None:
+            show(request, reached)
+        if received:
+            say(f"interrupted: {NOTHING_YET if reached is None else BEST_SO_FAR}")
+            raise SystemExit(128 + received[0])
     finally:
-        signal.signal(signal.SIGTERM, before)
-    show(request, found)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def show(request: DesignRequest, found: ExcitingTrajectory | DiscriminationDesign) -> None:
@@ -203,6 +214,8 @@ def write(request: DesignRequest, found: ExcitingTrajectory | DiscriminationDesi
     rig, motion = request.rig, found.motion
     if motion is None or rig.limits is None:
         return
+    with atomic_write(path) as temporary:
+        pd.DataFrame(motion.to_columns(request.options.samples)).to_csv(temporary, index=False, float_format="%.12g")
     figure = trajectory_figure(
         motion,
         rig.limits,
@@ -211,7 +224,5 @@ def write(request: DesignRequest, found: ExcitingTrajectory | DiscriminationDesi
         workspace=rig.workspace,
         information=found.sample_information if isinstance(found, ExcitingTrajectory) else None,
     )
-    with atomic_write(path) as temporary:
-        pd.DataFrame(motion.to_columns(request.options.samples)).to_csv(temporary, index=False, float_format="%.12g")
     with atomic_write(plot_path(path)) as temporary:
         figure.savefig(temporary, format="png", dpi=160, facecolor="white", bbox_inches="tight")

@@ -22,6 +22,7 @@ from estimation.recordings.sign_convention import (
     with_convention,
 )
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel, planar, spatial
+from modeling.effects.loads import CableSpring
 from modeling.errors import InputError
 from modeling.rig import Convention, Rig
 
@@ -177,7 +178,12 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
 
 
 def with_fitted_gravity(case: DataSet, fitted: Fit) -> DataSet:
-    """The case with the direction of gravity that the data decided turned by the tilt fitted beside the tool."""
+    """The case with the direction of gravity that the data decided turned by the tilt fitted beside the tool.
+
+    A direction that is doubted for a cable on the tool is dropped where the fit has that cable.
+    """
+    if case.doubted is not None and any(effect.id == CableSpring.id for effect in fitted.model.effects):
+        return replace(case, doubted=None)
     if case.gravity is None:
         return case
     return replace(case, gravity=with_fitted_tilt(case.gravity, fitted.model, fitted.values))
