@@ -1,7 +1,7 @@
 """Frame evidence: whether the weight in the readings fits the orientation as it was read, or another reading of it.
 
 A tool's force turns with the sensor: f = m Q R' (a + g e) + b, a the acceleration where the position is known, with
-an unknown mounting Q (`estimation/evidence/weight_fit.py`). It is fitted to the orientation as read, with gravity as
+an unknown mounting Q (`estimation/recordings/weight_fit.py`). It is fitted to the orientation as read, with gravity as
 the rig has it or down, and to what is often mistaken: a quaternion w first, the inverse rotation, a base mounted in
 another orientation, readings along base axes. All have about equally many parameters, so that the smallest residual is
 the most likely; whether it is shown is tested so that an effect that is hidden in the readings does not decide.
