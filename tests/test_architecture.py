@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -95,8 +96,6 @@ class TraceOptimal(Criterion):
 
     def expression(self, information: Any) -> Any:
         """ln tr M."""
-        import casadi as ca
-
         return ca.log(ca.trace(information))
 
     def degree(self, size: int) -> float:

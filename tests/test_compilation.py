@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
+import casadi as ca
 import mpmath  # type: ignore[import-untyped]
 import numpy as np
 import pytest
@@ -273,8 +274,6 @@ def test_shared_subexpressions_give_the_expressions_back() -> None:
 
 
 def test_a_node_without_a_counterpart_in_casadi_is_an_error() -> None:
-    import casadi as ca
-
     x = sp.Symbol("x", real=True)
     with pytest.raises(InputError, match="gamma"):
         casadi_expressions({x: ca.SX.sym("x")}, [sp.gamma(x)])

@@ -15,7 +15,7 @@ from modeling.chain.model import planar
 from modeling.effects import named
 from tests.test_hidden_effects import RIG, recorded
 from truewrench.command_line import main
-from truewrench.options import candidate_effects
+from truewrench.commands.effect_choice import candidate_effects
 from truewrench.simulated_rig import PlanarRig, SensorCrosstalk, ViscousDrag, simulate
 from truewrench.text.diagnosis_text import diagnosis_text
 

@@ -39,10 +39,10 @@ from truewrench.plots.time_series_plot import (
     running_mean,
     std_of_interval_means,
 )
-from truewrench.reports import report_page, write_report
 from truewrench.reports.effect_row import effect_row
 from truewrench.reports.page_templates import script_hash
 from truewrench.reports.report_files import Provenance
+from truewrench.reports.report_html import report_page, write_report
 from truewrench.simulated_rig import (
     BiasDrift,
     CentreOfMassOffset,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pinocchio
 import pytest
@@ -192,8 +193,6 @@ def test_orientation_never_jumps(arm: SpatialArm) -> None:
 
 
 def test_function_takes_one_state_or_many_and_graph_takes_any_symbols(arm: SpatialArm) -> None:
-    import casadi as ca
-
     states = states_of(arm, 4)
     pose = arm.pose(*states)
     for i, state in enumerate(zip(*states, strict=True)):

@@ -350,7 +350,7 @@ def test_no_period_reaches_the_diagnosis(bench: Path, one: Executor, monkeypatch
     def counted(_: object, recordings: Sequence[tw.Recording], **__: object) -> None:
         raise InputError(what=f"{recordings[0].repeats} repeats", where="here", remedy="none")
 
-    monkeypatch.setattr("diagnosis.diagnosis.diagnose", counted)
+    monkeypatch.setattr("truewrench.surveying.survey_task.diagnose", counted)
     for one_run, says in ((False, "4 repeats"), (True, "1 repeats")):
         (row,) = survey([bench / "run_2026-03-01.csv"], rig=bench / "rig.toml", executor=one, one_run=one_run).rows
         assert says in (row.outcome.error or "")

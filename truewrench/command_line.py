@@ -13,32 +13,32 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NoReturn
 
 from modeling.errors import InputError, TruewrenchError
-from truewrench.commands import (
-    calibrate,
-    compare,
-    compensate,
-    demo,
-    design,
-    diagnose,
-    effects,
-    emit,
-    fit,
-    import_recording,
-    survey,
-    workbench,
-)
+from truewrench import command_parsers
 from truewrench.files.output import say
 from truewrench.options import add_verbosity, ids_apart, require_results_apart, verbosity
 
-COMMANDS = (
-    demo, import_recording, diagnose, calibrate, fit, compare, survey, design, compensate, emit, effects, workbench,
-)  # fmt: skip
-PRINTING = (emit, effects)
+COMMANDS = {
+    "demo": command_parsers.demo,
+    "import": command_parsers.import_recording,
+    "diagnose": command_parsers.diagnose,
+    "calibrate": command_parsers.calibrate,
+    "fit": command_parsers.fit,
+    "compare": command_parsers.compare,
+    "survey": command_parsers.survey,
+    "design": command_parsers.design,
+    "compensate": command_parsers.compensate,
+    "emit": command_parsers.emit,
+    "effects": command_parsers.effects,
+    "workbench": command_parsers.workbench,
+}
+"""Arguments of each command; what it does is the function `run` of the module of that name in `truewrench.commands`."""
+PRINTING = ("emit", "effects")
 """Commands whose text is what was asked for: --quiet has no meaning there."""
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
@@ -94,13 +94,12 @@ def parser() -> Parser:
     )
     top.add_argument("--version", action=Version, nargs=0, help="print the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for command in COMMANDS:
-        command.add_to(commands)
-        added = list(commands.choices.values())[-1]
-        added.set_defaults(prog=added.prog)
-        added.epilog = " ".join(filter(None, (added.epilog, EXIT_CODES)))
-        if command not in PRINTING:
-            add_verbosity(added)
+    for name, add_arguments in COMMANDS.items():
+        command = add_arguments(commands)
+        command.set_defaults(command=add_arguments.__name__, prog=command.prog)
+        command.epilog = " ".join(filter(None, (command.epilog, EXIT_CODES)))
+        if name not in PRINTING:
+            add_verbosity(command)
     return top
 
 
@@ -119,9 +118,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = _parsed(argv)
         arguments.typed = shlex.join(["truewrench", *(sys.argv[1:] if argv is None else argv)])
-        require_results_apart(arguments)
+        command = import_module(f"truewrench.commands.{arguments.command}")
+        require_results_apart(arguments, getattr(command, "result_files", None))
         with verbosity(arguments):
-            arguments.run(arguments)
+            command.run(arguments)
         sys.stdout.flush()
     except TruewrenchError as error:
         return _print_error(str(error))

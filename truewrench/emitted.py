@@ -8,12 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from modeling.codegen.code_target import code_target, target_names
+from modeling.codegen.fitted_model import FittedModel
+from modeling.codegen.generated_code import GeneratedCode
 from modeling.codegen.payload_format import FORMATS, payload_format
+from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.tool_inertia import ToolInertia
 from modeling.errors import InputError, suggestion
+from modeling.space import Space
+from truewrench.files.data_set import MEANINGS
+from truewrench.files.model_file import ModelFile, as_model_file
 
 if TYPE_CHECKING:
     from modeling.table import Table
-    from truewrench.files.model_file import Fitted, ModelFile
+    from truewrench.files.model_file import Fitted
 
 BASES = ("planar", "spatial")
 BIASED = "its values are biased by what it lacks, and their standard deviations are too small"
@@ -108,8 +115,6 @@ def _source(*, known: bool = True) -> str:
 
 
 def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
-    from modeling.codegen.tool_inertia import ToolInertia
-
     if str(model) in BASES:
         remedy = "give a fit or a model file: `truewrench fit --out model.json`"
         raise InputError(what="a base model has no values", where=str(model), remedy=remedy)
@@ -130,17 +135,10 @@ def _sensor_link(saved: ModelFile) -> str:
 
 
 def _convention_sentence(saved: ModelFile) -> str:
-    from truewrench.files.data_set import MEANINGS
-
     return f"The readings that it was identified from are {MEANINGS[saved.model.convention]}."
 
 
 def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
-    from modeling.codegen.fitted_model import FittedModel
-    from modeling.codegen.generated_code import GeneratedCode
-    from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
-    from modeling.space import Space
-
     target = code_target(to)
     if str(model) in BASES:
         space = Space.PLANE if str(model) == "planar" else Space.SPACE
@@ -157,8 +155,6 @@ def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
 
 def _model_file(model: Fitted | str | Path) -> ModelFile:
     """What a model file holds, of a fit, of what has one, or of the file."""
-    from truewrench.files.model_file import ModelFile, as_model_file
-
     if not isinstance(model, (str, Path)):
         return as_model_file(model, "emit")
     if not Path(model).is_file():

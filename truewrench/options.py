@@ -1,32 +1,23 @@
-"""Options shared by several commands, and how each prints its result."""
+"""Arguments shared by several commands, with the types of their values; no numerical library is imported here."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
+from modeling.effects import catalogue
+from modeling.errors import InputError, file_text, toml_data
 from modeling.kinematics.placement import LARGEST_NUMBER
-
-if TYPE_CHECKING:
-    from estimation.recordings.recording import Recording
-    from modeling.chain.effect import Effect
-    from modeling.chain.model import WrenchModel
-    from truewrench.files.data_set import DataSet
-    from truewrench.reports.report_files import Provenance
-
-
-# Names of the layouts of logs, for the options of commands and the workbench's form; none is read here.
-
+from truewrench.files.output import REPORT_FILES, ProgressStyle, progress_style, require_writable_files
 
 PRESETS = (
     *("ur_rtde", "franka", "ros_csv", "ros_bag", "plotjuggler", "orocos", "kinova"),
     *("xyz_quaternion_wrench", "joints_deg_wrench"),
 )
+"""Names of the layouts of logs, for the options of commands and the workbench's form; none is read here."""
 
 
 Subcommands = argparse._SubParsersAction  # argparse has no public name for what add_subparsers returns
@@ -69,21 +60,18 @@ READ = (
 """Arguments of all commands that name files which are read."""
 
 
-def require_results_apart(arguments: argparse.Namespace) -> None:
+def require_results_apart(
+    arguments: argparse.Namespace, files: Callable[[argparse.Namespace], list[Path]] | None
+) -> None:
     """Check before any work that the results of a command can be written, and that none replaces what it reads.
 
-    Where --out is no file, or not the only one, the command's `result_files` are those that it will write.
-    Raises InputError.
+    `files` are those that the command will write, None for those of --out and --plot. Raises InputError.
     """
     given = vars(arguments)
-    written = given["result_files"](arguments) if "result_files" in given else [given.get("out"), given.get("plot")]
+    written = [given.get("out"), given.get("plot")] if files is None else files(arguments)
     if given.get("report") is not None:
-        from truewrench.reports.report_files import REPORT_FILES
-
         written += [arguments.report / name for name in REPORT_FILES]
     if any(written):
-        from truewrench.files.output import require_writable_files
-
         named = [given.get(name) or [] for name in READ]
         read = [Path(path) for paths in named for path in (paths if isinstance(paths, list) else [paths])]
         require_writable_files(filter(None, written), [*read, *_urdf_of(given.get("rig"))])
@@ -91,8 +79,6 @@ def require_results_apart(arguments: argparse.Namespace) -> None:
 
 def _urdf_of(rig: str | None) -> list[Path]:
     """The URDF that a rig file names; what is wrong with that file is said when it is read."""
-    from modeling.errors import InputError, file_text, toml_data
-
     if rig is None or not Path(rig).is_file():  # a pipe can be read only once
         return []
     try:
@@ -101,13 +87,6 @@ def _urdf_of(rig: str | None) -> list[Path]:
         return []
     urdf = robot.get("urdf") if isinstance(robot, dict) else None
     return [Path(rig).parent / urdf] if isinstance(urdf, str) else []
-
-
-def provenance_of(arguments: argparse.Namespace, *files: str | Path | None) -> Provenance:
-    """What a report says about itself: the command as typed, and the files that it read."""
-    from truewrench.reports.report_files import Provenance
-
-    return Provenance.now(getattr(arguments, "typed", ""), [file for file in files if file is not None])
 
 
 MAX_WORKERS = 1000
@@ -171,52 +150,11 @@ def verbosity(arguments: argparse.Namespace) -> Iterator[None]:
     if not quiet and not lines:
         yield
         return
-    from truewrench.files.output import ProgressStyle, progress_style
-
     with ExitStack() as stack:
         stack.enter_context(progress_style(ProgressStyle.LINES if lines else ProgressStyle.SILENT))
         if quiet and not getattr(arguments, "json", False):
             stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
         yield
-
-
-def print_result(
-    arguments: argparse.Namespace,
-    text: Callable[[], object],
-    data: Callable[[], Mapping[str, Any]],
-    written: Sequence[Path] = (),
-) -> None:
-    """Print a result: with --json its data alone, else its text and the files written."""
-    if arguments.json:
-        print(json.dumps(data(), indent=2, allow_nan=False))
-        return
-    print(text())
-    if written:
-        print("\nWritten: " + ", ".join(map(str, written)))
-
-
-@contextmanager
-def suspicions_named(recordings: Sequence[Recording]) -> Iterator[None]:
-    """Name what was suspicious when these recordings were read: a line each on stderr, in an InputError the first."""
-    from estimation.recordings.reading_report import StepKind
-    from modeling.errors import InputError
-    from truewrench.files.output import say
-
-    said = [
-        f"{recording.name}: {str(step).removeprefix(f'{step.where}: ')}"
-        for recording in recordings
-        for step in (() if recording.reading is None else recording.reading.of(StepKind.SUSPICIOUS))
-    ]
-    try:
-        yield
-    except InputError as error:
-        what = "; ".join([error.what, *(line for line in said[:1] if error.what not in line)])
-        raise InputError(what=what, where=error.where, remedy=error.remedy) from None
-    for line in said:
-        say(f"warning: {line}")
-
-
-# Effects named on the command line: candidates of a diagnosis, and effects added to or dropped from a model.
 
 
 def add_effect_changes(command: argparse.ArgumentParser) -> None:
@@ -240,8 +178,6 @@ def add_effect_ids(command: argparse.ArgumentParser, *options: str, text: str) -
 
 def catalogue_ids(**_: object) -> list[str]:
     """The ids of the catalogue's effects, for the shell to complete."""
-    from modeling.effects import catalogue
-
     return [effect.id for effect in catalogue()]
 
 
@@ -269,74 +205,3 @@ def ids_apart(arguments: list[str], options: set[str]) -> list[str]:
 def _are_ids(text: str) -> bool:
     """Whether these are names, separated by commas where there are several."""
     return all(name.isidentifier() for name in text.rstrip(",").split(","))
-
-
-def effect_by_id(effect_id: str, custom: tuple[Effect, ...] = ()) -> Effect:
-    """Effect of that id, a custom one or of the catalogue.
-
-    Raises InputError for an unknown id.
-    """
-    from modeling.effects import named
-    from modeling.errors import InputError
-
-    for effect in custom:
-        if effect.id == effect_id:
-            return effect
-    try:
-        return named(effect_id)
-    except InputError as error:
-        also = f", or a custom effect: {', '.join(effect.id for effect in custom)}" if custom else ""
-        raise InputError(what=error.what, where=error.where, remedy=error.remedy + also) from None
-
-
-def custom_effects(path: Path | None, case: DataSet) -> tuple[Effect, ...]:
-    """Custom effects of the effects file; none without a file."""
-    if path is None:
-        return ()
-    from truewrench.files.effects_file import custom_candidates
-
-    return custom_candidates(path, case)
-
-
-def with_effects_changed(
-    model: WrenchModel, add: list[str], drop: list[str], custom: tuple[Effect, ...] = ()
-) -> WrenchModel:
-    """The model with and without the effects of these ids, of the catalogue or custom ones.
-
-    Raises InputError for ids that are unknown, added twice, or dropped without being in the model.
-    """
-    from modeling.errors import InputError
-
-    decided = {effect.id for effect in model.effects}  # by the data: a base mounted in no axis's direction
-    for effect_id in (effect_id for effect_id in add if effect_id not in decided):
-        model = model + effect_by_id(effect_id, custom)
-    for effect_id in drop:
-        if effect_id not in [effect.id for effect in model.effects]:
-            remedy = "drop only what --add has added"
-            raise InputError(what=f"'{effect_id}' is not in the model", where="--drop", remedy=remedy)
-        model = model.without(effect_id)
-    return model
-
-
-def candidate_effects(
-    model: WrenchModel, only: list[str], without: list[str], custom: tuple[Effect, ...] = ()
-) -> tuple[Effect, ...]:
-    """The candidates: catalogue and custom effects, or `only` those of these ids, less those `without`.
-
-    Raises InputError for an unknown id, for one that is not defined for these channels, and when none is left.
-    """
-    from modeling.effects import catalogue
-    from modeling.errors import InputError
-
-    listed = {effect.id: effect for effect in (*catalogue(model.space), *custom)}
-    for option, ids in (("--only", only), ("--without", without)):
-        for effect_id in ids:
-            if effect_by_id(effect_id, custom).id not in listed:
-                remedy = "see `truewrench effects` for where each applies"
-                what = f"'{effect_id}' is not defined for {len(model.channels)} channels"
-                raise InputError(what=what, where=option, remedy=remedy)
-    chosen = [listed[i] for i in dict.fromkeys(only or listed) if i not in without]
-    if not [effect for effect in chosen if effect.id not in {e.id for e in model.effects}]:
-        remedy = "name an effect that is neither given nor left out"
-        raise InputError(what="no candidate effect is left", where="--only, --without", remedy=remedy)
-    return tuple(chosen)

@@ -8,6 +8,7 @@ from functools import cached_property
 from math import log
 from time import monotonic
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -227,8 +228,6 @@ class DualFunctionEnclosure:
     @cached_property
     def _intervals(self) -> IntervalEvaluation:
         """F, then its gradient by the point, of (point, ddq)."""
-        import casadi as ca
-
         n = self.function.joints
         both = ca.SX.sym("ua", 3 * n)
         value, slope = self.function.gradient(both[: 2 * n], both[2 * n :], self.dual.root, self.dual.c)

@@ -10,6 +10,7 @@ from itertools import product
 from math import prod
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -244,8 +245,6 @@ class PeriodicityConditions:
 
     def graph(self, q: Any, dq: Any) -> Any:
         """All h as a CasADi column (K,) of q and dq, CasADi columns (n,)."""
-        import casadi as ca
-
         factors = [*_chebyshev(q, self.viable.limits.position, self._highest)]
         factors += _chebyshev(dq, self.viable.limits.velocity, self._highest)
         terms = [prod([f[d] for f, d in zip(factors, e, strict=True) if d], start=ca.SX(1)) for e in self.exponents]
@@ -314,8 +313,6 @@ class DualFunction:
     conditions: PeriodicityConditions
 
     def __post_init__(self) -> None:
-        import casadi as ca
-
         state = ca.SX.sym("x", 3 * self.joints)
         if any(ca.which_depends(self._sample(state), state[2 * self.joints :], 2, False)):
             raise InputError(
@@ -369,8 +366,6 @@ class DualFunction:
     @cached_property
     def _vertex_evaluation(self) -> TapeEvaluation:
         """F at all vertices (2^n,) of ddq, in a point and (R, c)."""
-        import casadi as ca
-
         point, _, root, c = self._symbols
         parts = self._parts(*self.viable.phase(point), c)
         values = [_value(parts, vertex, root) for vertex in self.viable.vertices]
@@ -379,8 +374,6 @@ class DualFunction:
     @cached_property
     def gradient(self) -> Any:
         """CasADi function of (point, ddq, R, c): F, and its gradient by the point (2n,)."""
-        import casadi as ca
-
         point, ddq, root, c = self._symbols
         value = _value(self._parts(*self.viable.phase(point), c), ddq, root)
         return _function([point, ddq, root, c], [value, ca.gradient(value, point)])
@@ -388,8 +381,6 @@ class DualFunction:
     @cached_property
     def _gradient_evaluation(self) -> TapeEvaluation:
         """F and its gradient, in (point, ddq) and (R, c)."""
-        import casadi as ca
-
         point, ddq, root, c = self._symbols
         return TapeEvaluation(
             Tape.of(ca.vertcat(point, ddq), ca.veccat(root, c), ca.vertcat(*self.gradient(point, ddq, root, c)))
@@ -397,8 +388,6 @@ class DualFunction:
 
     @cached_property
     def _symbols(self) -> tuple[Any, Any, Any, Any]:
-        import casadi as ca
-
         n, k = self.joints, self.size
         sizes = {"u": (2 * n, 1), "a": (n, 1), "R": (k, k), "c": (len(self.conditions), 1)}
         point, ddq, root, c = (ca.SX.sym(name, *shape) for name, shape in sizes.items())
@@ -409,15 +398,11 @@ class DualFunction:
         return self.experiment.sample()
 
     def _columns(self, q: Any, dq: Any, ddq: Any) -> Any:
-        import casadi as ca
-
         return ca.reshape(self._sample(ca.vertcat(q, dq, ddq)), -1, self.size)
 
     @cached_property
     def _parts(self) -> Any:
         """CasADi function of (q, dq, c): Phi at ddq = 0, its derivative by ddq, and of H = c'h: H_q dq and H_dq."""
-        import casadi as ca
-
         q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
         c = ca.SX.sym("c", len(self.conditions))
         columns, H = self._columns(q, dq, ddq), ca.dot(c, self.conditions.graph(q, dq))
@@ -429,8 +414,6 @@ class DualFunction:
     @cached_property
     def _moments(self) -> TapeEvaluation:
         """Phi'Phi column by column, then L h, in a state."""
-        import casadi as ca
-
         q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
         columns = self._columns(q, dq, ddq)
         rates = ca.jtimes(self.conditions.graph(q, dq), ca.vertcat(q, dq), ca.vertcat(dq, ddq))
@@ -440,14 +423,10 @@ class DualFunction:
 
 def _value(parts: Any, ddq: Any, root: Any) -> Any:
     """F from the parts of it that do not depend on ddq: |(Phi_0 + sum_j Phi_j ddq_j) R|² + H_q dq + H_dq ddq."""
-    import casadi as ca
-
     constant, slope, velocity_term, acceleration_slope = parts
     columns = constant + ca.reshape(slope @ ddq, *constant.shape)
     return ca.sumsqr(columns @ root) + velocity_term + ca.dot(acceleration_slope, ddq)
 
 
 def _function(arguments: list[Any], results: list[Any]) -> Any:
-    import casadi as ca
-
     return ca.Function("dual", arguments, [ca.cse(ca.densify(r)) for r in results])

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,8 +37,6 @@ def symbolic_pivots(information: Any) -> tuple[Any, Any]:
 
     d_j = M_jj - sum_i<j L_ji² d_i and L_ij = (M_ij - sum_l<j L_il L_jl d_l) / d_j, unrolled.
     """
-    import casadi as ca
-
     size = information.shape[0]
     lower, pivots = ca.SX.eye(size), ca.SX.zeros(size, 1)
     for j in range(size):
@@ -50,8 +49,6 @@ def symbolic_pivots(information: Any) -> tuple[Any, Any]:
 
 def symbolic_inverse(information: Any) -> Any:
     """M^-1 = L^-T diag(1/d) L^-1 as CasADi SX."""
-    import casadi as ca
-
     lower, pivots = symbolic_pivots(information)
     root = _unit_inverse(lower)
     return root.T @ ca.diag(1 / pivots) @ root
@@ -59,8 +56,6 @@ def symbolic_inverse(information: Any) -> Any:
 
 def _unit_inverse(lower: Any) -> Any:
     """Inverse of a unit lower triangle by forward substitution, row by row."""
-    import casadi as ca
-
     size = lower.shape[0]
     inverse = ca.SX.eye(size)
     for i in range(1, size):
@@ -140,8 +135,6 @@ def diagonal_blocks(information: Any, sizes: Sequence[int]) -> list[Any]:
 @lru_cache(maxsize=64)
 def _function(criterion: Criterion, size: int) -> Any:
     """The criterion as a CasADi function of a (size, size) matrix."""
-    import casadi as ca
-
     matrix = ca.SX.sym("M", size, size)
     return ca.Function("criterion", [matrix], [criterion.expression((matrix + matrix.T) / 2)])
 
@@ -149,7 +142,5 @@ def _function(criterion: Criterion, size: int) -> Any:
 @lru_cache(maxsize=64)
 def _gradient(criterion: Criterion, size: int) -> Any:
     """Its derivative by the matrix, by automatic differentiation."""
-    import casadi as ca
-
     matrix = ca.SX.sym("M", size, size)
     return ca.Function("gradient", [matrix], [ca.gradient(_function(criterion, size)(matrix), matrix)])

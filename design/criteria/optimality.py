@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from design.criteria.criterion import Array, Criterion, diagonal_blocks, symbolic_inverse, symbolic_pivots
@@ -82,8 +83,6 @@ class AOptimal(ScaledCriterion):
 
     def expression(self, information: Any) -> Any:
         """-ln of the mean variance."""
-        import casadi as ca
-
         return -ca.log(ca.trace(self._covariance(information)) / information.shape[0])
 
 
@@ -137,8 +136,6 @@ class EOptimal(ScaledCriterion):
 
     def expression(self, information: Any) -> Any:
         """-(1/p) ln tr C^p = -ln tr C - (1/p) ln tr N^p, by repeated squaring of N."""
-        import casadi as ca
-
         covariance = self._covariance(information)
         total = ca.trace(covariance)
         power = covariance / total
@@ -222,8 +219,6 @@ class MaximinCriterion(Criterion):
 
     def expression(self, information: Any) -> Any:
         """The smooth minimum, with the smallest factored out of the sum so that nothing overflows."""
-        import casadi as ca
-
         members = zip(self.criteria, self.blocks(information), strict=True)
         values = ca.vertcat(*[criterion.expression(block) for criterion, block in members])
         least = ca.mmin(values)
@@ -266,8 +261,6 @@ class DOptimal(Criterion):
 
     def expression(self, information: Any) -> Any:
         """Sum of the logarithms of the pivots."""
-        import casadi as ca
-
         return ca.sum1(ca.log(symbolic_pivots(information)[1]))
 
     def degree(self, size: int) -> float:
@@ -320,8 +313,6 @@ class Subset(Criterion):
 
     def expression(self, information: Any) -> Any:
         """Sum of the logarithms of the last s pivots."""
-        import casadi as ca
-
         order = self._order(information.shape[0])
         pivots = symbolic_pivots(information[order, order])[1]
         return ca.sum1(ca.log(pivots[-len(self.indices) :, 0]))

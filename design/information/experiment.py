@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,8 +73,6 @@ def nonlinear_parameters(model: WrenchModel) -> tuple[int, ...]:
     With d reading = H d load + dH load, those are the ones that d load or d zero depend on, and with dynamics those of
     H and of the load.
     """
-    import casadi as ca
-
     prediction = compiled_prediction(model)
     found = set(prediction.transfer_parameters)
     for part in (prediction.load, prediction.bias):
@@ -240,8 +239,6 @@ class Experiment:
 
         Raises InputError when the columns depend on other samples or on time, and not on the state alone.
         """
-        import casadi as ca
-
         if self.has_memory or self.timed:
             raise InputError(
                 what="the information of a sample does not follow from its state alone",

@@ -8,6 +8,7 @@ from enum import Enum
 from functools import cached_property, lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -125,8 +126,6 @@ class SensitivityTerm:
     @cached_property
     def function(self) -> Any:
         """CasADi function (SX) from the signals (m,) to the matrix (p, c), before H."""
-        import casadi as ca
-
         inputs, parameters = self._vector_function.symbols
         value = self.factor * self._vector_function.graph
         matrix = value if self.by is None else ca.jacobian(value, parameters)[:, list(self.by)]
@@ -208,8 +207,6 @@ def signals_along(arm: Arm, q: Array, dq: Array, ddq: Array) -> dict[str, Array]
 @lru_cache(maxsize=16)
 def signals_of_state(arm: Arm) -> Any:
     """CasADi function (SX) from a state (q, dq, ddq), (3n,), to the signals in the order of `signal_names`."""
-    import casadi as ca
-
     state = ca.SX.sym("x", len(STATE_PREFIXES) * arm.joints)
     motion = arm.function(*ca.vertsplit(state, arm.joints))
     return ca.Function("signals", [state], [ca.densify(ca.vertcat(state, motion))])
@@ -224,8 +221,6 @@ SensitivityShape = tuple[int, int]
 @lru_cache(maxsize=64)
 def sensitivity_function(arm: Arm, terms: tuple[SensitivityTerm, ...], shape: SensitivityShape) -> Any:
     """CasADi function (SX) from a state (3n,) and the clock's signals (2,) to the columns (p, k), before filters."""
-    import casadi as ca
-
     state, clock = ca.SX.sym("x", 3 * arm.joints), ca.SX.sym("clock", len(CLOCK_SIGNALS))
     given, names = ca.vertcat(signals_of_state(arm)(state), clock), (*signal_names(arm), *CLOCK_SIGNALS)
     total = ca.SX.zeros(*shape)
@@ -242,8 +237,6 @@ def sensitivity_graph(
     Terms with a common transfer function are one map over the samples; each filter is a constant matrix (N, N) on its
     result, so that derivatives of every order follow.
     """
-    import casadi as ca
-
     channels, size = shape
     rows: list[Any] = [ca.MX.zeros(size, sampling.samples) for _ in range(channels)]
     for response, group in _by_response(terms).items():
@@ -259,8 +252,6 @@ def sensitivity_graph(
 
 def whitened_graph(rows: list[Any], noise: StationaryNoise | None, sampling: Sampling) -> list[Any]:
     """The whitened columns (k, N) of each channel: by constant weights, or by filters where the noise is coloured."""
-    import casadi as ca
-
     if noise is None:
         return rows
     channels = range(len(rows))

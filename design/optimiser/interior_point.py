@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -74,8 +75,6 @@ class NonlinearProgram:
 
     def solve(self, *, iterations: int, warm: bool) -> OptimiserSolution:
         """By IPOPT; `warm`: the start is nearly the solution, and the barrier parameter starts small."""
-        import casadi as ca
-
         program = {"x": self.x, "f": self.f, "g": self.g}
         solver = ca.nlpsol("design", "ipopt", program, self._options(iterations, warm))
         with _SOLVER_LOCK:
@@ -100,8 +99,6 @@ class NonlinearProgram:
 
 def limit_constrained_program(objective: Objective, rows: LimitConstraints, start: Array) -> NonlinearProgram:
     """Maximise the objective within the constraints, from coefficients (k,) that need not be feasible."""
-    import casadi as ca
-
     z = ca.MX.sym("z", objective.series.size)
     limits, low, high = rows.graph(z)
     hessian = None

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -150,8 +151,6 @@ class LimitConstraints:
 
     def graph(self, z: Any) -> tuple[Any, Array, Array]:
         """CasADi expression (R,) of the coefficients z (k,), with its low (R,) and high (R,)."""
-        import casadi as ca
-
         tip, low, high = self._tip(z)
         linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.own.tolist()] - ca.DM(b.middle) for b in self.polytope.blocks])
         ends = np.ones(linear.numel())
@@ -164,8 +163,6 @@ class LimitConstraints:
 
     def curvature(self, z: Any, multipliers: Any) -> Any:
         """Second derivative (k, k) of the rows, summed with multipliers (R,): only the tip's rows are nonlinear."""
-        import casadi as ca
-
         tip = ca.vec(self._tip(z)[0])
         of_tip = multipliers[multipliers.numel() - tip.numel() :]
         return ca.hessian(ca.dot(of_tip, tip), z)[0] if tip.numel() else ca.MX(z.numel(), z.numel())
@@ -193,8 +190,6 @@ class LimitConstraints:
 
     def _tip(self, z: Any) -> tuple[Any, Array, Array]:
         """CasADi expression of the tip's limited coordinates (S, len(tip)), with the box low (S,) and high (S,), m."""
-        import casadi as ca
-
         if self.workspace is None or self.arm is None:
             return ca.MX.zeros(0, 1), np.zeros(0), np.zeros(0)
         index, low, high = workspace_box(self.workspace, self.arm)

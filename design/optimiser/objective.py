@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,8 +64,6 @@ class Objective:
     @cached_property
     def _entries(self) -> list[tuple[int, int]]:
         """Rows and columns of the entries of M that the criterion depends on, in its upper triangle."""
-        import casadi as ca
-
         size = self.experiment.size
         matrix = ca.MX.sym("M", size, size)
         score = ca.Function("score", [matrix], [self.criterion.graph(matrix)])
@@ -74,8 +73,6 @@ class Objective:
     @cached_property
     def sample(self) -> tuple[Any, Any, Any]:
         """Functions of one state x (3n,): m, and (m, dm/dx); and of x and weights w: the second derivative of w' m."""
-        import casadi as ca
-
         experiment = self.experiment
         x = ca.SX.sym("x", 3 * experiment.joints)
         columns = ca.reshape(experiment.sample()(x), len(experiment.channels), experiment.size)
@@ -92,8 +89,6 @@ class Objective:
     @cached_property
     def score(self) -> tuple[Any, Any, Any]:
         """Functions of the entries of M / N: the criterion of M, its gradient and its Hessian."""
-        import casadi as ca
-
         size = self.experiment.size
         entries, matrix = ca.SX.sym("m", len(self._entries)), ca.SX.zeros(size, size)
         for value, (i, j) in zip(ca.vertsplit(entries), self._entries, strict=True):
@@ -118,8 +113,6 @@ class Objective:
 
     def hessian(self, z: Any) -> Any:
         """The exact second derivative (k, k) of `graph`; only where `exact`."""
-        import casadi as ca
-
         count, states = self.samples, self._states_of(z)
         _, slopes, curvature = self.sample
         mean = self._mean(z)
@@ -131,19 +124,13 @@ class Objective:
 
     def _mean(self, z: Any) -> Any:
         """The entries of M / N."""
-        import casadi as ca
-
         return ca.sum2(self.sample[0].map(self.samples)(self._states_of(z))) / self.samples
 
     @cached_property
     def _basis(self) -> Any:
-        import casadi as ca
-
         return ca.sparsify(ca.DM(self.states.reshape(-1, self.series.size)))
 
     def _states_of(self, z: Any) -> Any:
-        import casadi as ca
-
         return ca.reshape(self._basis @ z, 3 * self.experiment.joints, self.samples)
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 from itertools import count
 from typing import Any, NamedTuple, Self, TypeAlias
 
+import casadi as ca
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
@@ -230,8 +231,6 @@ class RowSignals:
 
         Raises InputError when it needs signals that a row does not give.
         """
-        import casadi as ca
-
         names = sample_inputs(model)
         self._require(names, model)
         needs_kinematics = self.arm is not None and not set(self.arm.names).isdisjoint(names)
@@ -402,8 +401,6 @@ class ContactFilter(Tabular):
         From the derivatives, the biases, the reading and the state to the residual, reading minus prediction, and the
         next state.
         """
-        import casadi as ca
-
         model, theta = self.calibration.model, self.calibration.theta
         derivatives, given, graphs = self.motion.graphs(model)
         zero, reading = (ca.SX.sym(name, len(model.channels)) for name in ("zero", "reading"))

@@ -12,6 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.recordings.differentiation import (
+    Derivatives,
+    SplineTimes,
+    TrueSamples,
+    fourier_derivatives,
+    fourier_or_spline_derivatives,
+    spline_derivatives,
+)
 from estimation.recordings.repeat_motion import differing_columns, motion_difference
 from modeling.errors import InputError
 from modeling.kinematics.placement import motion_in_world
@@ -21,7 +29,6 @@ from modeling.table import Column, Table, Tabular, Value
 if TYPE_CHECKING:
     import pandas as pd
 
-    from estimation.recordings.differentiation import Derivatives, TrueSamples
     from estimation.recordings.reading_report import ReadingReport
     from modeling.kinematics.arm import Arm
 
@@ -268,8 +275,6 @@ class Recording(Tabular):
         columns are held where those of this recording are. The motion jumps between the runs, so that of several only
         what depends on single samples can be predicted.
         """
-        from estimation.recordings.differentiation import SplineTimes
-
         assert self.time is not None  # static poses are not smoothed
         times, span = np.arange(self.samples) * np.float64(self.dt or 0.0), self.samples * (self.dt or 0.0)
         splines = {key: found.spline for key, found in self.derivatives.items() if found.spline is not None}
@@ -287,13 +292,6 @@ class Recording(Tabular):
         return other
 
     def _differentiated(self, series: Array, names: Sequence[str], antiperiodic: bool) -> Derivatives:
-        from estimation.recordings.differentiation import (
-            Derivatives,
-            fourier_derivatives,
-            fourier_or_spline_derivatives,
-            spline_derivatives,
-        )  # slow to import
-
         series = self._rebuilt(series, names)
         true = self.true_samples(names) if names else None
         mean = self._mean(series)
@@ -311,8 +309,6 @@ class Recording(Tabular):
 
     def _rebuilt(self, series: Array, names: Sequence[str]) -> Array:
         """A series (n, k) of repeats from its true samples where columns are held, else as it is."""
-        from estimation.recordings.differentiation import spline_derivatives
-
         true = self.true_samples(names) if names and self.repeats > 1 else None
         return series if true is None or self.dt is None else spline_derivatives(series, self.dt, true).value
 
@@ -323,8 +319,6 @@ class Recording(Tabular):
         """
         if self.dt is None or not self.continuous:
             return None
-        from estimation.recordings.differentiation import TrueSamples
-
         key = tuple(names)
         if key not in self.held_columns:
             self.held_columns[key] = TrueSamples.of((self.columns[name] for name in names), self.dt, self.samples)

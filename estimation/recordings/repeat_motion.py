@@ -30,6 +30,7 @@ import scipy  # loads scipy.linalg with its first use
 from numpy.typing import NDArray
 
 from estimation.autoregression import fit_autoregression
+from estimation.recordings.differentiation import line_noise_floor, spline_derivatives
 from estimation.recordings.motion_period import motion_components
 from modeling.significance import LEVELS
 
@@ -171,8 +172,6 @@ def differing_columns(series: Array, repeats: int, *, continuous: bool) -> NDArr
 
 def _largest_line(runs: Array) -> Array:
     """Largest line of any run (R, N, k) over the noise floor of all, per column: noise lines are exponential."""
-    from estimation.recordings.differentiation import line_noise_floor
-
     samples = runs.shape[1]
     window = np.sin(np.pi * (np.arange(samples) + 0.5) / samples) ** 6  # no leakage into the upper octaves
     power = np.abs(np.fft.rfft(runs * window[:, None], axis=1)) ** 2
@@ -204,8 +203,6 @@ def motion_difference(
 
 def _smooth_derivatives(series: Array, repeats: int, dt: float, continuous: bool) -> tuple[Array, ...]:
     """A series (n, k) and its derivatives by splines: of the whole record, or of each repeat where it jumps."""
-    from estimation.recordings.differentiation import spline_derivatives
-
     columns = series.shape[1]
     runs = series.reshape(repeats, -1, columns).transpose(1, 0, 2).reshape(-1, repeats * columns)
     single = spline_derivatives(runs, dt)

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.least_squares.square_root_information import SquareRootInformation, TallMatrix, tall_matrix_r_factor
+from estimation.model_response import model_response
 from estimation.recordings.recording import Recording
 from estimation.streaming.chunk import Chunk, chunks
 from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
 from modeling.chain.regressor import RegressorBasis, regressor_basis
 from modeling.errors import InputError
 from modeling.noise import NoiseModel
@@ -198,8 +200,6 @@ def _series(
 
 
 def _instantaneous(model: WrenchModel) -> bool:
-    from modeling.chain.prediction import compiled_prediction  # slow to import
-
     return compiled_prediction(model).instantaneous
 
 
@@ -212,8 +212,6 @@ def _require_signals(piece: Chunk, inputs: Iterable[str]) -> None:
 
 
 def _rows(piece: Chunk, model: WrenchModel, theta: Array | None) -> Array:
-    from modeling.chain.prediction import compiled_prediction  # slow to import
-
     samples, prediction = len(piece.wrench), compiled_prediction(model)
     _require_signals(piece, model.inputs)
     at = np.zeros(len(model.parameters)) if theta is None else theta
@@ -228,8 +226,6 @@ def _dynamic_rows(part: RecordingOrChunk, model: WrenchModel, theta: Array | Non
         raise InputError(
             what=what, where=part.run, remedy="give whole recordings, or leave the effect with dynamics out"
         )
-    from estimation.model_response import model_response  # slow to import
-
     response = model_response(model, part, np.zeros(len(model.parameters)) if theta is None else theta)
     rows = _stacked(part.wrench, response.value, response.derivative)
     for run in np.split(rows, 1 if part.continuous else part.repeats, axis=-1):

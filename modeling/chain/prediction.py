@@ -17,11 +17,10 @@ from modeling.compiled.straight_line_program import laplace
 from modeling.compiled.symbolic_vector import SymbolicVector
 from modeling.compiled.tape_evaluation import TapeEvaluation
 from modeling.compiled.vector_function import Array, CompiledVector, Signals, VectorFunction
-from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
+from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE, EquationOfMotion
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
 
 if TYPE_CHECKING:
-    from modeling.dynamics.equation_of_motion import EquationOfMotion
     from modeling.dynamics.motion_record import TimeBase
 
 ValueAndDerivative = tuple[Array, Array]
@@ -48,8 +47,6 @@ class DeflectedLoad:
     @cached_property
     def equation(self) -> EquationOfMotion:
         """The equation of motion, for `modeling.dynamics.deflection_solver.solve_deflection`."""
-        from modeling.dynamics.equation_of_motion import EquationOfMotion
-
         return EquationOfMotion(self.equilibrium, self.size)
 
     def tangent(

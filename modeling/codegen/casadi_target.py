@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,8 +46,6 @@ class CasadiSample:
     @classmethod
     def of(cls, program: SampleProgram, values: Mapping[sp.Symbol, Any], reading: Any, state: Any) -> CasadiSample:
         """The sample for graphs of the signals and parameters, of the reading (p,) and of the state."""
-        import casadi as ca
-
         run, line = _Execution(program, values, state), program.alignment
         for statement in program.statements:
             run.execute(statement)
@@ -62,16 +61,12 @@ class _Execution:
     """Values of all symbols so far, the parts of the state that are not read yet, and what the delay lines store."""
 
     def __init__(self, program: SampleProgram, values: Mapping[sp.Symbol, Any], state: Any) -> None:
-        import casadi as ca
-
         started, *kept = ca.vertsplit(state) if state.numel() else [1]
         self._started, self._state, self.stored = started, iter(kept), list[Any]()
         self.known = {**values, **dict(zip(program.states, self._state, strict=False))}
 
     def vector(self, symbols: tuple[sp.Symbol, ...]) -> Any:
         """Their values as one vector."""
-        import casadi as ca
-
         return ca.vertcat(*(self.known[symbol] for symbol in symbols))
 
     def execute(self, statement: Any) -> None:
@@ -85,8 +80,6 @@ class _Execution:
         self.known |= dict(zip(statement.symbols, values, strict=True))
 
     def _initialised(self, statement: InitialisedValues) -> list[Any]:
-        import casadi as ca
-
         pairs = zip(self._graphs(statement.first), self._graphs(statement.later), strict=True)
         return [ca.if_else(self._started, later, first) for first, later in pairs]
 
@@ -94,8 +87,6 @@ class _Execution:
         return casadi_results(StraightLineProgram.of(expressions), self.known)
 
     def _delayed(self, line: DelayLine) -> list[Any]:
-        import casadi as ca
-
         stored, width = [self.known[symbol] for symbol in line.values], len(line.values)
         for i in range((line.length - 1) * width):
             stored.append(ca.if_else(self._started, next(self._state), stored[i % width]))
@@ -103,8 +94,6 @@ class _Execution:
         return [stored[width * age + component] for _, age, component in line.taps]
 
     def _solved(self, statement: NewtonSolution) -> list[Any]:
-        import casadi as ca
-
         size, program = len(statement.symbols), statement.program.shared
         unknowns = ca.vertcat(*self._graphs(statement.start))
         for _ in range(statement.steps):
@@ -163,8 +152,6 @@ def casadi_model(fitted: FittedModel) -> Any:
     (p,) of that sample, or of `wait` samples ago where readings lead the motion; `next_state`; and, where it exists
     (`FittedModel.sensitivity`), the derivative of load + bias in the parameters (p, k), `regressor` or `sensitivity`.
     """
-    import casadi as ca
-
     names, state = input_names(fitted), ca.SX.sym("state", state_size(fitted.program))
     inputs = [ca.SX.sym(name) for name in names]
     reading, change = ca.SX.sym("reading", fitted.size), ca.SX.sym("change", len(fitted.parameters))
@@ -184,7 +171,6 @@ def casadi_model(fitted: FittedModel) -> Any:
 
 def input_names(fitted: FittedModel) -> list[str]:
     """The signals' names, prefixed with u_ where CasADi does not allow the name or it is reserved."""
-    import casadi as ca
 
     def allowed(name: str) -> bool:
         return bool(ca.Function.check_name(name)) and name not in RESERVED_INPUTS
@@ -195,8 +181,6 @@ def input_names(fitted: FittedModel) -> list[str]:
 
 def casadi_regressor(base: RigidToolRegressor) -> Any:
     """The CasADi function `regressor` of one sample: inputs by name as in FORMATS, output `Phi` (p, k)."""
-    import casadi as ca
-
     arguments = {name: ca.SX.sym(name, len(components)) for name, components in base.arguments.items()}
     parts = [part for argument in arguments.values() for part in ca.vertsplit(argument)]
     elements = casadi_results(base.program.shared, dict(zip(signals(*base.inputs), parts, strict=True)))

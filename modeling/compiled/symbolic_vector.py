@@ -8,6 +8,8 @@ from functools import cached_property, lru_cache, reduce
 from operator import add, mul
 from typing import Any
 
+import casadi as ca
+
 from modeling import symbolic as sp
 from modeling.compiled.straight_line_program import Definitions, StraightLineProgram, required_definitions, symbols_of
 from modeling.errors import InputError
@@ -61,8 +63,6 @@ def casadi_results(program: StraightLineProgram, values: Mapping[sp.Symbol, Any]
 
 def _casadi_expression(known: Mapping[sp.Symbol, Any], expression: sp.Expr) -> Any:
     """One expression as a CasADi graph, node by node."""
-    import casadi as ca
-
     if isinstance(expression, sp.Symbol):
         return known[expression]
     if expression.is_number:
@@ -76,8 +76,6 @@ def _casadi_expression(known: Mapping[sp.Symbol, Any], expression: sp.Expr) -> A
 
 @lru_cache(maxsize=1)
 def _casadi_operations() -> dict[Any, Callable[..., Any]]:
-    import casadi as ca
-
     return {
         sp.Add: lambda *terms: reduce(add, terms),
         sp.Mul: lambda *factors: reduce(mul, factors),
@@ -102,8 +100,6 @@ class SymbolicVector:
 
     def graph(self, u: Any, theta: Any) -> Any:
         """As a dense CasADi vector over CasADi vectors u (m,) and theta (k,)."""
-        import casadi as ca
-
         known: dict[sp.Symbol, Any] = {sp.Symbol(n, real=True): u[i] for i, n in enumerate(self.inputs)}
         known |= {symbol: theta[i] for i, symbol in enumerate(self.parameters)}
         replacements, reduced = common_subexpressions(list(self.expression))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
+import casadi as ca
 import numpy as np
 
 from modeling import symbolic as sp
@@ -53,8 +54,6 @@ class Tape:
 
         Raises ValueError for an operation outside UNARY and BINARY.
         """
-        import casadi as ca
-
         function = ca.Function("tape", [u, theta], [ca.densify(ca.cse(ca.vec(results)))])
         return cls(u.numel(), theta.numel(), *_recorded(function))
 
@@ -64,8 +63,6 @@ class Tape:
 
         Raises InputError for a function without counterpart in CasADi.
         """
-        import casadi as ca
-
         u = ca.SX.sym("u", len(inputs))
         results = casadi_expressions(dict(zip(inputs, ca.vertsplit(u), strict=True)), expressions)
         return cls.of(u, ca.SX(0, 1), ca.vertcat(ca.SX(0, 1), *results))
@@ -159,8 +156,6 @@ class Tape:
 
     def graph(self, u: Any, theta: Any) -> Any:
         """The results as a dense CasADi vector over vectors u (m,) and theta (k,)."""
-        import casadi as ca
-
         values = [u[i] for i in range(self.inputs)] + [theta[i] for i in range(self.parameters)]
         values += [ca.SX(constant) for constant in self.constants]
         codes = _codes()
@@ -181,8 +176,6 @@ def _count(value: object) -> int:
 @lru_cache(maxsize=1)
 def _codes() -> dict[str, int]:
     """CasADi's code of each operation."""
-    import casadi as ca
-
     return {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY + BINARY}
 
 
@@ -191,8 +184,6 @@ def _recorded(function: Any) -> tuple[tuple[float, ...], tuple[Operation, ...], 
 
     CasADi reuses work registers; `register` maps each to the number of its present value.
     """
-    import casadi as ca
-
     names = {code: name for name, code in _codes().items()}
     steps = range(function.n_instructions())
     kinds = [function.instruction_id(step) for step in steps]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,8 +38,6 @@ class CompiledVector:
     @classmethod
     def of(cls, vector: SymbolicVector) -> Self:
         """Compile a symbolic vector."""
-        import casadi as ca
-
         u, theta = ca.SX.sym("u", len(vector.inputs)), ca.SX.sym("theta", len(vector.parameters))
         graph = vector.graph(u, theta)
         jacobian = ca.densify(ca.jacobian(graph, theta)[:, list(vector.active)])
@@ -124,8 +123,6 @@ class VectorFunction:
     @cached_property
     def symbols(self) -> tuple[Any, Any]:
         """CasADi symbols of the inputs and of the parameters."""
-        import casadi as ca
-
         return ca.SX.sym("u", len(self.inputs)), ca.SX.sym("theta", self.count)
 
     @cached_property

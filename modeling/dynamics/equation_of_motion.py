@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -199,8 +200,6 @@ class EquationOfMotion:
 
     @cached_property
     def _mixed(self) -> Any:
-        import casadi as ca
-
         u, both = self.column.symbols
         theta, deflection = both[: self.parameters], both[self.parameters :]
         slopes = ca.vec(ca.jacobian(self.column.graph, deflection))

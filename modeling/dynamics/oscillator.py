@@ -8,6 +8,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from scipy.linalg import eigh, expm, expm_frechet
+from scipy.linalg.lapack import dgbsv, dpttrf, dpttrs, dtbtrs
 
 from modeling.dynamics.motion_record import TimeBase
 from modeling.errors import InputError
@@ -50,8 +52,6 @@ class SplineSlopes:
 
     def of_values(self, y: Array) -> Array:
         """Slopes (d, n) per step, of values (d, n)."""
-        from scipy.linalg.lapack import dpttrs
-
         first = (5 * (y[:, 1] - y[:, 0]) + y[:, 2] - y[:, 1]) / 2
         last = (5 * (y[:, -1] - y[:, -2]) + y[:, -2] - y[:, -3]) / 2
         right = 3 * (y[:, 2:] - y[:, :-2])
@@ -65,8 +65,6 @@ class SplineSlopes:
 
 @lru_cache(maxsize=8)
 def _factored(count: int) -> SplineSlopes:
-    from scipy.linalg.lapack import dpttrf
-
     middle = np.full(count - 2, 4.0)
     middle[[0, -1]] = 2.0
     return SplineSlopes(dpttrf(middle, np.ones(count - 3))[:2])
@@ -158,8 +156,6 @@ class TransientResponse:
 
     @cached_property
     def _flow(self) -> tuple[Array, Array]:
-        from scipy.linalg import expm
-
         return self._step_and_gains(expm(self._generator))
 
     @property
@@ -181,8 +177,6 @@ class TransientResponse:
 
     def _flow_change(self, d_inertia: Array, d_lag: float) -> tuple[Array, Array]:
         """Directional derivative of step and gains; the system matrix changes in the rows of the rates."""
-        from scipy.linalg import expm_frechet
-
         d, inverse = len(self.inertias), 1 / self.inertias
         d_inverse = -inverse[:, None] * d_inertia * inverse
         change = np.zeros((6 * d, 6 * d))
@@ -199,8 +193,6 @@ class TransientResponse:
         As step² = trace step - determinant (Cayley-Hamilton), x_{i+1} - trace x_i + determinant x_{i-1} =
         forcing_i - adjugate forcing_{i-1}: a banded triangular system with three diagonals for each mode.
         """
-        from scipy.linalg.lapack import dtbtrs
-
         d, n = len(self.inertias), forcing.shape[2] + 1
         own = np.zeros((d, 2, n))
         own[:, 0, 0], own[:, :, 1:] = start, forcing
@@ -267,8 +259,6 @@ class TransientEquations:
 
     def inputs(self, rights: Array) -> Array:
         """The inputs y (k, d, n) for right sides (k, d, n). Raises LinAlgError where there is none."""
-        from scipy.linalg.lapack import dgbsv
-
         known = np.asarray(np.einsum("nij,kjn->kni", self.by_right, rights))
         matrix, bands = self._matrix()
         sides = self._known_part(known).reshape(len(rights), -1)
@@ -396,8 +386,6 @@ class Oscillator:
     @classmethod
     def of(cls, coefficients: OscillatorCoefficients, clock: TimeBase) -> Oscillator:
         """The oscillator of those coefficients, for inputs on that time base."""
-        from scipy.linalg import eigh
-
         return cls(coefficients, *eigh(coefficients.mass, coefficients.stiffness), clock)
 
     def response(self, drive: Array) -> Array:

@@ -9,6 +9,7 @@ from functools import cached_property
 from math import hypot
 from typing import Any, ClassVar, Self
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -103,8 +104,6 @@ class Arm(ABC):
         With x(q) the pose, J = dx/dq and v = J dq: dx/dt = v and d²x/dt² = J ddq + (dv/dq) dq, both by CasADi's
         automatic differentiation.
         """
-        import casadi as ca
-
         given = [q[j] for j in range(self.joints)]
         x = ca.vertcat(*self.frames(given, [0.0] * self.joints, MathBackend(sin=ca.sin, cos=ca.cos)).pose)
         v = ca.jtimes(x, q, dq)
@@ -125,8 +124,6 @@ class Arm(ABC):
         return cached({"part": "pose", "arm": canonical_data(self)}, lambda: self._derived().to_data(), Tape.from_data)
 
     def _derived(self) -> Tape:
-        import casadi as ca
-
         q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
         return Tape.of(ca.vertcat(q, dq, ddq), ca.SX(0, 1), ca.vertcat(*self.graph(q, dq, ddq).values()))
 
@@ -137,8 +134,6 @@ class Arm(ABC):
     @cached_property
     def function(self) -> Any:
         """CasADi function of q, dq, ddq (n,) each: the signals (len(names),), in the order of `names`."""
-        import casadi as ca
-
         q, dq, ddq = (ca.SX.sym(name, self.joints) for name in ("q", "dq", "ddq"))
         return ca.Function("arm", [q, dq, ddq], [ca.cse(ca.vertcat(*self.graph(q, dq, ddq).values()))])
 
@@ -147,8 +142,6 @@ class Arm(ABC):
 
         (x, y) in the plane, along y'; (x, y, z) in space, along the sensor's z axis. m.
         """
-        import casadi as ca
-
         q, zero = ca.SX.sym("q", self.joints), ca.SX.zeros(self.joints)
         known = {sp.Symbol(name, real=True): value for name, value in self.graph(q, zero, zero).items()}
         motion = self.space.motion
@@ -211,8 +204,6 @@ class PlanarArm(Arm):
 
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
         """The signals as CasADi expressions of any q, dq, ddq (n,)."""
-        import casadi as ca
-
         values = self.tape.graph(ca.vertcat(q, dq, ddq), ca.SX(0, 1))
         return {name: values[i] for i, name in enumerate(self.names)}
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from modeling.significance import LEVELS
-from truewrench.options import Subcommands, positive, print_result
+import numpy as np
+
+from estimation.contact.contact_wrench import ContactWrench, compensate
+from estimation.reading.log_reading import read_with_rig
+from modeling.number_format import finite
+from modeling.space import Space
+from truewrench.commands.results import print_result
+from truewrench.files.model_file import ModelFile
+from truewrench.files.output import atomic_write, progress_line, say
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from estimation.contact.contact_wrench import ContactWrench
 
 COUNTED = "what it lacks is in the contact wrench, or hides contacts"
 """What follows for the contact wrench from a model that does not fit."""
@@ -20,43 +24,8 @@ EXCESSIVE_NOISE_RATIO = 3.0
 """Noise relative to that of the fitted recording above which the text warns: no sensor varies that much by itself."""
 
 
-def add_to(commands: Subcommands[Any]) -> None:
-    """Add the command and its options."""
-    text = (
-        "Subtract a fitted model from a recording: the wrench of the environment on the tool, with its uncertainty. In"
-        " the plane, magnitude and direction in CONTACT.csv are those of the force at the tip: the point force that"
-        " fits force and torque best, if the contact is at the tip and exerts no torque of its own. In six axes the"
-        " magnitude is |F|."
-    )
-    command = commands.add_parser("compensate", help="contact wrench of a recording", description=text)
-    command.add_argument("model", metavar="MODEL.json", help="model file of `fit --out` or `diagnose --out`")
-    command.add_argument("recording", metavar="REC", help="recording (CSV or Parquet) of the same rig and tool")
-    text = "use the zero of the fitted recording; by default it is re-estimated from the samples without contact"
-    command.add_argument("--keep-zero", action="store_true", help=text)
-    text = "distance of the force at the tip from the sensor along the tip, planar, m (default: the rig's tip_length)"
-    command.add_argument("--tip-length", type=positive, metavar="M", help=text)
-    text = "probability of any false contact in a recording without contact (default: %(default)s)"
-    command.add_argument("--false-alarms", type=chance, metavar="P", default=LEVELS.contact, help=text)
-    command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")
-    command.add_argument("--json", action="store_true", help="print the contacts and the zero as JSON alone")
-    command.set_defaults(run=run)
-
-
-def chance(text: str) -> float:
-    """A number between zero and one."""
-    value = positive(text)
-    if value >= 1:
-        raise ValueError(text)
-    return value
-
-
 def run(arguments: argparse.Namespace) -> None:
     """Compute the contact wrench, write and print it."""
-    from estimation.contact.contact_wrench import compensate
-    from estimation.reading.log_reading import read_with_rig
-    from truewrench.files.model_file import ModelFile
-    from truewrench.files.output import atomic_write, progress_line, say
-
     saved = ModelFile.read(arguments.model)
     if warning := saved.misfit_warning(COUNTED):
         say(f"warning: {warning}")
@@ -82,10 +51,7 @@ def contact_table(contact: ContactWrench) -> pd.DataFrame:
 
     Magnitude and direction are those of the force at the tip in the plane; in six axes the magnitude is |F|.
     """
-    import numpy as np
     import pandas as pd
-
-    from modeling.space import Space
 
     recording = contact.recording
     time = np.arange(recording.samples, dtype=float) if recording.time is None else recording.time
@@ -103,10 +69,6 @@ def contact_table(contact: ContactWrench) -> pd.DataFrame:
 
 def contact_data(contact: ContactWrench) -> dict[str, Any]:
     """Zero shift, noise and contacts as plain numbers, N, N m and s; None for what there is not."""
-    import numpy as np
-
-    from modeling.number_format import finite
-
     channels, found = contact.calibration.model.channels, contact.detection
     data: dict[str, Any] = {
         "recording": contact.recording.name,
@@ -143,8 +105,6 @@ def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
 
 def contact_text(contact: ContactWrench) -> str:
     """Detected contacts, zero shift and noise, as text with a table."""
-    import numpy as np
-
     found, space = contact.detection, contact.space
     count = len(contact.intervals)
     head = f"No contact detected beyond noise and known model error (false-alarm probability {found.false_alarms:g})."

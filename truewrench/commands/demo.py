@@ -5,8 +5,19 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.verdict_rule import RecordVerdict
+from estimation.contact.contact_wrench import ContactWrench, compensate
+from estimation.recordings.reading import read
+from modeling.effects import catalogue
+from modeling.table import Cell, Column, Table, Value
+from truewrench.commands.diagnose import FILES, diagnosed, report_texts, write
+from truewrench.commands.results import provenance_of
+from truewrench.files.data_set import DataSet
 from truewrench.files.demonstration import (
     CONTACT,
     NOTHING,
@@ -17,37 +28,22 @@ from truewrench.files.demonstration import (
     record,
     runs_of,
 )
-from truewrench.options import Subcommands
-
-if TYPE_CHECKING:
-    from diagnosis.comparison.comparison import Comparison
-    from diagnosis.diagnosis import Diagnosis
-    from estimation.contact.contact_wrench import ContactWrench
-    from modeling.table import Table, Value
-    from truewrench.simulated_rig import Array, HiddenEffect
+from truewrench.files.output import atomic_write, make_folder
+from truewrench.plots.contact_plot import LabelledContact, contact_figure
+from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
+from truewrench.simulated_rig import Array, HiddenEffect
+from truewrench.text.diagnosis_text import RIGID_TOOL, diagnosis_text
 
 PICTURE = "contact.png"
 
 
-def add_to(commands: Subcommands[Any]) -> None:
-    """Add the command and its options."""
-    text = "Simulate a rig with a hidden physical effect, diagnose its recordings, and compare with the truth."
-    command = commands.add_parser("demo", help="diagnose a simulated rig with a hidden effect", description=text)
-    text = f"effect to hide, or `{NOTHING}` (default: %(default)s)"
-    command.add_argument("--effect", metavar="ID", default="cable_spring", help=text)
-    text = "folder for rig file, recordings and report (default: %(default)s)"
-    command.add_argument("--out", type=Path, metavar="DIR", default=Path("demo_report"), help=text)
-    command.set_defaults(run=run, result_files=lambda _: [])  # it reads nothing
+def result_files(_: argparse.Namespace) -> list[Path]:
+    """None to keep apart from what is read: it reads nothing."""
+    return []
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Simulate, diagnose the recordings written, compare with the truth."""
-    from truewrench.commands.diagnose import FILES, diagnosed, report_texts, write
-    from truewrench.files.data_set import DataSet
-    from truewrench.files.output import make_folder
-    from truewrench.options import provenance_of
-    from truewrench.text.diagnosis_text import diagnosis_text
-
     effect = hidden_effect_by_id(arguments.effect)
     out = make_folder(arguments.out)
     print(f"Simulated planar arm with hidden effect: {_described(record(effect, out))}")
@@ -88,9 +84,6 @@ def outcome(found: Diagnosis, hidden: str) -> str:
 
 
 def _judgement(found: Diagnosis, hidden: str) -> str:
-    from diagnosis.verdict_rule import RecordVerdict
-    from modeling.effects import catalogue
-
     aliases = {r for f in found.findings if f.effect.id in found.added for r in f.confusable_with}
     if hidden == NOTHING:
         return "Correct." if not found.added else "False alarm."
@@ -110,8 +103,6 @@ def error_table(before: Comparison, after: Comparison) -> Table:
 
     The limit is a tenth of the noise floor and two standard errors: power (floor / 10)² + 2 std of the power.
     """
-    from modeling.table import Column, Table
-
     rows = []
     errors = zip(before.explainable_rms or {}, before.space.units, strict=True)
     for channel, unit in errors:
@@ -130,13 +121,6 @@ def error_table(before: Comparison, after: Comparison) -> Table:
 
 def contact_summary(found: Diagnosis, out: Path) -> str:
     """Contact wrench of a known contact estimated with both models, as a table and a figure."""
-    from estimation.contact.contact_wrench import compensate
-    from estimation.recordings.reading import read
-    from truewrench.files.output import atomic_write
-    from truewrench.plots.contact_plot import LabelledContact, contact_figure
-    from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
-    from truewrench.text.diagnosis_text import RIGID_TOOL
-
     fits = {RIGID_TOOL: found.steps[0].fit}
     if found.added:
         fits["with " + " and ".join(found.added)] = found.steps[-1].fit
@@ -157,8 +141,6 @@ def contact_summary(found: Diagnosis, out: Path) -> str:
 
 def true_contact(contact: ContactWrench) -> Array:
     """True contact wrench (n, 3) of every repeat along x', y' and clockwise, at the samples of the recording."""
-    import numpy as np
-
     recording = contact.recording
     assert recording.time is not None
     period = recording.samples_per_repeat * (recording.dt or 0.0)
@@ -168,10 +150,6 @@ def true_contact(contact: ContactWrench) -> Array:
 
 def contact_errors(contacts: dict[str, ContactWrench], true: Array) -> Table:
     """Per component the noise and each model's systematic error (`<`: below its noise limit), and contacts detected."""
-    import numpy as np
-
-    from modeling.table import Cell, Column, Table
-
     first = next(iter(contacts.values()))
     errors = [
         np.maximum(contact.systematic_contact_error(true), contact.systematic_contact_error_limit)

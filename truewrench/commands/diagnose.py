@@ -10,49 +10,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truewrench.options import (
-    Subcommands,
-    add_candidate_choice,
-    add_custom_effects,
-    add_period,
-    add_recordings,
-    add_repeatable,
-    add_report,
-    add_workers,
-    candidate_effects,
-    custom_effects,
-    print_result,
-    provenance_of,
-    suspicions_named,
-    with_effects_changed,
-)
+from diagnosis.calibration import Calibration
+from diagnosis.diagnosis import Diagnosis, diagnose
+from modeling.chain.effect import Effect
+from truewrench.commands.effect_choice import candidate_effects, custom_effects, with_effects_changed
+from truewrench.commands.results import print_result, provenance_of, suspicions_named
+from truewrench.files.data_set import DataSet, frame_sentences, frames_data, with_fitted_gravity
+from truewrench.files.output import atomic_write, make_folder, progress_line
+from truewrench.text.diagnosis_text import diagnosis_text
 
 if TYPE_CHECKING:
-    from diagnosis.calibration import Calibration
-    from diagnosis.diagnosis import Diagnosis
-    from modeling.chain.effect import Effect
-    from truewrench.files.data_set import DataSet
     from truewrench.reports.report_files import Provenance, ReportTexts
 
 FILES = ("report.html", "result.json", "model.json")
-
-
-def add_to(commands: Subcommands[Any]) -> None:
-    """Add the command and its options."""
-    text = "Fit the rigid tool, test its residual, and add the physical effects that explain it."
-    command = commands.add_parser("diagnose", help="physical effects missing from the model", description=text)
-    add_recordings(command)
-    add_period(command)
-    add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
-    add_candidate_choice(command)
-    add_custom_effects(command)
-    text = "calibration of REC, by `calibrate --out`: quoted, and p-values withheld where they do not hold"
-    command.add_argument("--calibration", type=Path, metavar="FILE", help=text)
-    command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for {', '.join(FILES)}")
-    add_report(command)
-    add_workers(command, "accepted, and without effect: a diagnosis runs in one process")
-    command.add_argument("--json", action="store_true", help="print the result as JSON alone")
-    command.set_defaults(run=run, result_files=result_files)
 
 
 def result_files(arguments: argparse.Namespace) -> list[Path]:
@@ -62,10 +32,6 @@ def result_files(arguments: argparse.Namespace) -> list[Path]:
 
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
-    from truewrench.files.data_set import DataSet, frame_sentences, frames_data, with_fitted_gravity
-    from truewrench.files.output import make_folder
-    from truewrench.text.diagnosis_text import diagnosis_text
-
     case = DataSet.read(
         arguments.recordings,
         validation=arguments.validate,
@@ -95,7 +61,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _calibration_of(case: DataSet, path: Path) -> Calibration:
     """The calibration in a file; InputError, before any work, unless it is of one of the training recordings."""
-    from truewrench.files.calibration_file import read_calibration
+    from truewrench.files.calibration_file import read_calibration  # with pydantic
 
     calibration = read_calibration(path)
     calibration.require_of(case.training)
@@ -107,10 +73,6 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None) -> Diag
 
     Raises InputError when the mass comes out negative.
     """
-    from diagnosis.diagnosis import diagnose
-    from truewrench.files.data_set import with_fitted_gravity
-    from truewrench.files.output import progress_line
-
     with progress_line() as progress:
         found = diagnose(case.model, case.training, validate=case.validation, effects=candidates, progress=progress)
     return found if case.gravity is None else replace(found, gravity=with_fitted_gravity(case, found.fit).gravity)
@@ -118,8 +80,7 @@ def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None) -> Diag
 
 def report_texts(found: Diagnosis, provenance: Provenance) -> ReportTexts:
     """The report as HTML and as Markdown."""
-    from truewrench.files.output import progress_line
-    from truewrench.reports.report_html import diagnosis_report
+    from truewrench.reports.report_html import diagnosis_report  # with its templates and figures
 
     with progress_line() as progress:
         progress("write the report")
@@ -133,8 +94,7 @@ def write(
 
     Of each folder all files are written, or none.
     """
-    from truewrench.files.model_file import ModelFile
-    from truewrench.files.output import atomic_write
+    from truewrench.files.model_file import ModelFile  # with the parser of formulas
     from truewrench.reports.report_files import write_report_files
 
     written = [] if report is None else write_report_files(texts, report)

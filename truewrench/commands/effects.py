@@ -7,30 +7,17 @@ from collections.abc import Iterable
 from inspect import cleandoc
 from itertools import groupby
 from math import inf
-from typing import TYPE_CHECKING, Any
 
-from truewrench.options import Subcommands, add_custom_effects
-
-if TYPE_CHECKING:
-    from modeling.chain.effect import Effect
-    from modeling.parameter import Parameter
-    from modeling.space import Space
-
-
-def add_to(commands: Subcommands[Any]) -> None:
-    """Add the command and its options."""
-    text = "List the candidate effects of a diagnosis, or describe one in full."
-    command = commands.add_parser("effects", help="the catalogue of physical effects", description=text)
-    command.add_argument("id", nargs="?", metavar="ID", help="effect to describe")
-    add_custom_effects(command)
-    command.set_defaults(run=run)
+from modeling.chain.effect import Effect
+from modeling.effects import catalogue, named
+from modeling.errors import InputError
+from modeling.parameter import Parameter
+from modeling.space import Space
+from modeling.table import Table
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Print the catalogue, or the description of one effect."""
-    from modeling.effects import catalogue
-    from truewrench.options import effect_by_id
-
     custom = () if arguments.effects is None else _custom_effects(arguments.effects)
     if arguments.id is None:
         print(listing((*catalogue(), *custom)))
@@ -45,10 +32,23 @@ def _custom_effects(path: str) -> tuple[Effect, ...]:
     return read_effects(path)
 
 
+def effect_by_id(effect_id: str, custom: tuple[Effect, ...] = ()) -> Effect:
+    """Effect of that id, a custom one or of the catalogue.
+
+    Raises InputError for an unknown id.
+    """
+    for effect in custom:
+        if effect.id == effect_id:
+            return effect
+    try:
+        return named(effect_id)
+    except InputError as error:
+        also = f", or a custom effect: {', '.join(effect.id for effect in custom)}" if custom else ""
+        raise InputError(what=error.what, where=error.where, remedy=error.remedy + also) from None
+
+
 def listing(effects: Iterable[Effect]) -> str:
     """Id, title, stage of the chain and the sensors that each effect applies to."""
-    from modeling.table import Table
-
     rows = [(e.id, e.title, e.stage.value, _sensors(e.spaces)) for e in effects]
     return str(Table.of(("id", "effect", "stage", "sensor"), rows))
 

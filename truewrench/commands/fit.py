@@ -5,57 +5,25 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from truewrench.options import (
-    Subcommands,
-    add_custom_effects,
-    add_effect_changes,
-    add_period,
-    add_recordings,
-    add_repeatable,
-    add_report,
-    custom_effects,
-    print_result,
-    provenance_of,
-    suspicions_named,
-    with_effects_changed,
-)
-
-if TYPE_CHECKING:
-    from diagnosis.comparison.comparison import Comparison
-    from estimation.fit import Fit
-    from estimation.least_squares.constraints import Constraints
-    from estimation.streaming.streamed_fit import StreamedFit
-    from modeling.chain.model import WrenchModel
-    from truewrench.files.data_set import DataSet
-    from truewrench.text.fit_summary import FitSummary
-
-
-def add_to(commands: Subcommands[Any]) -> None:
-    """Add the command and its options."""
-    text = "Estimate the rigid tool, with the effects given by --add, from recordings of one rig and tool."
-    command = commands.add_parser("fit", help="estimate the parameters of a given model", description=text)
-    add_recordings(command)
-    add_period(command)
-    add_effect_changes(command)
-    add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, compared but not fitted")
-    add_custom_effects(command)
-    command.add_argument("--robust", action="store_true", help="robust regression (Huber loss)")
-    command.add_argument("--bounds", type=Path, metavar="FILE", help="TOML file of intervals, m = [0.1, 3.0]")
-    command.add_argument(
-        "--physical", action="store_true", help="physically consistent inertia only, by a margin of 1e-6"
-    )
-    command.add_argument("--prior", type=Path, metavar="FILE", help="TOML file of a reference tool and its weight")
-    text = "read one long log in chunks; derivatives are columns of the log, the noise is that of the rig file"
-    command.add_argument("--stream", action="store_true", help=text)
-    command.add_argument("--runs", action="store_true", help="print mean error and variance of every repeat")
-    text = "print noise, systematic residual and gain of averaging over the repeats"
-    command.add_argument("--verbose", action="store_true", help=text)
-    command.add_argument("--out", type=Path, metavar="MODEL.json", help="file for the model")
-    add_report(command)
-    command.add_argument("--json", action="store_true", help="print model and residual statistics as JSON alone")
-    command.set_defaults(run=run)
+from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.model_comparison import compare
+from diagnosis.screening.score_test import model_initial_values
+from estimation.fit import Fit, fit
+from estimation.least_squares.bounds import Bounds
+from estimation.least_squares.constraints import Constraints
+from estimation.least_squares.prior import Prior
+from estimation.robust_fit import robust_fit
+from estimation.streaming.streamed_fit import StreamedFit, fit_long_log
+from modeling.chain.model import WrenchModel
+from modeling.errors import InputError
+from modeling.rig import Rig
+from truewrench.commands.effect_choice import custom_effects, with_effects_changed
+from truewrench.commands.results import print_result, provenance_of, suspicions_named
+from truewrench.files.data_set import DataSet, frame_sentences, with_fitted_gravity
+from truewrench.files.output import atomic_write, progress_line
+from truewrench.text.fit_summary import FitSummary
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -63,9 +31,6 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.stream:
         run_stream(arguments)
         return
-    from truewrench.files.data_set import DataSet, with_fitted_gravity
-    from truewrench.files.output import progress_line
-
     constraints = constraints_of(arguments)
     case = DataSet.read(
         arguments.recordings,
@@ -93,7 +58,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 def write_report(arguments: argparse.Namespace, found: FitSummary, case: DataSet) -> list[Path]:
     """Write the report of --report; return its files."""
-    from truewrench.files.data_set import frame_sentences
     from truewrench.reports.fit_report import fit_report
     from truewrench.reports.report_files import write_report_files
 
@@ -108,10 +72,6 @@ def run_stream(arguments: argparse.Namespace) -> None:
 
     Raises InputError for options that need the whole recording in memory.
     """
-    from estimation.streaming.streamed_fit import fit_long_log
-    from modeling.errors import InputError
-    from modeling.rig import Rig
-
     for option in ("robust", "bounds", "physical", "prior", "runs", "effects", "validate", "report", "period"):
         if getattr(arguments, option):
             what = "not available for a streamed log"
@@ -146,8 +106,7 @@ def print_fit(
     """Write the model file of --out, and print the fit as text or as JSON."""
     saved = None
     if arguments.out is not None or arguments.json:
-        from truewrench.files.model_file import ModelFile
-        from truewrench.files.output import atomic_write
+        from truewrench.files.model_file import ModelFile  # with the parser of formulas
 
         saved = ModelFile.of(found, misfitting, tool_unknown)
         if arguments.out is not None:
@@ -162,12 +121,6 @@ def fit_summary_of(model: WrenchModel, case: DataSet, constraints: Constraints |
 
     Raises InputError for a robust loss together with constraints.
     """
-    from diagnosis.screening.score_test import model_initial_values
-    from estimation.fit import fit
-    from estimation.robust_fit import robust_fit
-    from modeling.errors import InputError
-    from truewrench.text.fit_summary import FitSummary
-
     recordings = case.training
     if not robust:
         fitted = fit(model, recordings, start=model_initial_values(model, recordings), constraints=constraints)
@@ -180,17 +133,11 @@ def fit_summary_of(model: WrenchModel, case: DataSet, constraints: Constraints |
 
 
 def _compared(fitted: Fit, case: DataSet) -> tuple[Comparison, ...]:
-    from diagnosis.comparison.model_comparison import compare
-
     return tuple(compare(fitted, recording) for recording in case.validation)
 
 
 def constraints_of(arguments: argparse.Namespace) -> Constraints | None:
     """Constraints of --bounds, --physical and --prior; None without any."""
-    from estimation.least_squares.bounds import Bounds
-    from estimation.least_squares.constraints import Constraints
-    from estimation.least_squares.prior import Prior
-
     if arguments.bounds is None and arguments.prior is None and not arguments.physical:
         return None
     return Constraints(

@@ -5,46 +5,24 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
+from estimation.reading.log_reader import Array
+from estimation.reading.log_reading import imported
+from estimation.recordings.reading_report import ReadingReport
 from modeling.errors import InputError, quoted
-from truewrench.options import PRESETS, Subcommands, finite, positive
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from estimation.reading.log_reader import Array
-    from estimation.recordings.reading_report import ReadingReport
+from modeling.rig import Rig
+from truewrench.files.data_set import imported_frames
+from truewrench.files.output import atomic_write, progress_line
 
 PICTURES, PICTURE_DPI = (".png", ".svg", ".pdf"), 144
 ROWS_AT_ONCE, ROWS_OF_GROUP = 100_000, 500_000
 WRITTEN = (".csv", ".parquet", ".pq")
 LONGEST_CHECKED = 2_000_000
 """Samples up to which the recording is also made, as `diagnose` will make it; more would be in memory twice."""
-
-
-def add_to(commands: Subcommands[Any]) -> None:
-    """Add the command and its options."""
-    text = "Read logs as robots write them (text, Parquet, Excel, MATLAB, NumPy, HDF5, ROS bags; several files, several"
-    text += " clocks), and write one recording by --out. The reading report says what was done to how many samples."
-    command = commands.add_parser("import", help="logs of robots as a recording", description=text)
-    command.add_argument("sources", nargs="+", metavar="SOURCE", help="log file, or folder of a ROS 2 bag; one run")
-    command.add_argument(
-        "--preset", metavar="NAME", help=f"layout of the log (default: recognised): {', '.join(PRESETS)}"
-    )
-    command.add_argument("--map", metavar="FILE", help='columns and units in TOML, such as fx = "wrench.force.x"')
-    command.add_argument("--rig", metavar="RIG", help="rig file (TOML): the arm of joint angles, and [columns]")
-    period = command.add_mutually_exclusive_group()
-    period.add_argument("--period", type=positive, metavar="T", help="period of a repeated motion, s: cut into repeats")
-    period.add_argument("--no-period", action="store_true", help="one run, even if a column counts repeats")
-    text = "stamp of the wrench minus stamp of the motion at one instant, s (default: estimated); 0 believes the stamps"
-    command.add_argument("--clock-offset", type=finite, metavar="S", help=text)
-    command.add_argument("--strict", action="store_true", help="refuse whatever would have to be mended")
-    command.add_argument("--out", type=Path, metavar="REC", help="recording to write (.csv or .parquet)")
-    command.add_argument("--plot", type=Path, metavar="FILE", help="picture of the reading (.png, .svg or .pdf)")
-    command.add_argument("--json", action="store_true", help="print the reading report as JSON alone")
-    command.set_defaults(run=run)
 
 
 def _require_known_suffix(out: Path) -> None:
@@ -65,7 +43,6 @@ def write_picture(report: ReadingReport, path: Path) -> None:
     """Draw the reading as PNG, SVG or PDF, by the name's ending."""
     from matplotlib import rc_context
 
-    from truewrench.files.output import atomic_write
     from truewrench.plots.reading_plot import plot_reading
 
     figure = plot_reading(report)
@@ -75,10 +52,6 @@ def write_picture(report: ReadingReport, path: Path) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Import, write the recording, print the reading report."""
-    from estimation.reading.log_reading import imported
-    from modeling.rig import Rig
-    from truewrench.files.output import atomic_write, progress_line
-
     if arguments.out is not None:
         _require_known_suffix(arguments.out)
     if arguments.plot is not None:
@@ -98,8 +71,6 @@ def run(arguments: argparse.Namespace) -> None:
             clock_offset=arguments.clock_offset,
         )
         if (rig is not None or "q1" not in found.columns) and found.report.samples < LONGEST_CHECKED:
-            from truewrench.files.data_set import imported_frames
-
             said = imported_frames(found.recording(rig))  # whatever could not be diagnosed is said now
         if arguments.out is not None:
             progress("write")
@@ -126,8 +97,6 @@ def next_command(recording: Path, rig: str | None, *, joints: bool) -> str:
 
 def write_table(columns: Mapping[str, Array], path: Path, *, parquet: bool) -> None:
     """Write columns (n,) as Parquet, or as CSV with all digits; rows in blocks, so that no second copy is in memory."""
-    import pandas as pd
-
     samples = len(next(iter(columns.values())))
     if parquet:
         import pyarrow as pa

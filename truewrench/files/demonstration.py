@@ -4,11 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from modeling.errors import InputError
+from truewrench.files.output import atomic_write
+from truewrench.simulated_rig import (
+    HIDDEN_EFFECTS,
+    BiasDrift,
+    ContactEvent,
+    PlanarRig,
+    TipFlexibility,
+    TransientEffect,
+    resolve_effects,
+    simulate,
+    write_recording,
+)
+
 if TYPE_CHECKING:
-    from truewrench.simulated_rig import ContactEvent, HiddenEffect, PlanarRig
+    from truewrench.simulated_rig import HiddenEffect
 
 NOTHING = "nothing"
 HARMONICS = 5
@@ -52,11 +67,6 @@ def hidden_effect_by_id(effect_id: str) -> HiddenEffect | None:
 
     Raises InputError for an unknown id, and where MuJoCo is not installed.
     """
-    from importlib.util import find_spec
-
-    from modeling.errors import InputError
-    from truewrench.simulated_rig import HIDDEN_EFFECTS
-
     if effect_id != NOTHING and effect_id not in HIDDEN_EFFECTS:
         remedy = f"use one of {', '.join((NOTHING, *HIDDEN_EFFECTS))}"
         raise InputError(what=f"no effect is called '{effect_id}'", where="--effect", remedy=remedy)
@@ -68,23 +78,11 @@ def hidden_effect_by_id(effect_id: str) -> HiddenEffect | None:
 
 def runs_of(effect: HiddenEffect | None) -> tuple[Run, ...]:
     """Recordings of the demo: none of a contact with a flexible tip, whose periodic state alone is simulated."""
-    from truewrench.simulated_rig import TipFlexibility
-
     return (TRAINING, VALIDATION) if isinstance(effect, TipFlexibility) else (TRAINING, VALIDATION, CONTACT)
 
 
 def record(effect: HiddenEffect | None, out: Path, runs: Sequence[Run] | None = None) -> HiddenEffect | None:
     """Write rig file and recordings, by default all; return the effect as resolved for the rig."""
-    from truewrench.files.output import atomic_write
-    from truewrench.simulated_rig import (
-        BiasDrift,
-        PlanarRig,
-        TransientEffect,
-        resolve_effects,
-        simulate,
-        write_recording,
-    )
-
     rig = PlanarRig()
     with atomic_write(out / "rig.toml") as path:
         path.write_text(rig_text(rig), encoding="utf-8")
@@ -102,8 +100,6 @@ def record(effect: HiddenEffect | None, out: Path, runs: Sequence[Run] | None = 
 
 def contact_events(period: float) -> list[ContactEvent]:
     """The contact force in every repeat of the contact recording."""
-    from truewrench.simulated_rig import ContactEvent
-
     return [ContactEvent(start=r * period + PUSH[0], end=r * period + PUSH[1]) for r in range(CONTACT.repeats)]
 
 

@@ -16,6 +16,8 @@ from modeling.errors import InputError
 
 ERASE_LINE = "\r\x1b[K"
 """Carriage return and erase-line sequence of a terminal."""
+REPORT_FILES = ("report.html", "report.md")
+"""Files in the folder of a report."""
 LINE_INTERVAL = 5.0
 """Time (s) between lines of one stage in a log."""
 

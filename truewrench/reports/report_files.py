@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from modeling.table import Table
-from truewrench.files.output import atomic_write, make_folder
+from truewrench.files.output import REPORT_FILES, atomic_write, make_folder
 from truewrench.reports.page_templates import html_page, markdown_page
 
 # Provenance of a report: date, version, command and hashes of the files that it was made from.
@@ -69,9 +69,6 @@ def _files(path: Path) -> list[InputFile]:
     if path.is_dir():
         return [InputFile.of(inside) for inside in sorted(path.rglob("*")) if inside.is_file()]
     return [InputFile.of(path)]
-
-
-REPORT_FILES = ("report.html", "report.md")
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from diagnosis.comparison.model_comparison import ModelComparison
+from diagnosis.diagnosis import Diagnosis
+from diagnosis.study import Study
+from estimation.fit import Fit
 from modeling.errors import InputError, kind_of
+from truewrench.reports.fit_report import comparison_report, fit_report, study_report
+from truewrench.reports.report_files import Provenance, write_report_files
+from truewrench.reports.report_html import diagnosis_report
+from truewrench.text.fit_summary import FitSummary
 
 if TYPE_CHECKING:
-    from diagnosis.comparison.model_comparison import ModelComparison
-    from diagnosis.diagnosis import Diagnosis
-    from diagnosis.study import Study
-    from estimation.fit import Fit
     from truewrench.reports.report_files import ReportTexts
 
 
@@ -44,21 +48,10 @@ def report(result: Fit | Study | Diagnosis | ModelComparison, folder: str | Path
     >>> [path.name for path in tw.report(fit, "fit_report")]
     ['report.html', 'report.md']
     """
-    from truewrench.reports.report_files import write_report_files
-
     return write_report_files(_texts(result), folder)
 
 
 def _texts(result: object) -> ReportTexts:
-    from diagnosis.comparison.model_comparison import ModelComparison
-    from diagnosis.diagnosis import Diagnosis
-    from diagnosis.study import Study
-    from estimation.fit import Fit
-    from truewrench.reports.fit_report import comparison_report, fit_report, study_report
-    from truewrench.reports.report_files import Provenance
-    from truewrench.reports.report_html import diagnosis_report
-    from truewrench.text.fit_summary import FitSummary
-
     made = Provenance.now()
     match result:
         case Diagnosis():

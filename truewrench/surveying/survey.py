@@ -15,12 +15,14 @@ from pydantic import TypeAdapter, ValidationError
 
 from diagnosis.progress import Progress, count_progress, silent
 from modeling.compiled.cache import verified, with_checksum
+from modeling.effects import named
 from modeling.errors import InputError
 from modeling.rig import Rig
 from modeling.table import Column, Table, Tabular
 from truewrench.files.output import atomic_write, require_writable_folder
 from truewrench.surveying.dask_executor import Work, local_executor, remote_executor, run_tasks
-from truewrench.surveying.survey_task import DiagnosisOutcome, SurveyRow, SurveyTask, diagnosed_outcome
+from truewrench.surveying.survey_html import significant_changes, write_survey
+from truewrench.surveying.survey_task import DiagnosisOutcome, SurveyRow, SurveyTask, diagnosed_outcome, parquet_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,8 +89,6 @@ class Survey(Tabular):
 
     def to_frame(self) -> pd.DataFrame:
         """The columns of survey.parquet."""
-        from truewrench.surveying.survey_task import parquet_table
-
         frame: pd.DataFrame = parquet_table(self.rows).to_pandas(maps_as_pydicts="strict")
         return frame
 
@@ -106,8 +106,6 @@ class Survey(Tabular):
 
         Raises InputError when they cannot be written.
         """
-        from truewrench.surveying.survey_html import write_survey
-
         write_survey(self.rows, *(out / name for name in FILES))
 
     @property
@@ -117,8 +115,6 @@ class Survey(Tabular):
 
     def remarks(self) -> list[str]:
         """Significant changes, and errors."""
-        from truewrench.surveying.survey_html import significant_changes
-
         changes = [f"{change}." for change in significant_changes(self.rows)]
         return [*changes, *(f"{row.file}: {row.outcome.error}" for row in self.rows if row.outcome.error)]
 
@@ -225,8 +221,6 @@ def _require_one_executor(executor: Executor | DaskClient | None, scheduler: str
 
 
 def _require_known(only: tuple[str, ...] | None) -> None:
-    from modeling.effects import named
-
     for effect_id in only or ():
         named(effect_id)
 

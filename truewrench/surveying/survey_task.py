@@ -21,9 +21,13 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 from pyarrow import parquet
 
+from diagnosis.diagnosis import diagnose
 from modeling.compiled.cache import LOADED_AT, source_digest
+from modeling.effects import catalogue, named
 from modeling.errors import InputError
 from modeling.number_format import finite
+from modeling.rig import Rig
+from truewrench.files.data_set import DataSet
 
 if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison
@@ -453,11 +457,6 @@ def _fingerprint_or_none(
 
 
 def _diagnosis(task: SurveyTask) -> Diagnosis:
-    from diagnosis.diagnosis import diagnose
-    from modeling.effects import catalogue, named
-    from modeling.rig import Rig
-    from truewrench.files.data_set import DataSet
-
     rig = None if task.rig is None else Rig.from_data(task.rig)
     case = DataSet.read([task.recording], rig=rig, one_run=task.one_run)
     candidates = catalogue(case.model.space) if task.only is None else [named(i) for i in task.only]

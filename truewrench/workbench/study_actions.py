@@ -19,7 +19,10 @@ from truewrench.files.data_set import DataSet, frame_sentences
 from truewrench.files.model_file import ModelFile
 from truewrench.plots.chart import Chart
 from truewrench.plots.result_figure import result_chart
+from truewrench.reports.fit_report import fit_report
 from truewrench.reports.report_files import InputFile, Provenance, ReportTexts
+from truewrench.reports.report_html import diagnosis_report
+from truewrench.text.fit_summary import FitSummary
 from truewrench.workbench.custom_form import checked_words, effect_of_form
 from truewrench.workbench.page_update import Download, PageUpdate
 from truewrench.workbench.reading import Puzzle, ReadingForm, data_set, hidden_effect_of
@@ -117,12 +120,7 @@ def _report(step: StudyStep, case: DataSet | None, diagnosis: Diagnosis | None, 
     inputs = tuple(replace(InputFile.of(file), path=Path(file).name) for file in files)
     provenance = replace(Provenance.now("truewrench workbench"), inputs=inputs)
     if diagnosis is not None:
-        from truewrench.reports.report_html import diagnosis_report
-
         return diagnosis_report(diagnosis, provenance)
-    from truewrench.reports.fit_report import fit_report
-    from truewrench.text.fit_summary import FitSummary
-
     summary = FitSummary(step.fit, step.fit.intervals(), validation=step.validation)
     return fit_report(summary, provenance, [] if case is None else frame_sentences(case))
 

@@ -15,6 +15,9 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+from modeling.errors import InputError
+from truewrench.workbench.study_actions import StudyActions
+
 Request = Mapping[str, Any]
 """What the page asks for: `do` names it, the rest are its arguments."""
 GRACE = 5.0
@@ -163,8 +166,6 @@ def work(connection: Connection) -> None:
     busy = _cancellable()
     _bound_memory()
 
-    from truewrench.workbench.study_actions import StudyActions
-
     connection.send(Started())
     actions = StudyActions(lambda text: connection.send(Progress(text)))
     while True:
@@ -217,8 +218,6 @@ def _is_being_cancelled(error: BaseException | None) -> bool:
 
 
 def _answer(actions: Any, request: Request, busy: list[bool]) -> Message:
-    from modeling.errors import InputError
-
     try:
         busy[0] = True
         try:

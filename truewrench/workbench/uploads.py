@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
 import os
 import re
 import shutil
@@ -120,10 +123,6 @@ def _length(stream: object) -> int:
 
 
 def _compressed_size(path: Path) -> int:
-    import bz2
-    import gzip
-    import lzma
-
     openers: dict[bytes, Callable[[Path], object]] = {GZIP: gzip.open, BZIP2: bz2.open, XZ: lzma.open}
     opener = openers[_start(path)]
     try:
