@@ -24,7 +24,7 @@ from estimation.bootstrap import bootstrap
 from estimation.confidence_intervals import Intervals, intervals
 from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from estimation.robust_fit import robust_fit
 from estimation.robust_loss import Huber, Loss
 from modeling import effects
@@ -115,7 +115,7 @@ class Setting:
         """A recording with this noise, of the rig's size."""
         silent, rig = silent_recording(self), RIGS[self.space]
         series = noise.draw(np.random.default_rng(seed), silent.samples, len(rig.channels))
-        return with_readings(silent, silent.wrench + series * np.array(rig.noise))
+        return silent.with_readings(silent.wrench + series * np.array(rig.noise))
 
 
 @cache

@@ -27,7 +27,7 @@ from design.random_feasible import random_feasible_trajectory
 from design.trajectories.trajectory import Trajectory
 from estimation.fit import fit
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.noise import NoiseModel
 from truewrench import simulated_rig as simulated
@@ -63,7 +63,7 @@ def estimates(motion: Trajectory, draws: int, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     noises = STD * rng.standard_normal((draws, *recording.wrench.shape))
     return np.array(
-        [fit(MODEL, with_readings(recording, recording.wrench + noise), noise=known).theta for noise in noises]
+        [fit(MODEL, recording.with_readings(recording.wrench + noise), noise=known).theta for noise in noises]
     )
 
 

@@ -29,9 +29,8 @@ from scipy.optimize import least_squares
 
 from benchmarks.measure import rounds
 from benchmarks.row import Row, table
-from estimation.fit import Fit, WhitenedProblem, fit
-from estimation.least_squares.whitened_problem import LinearisedRows
-from estimation.model_response import model_signals
+from estimation.fit import Fit, Problem, fit
+from estimation.least_squares.problem import LinearisedRows
 from estimation.recordings.reading import read
 from modeling import effects
 from modeling.chain.model import planar
@@ -64,7 +63,7 @@ class Counted:
 
 
 @dataclass(frozen=True, eq=False)
-class CountedProblem(WhitenedProblem):
+class CountedProblem(Problem):
     """A problem whose evaluations are counted."""
 
     calls: list[Array] = field(default_factory=list)
@@ -88,9 +87,9 @@ class Task:
         return low, high
 
     @cached_property
-    def problem(self) -> WhitenedProblem:
+    def problem(self) -> Problem:
         """With derivatives."""
-        return WhitenedProblem(self.fitted.layout, self.fitted.recordings, self.fitted.noise)
+        return self.fitted.problem
 
     def starts(self) -> list[Array]:
         """Parameters (k,) near the minimum in the effect's, zero in the tool's and the biases."""
@@ -104,7 +103,7 @@ class Task:
         (recording,), (noise,) = self.fitted.recordings, self.fitted.noise
         once, signals, model = (
             recording.samples_per_repeat,
-            model_signals(recording),
+            recording.motion.model_signals,
             compiled_prediction(self.fitted.model),
         )
         value = model.load.value(signals, theta, once) + model.bias.value(signals, theta, once)

@@ -24,7 +24,7 @@ from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import Fit, refit
 from estimation.model_response import predicted_readings
 from estimation.multiplicity import bonferroni_level
-from estimation.recordings.recording import Recording, readings_digest, with_readings
+from estimation.recordings.recording import Recording, readings_digest
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects import catalogue
@@ -193,7 +193,7 @@ class _Source:
     def surrogate(self, prediction: Array, number: tuple[int, ...]) -> Recording:
         """The recording with predicted readings (n, p) and noise of its own; `number` is that of the surrogate."""
         rng = np.random.default_rng([self.seed, *number])
-        return with_readings(self.recording, prediction + surrogate_noise(self.recording, self.residual, rng))
+        return self.recording.with_readings(prediction + surrogate_noise(self.recording, self.residual, rng))
 
 
 def _calibrated(

@@ -15,7 +15,6 @@ from design.trajectories.trajectory import TrajectorySeries
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict_rule import EffectVerdict
-from estimation.model_response import model_signals
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.errors import InputError
@@ -79,7 +78,7 @@ def recorded_experiment(recording: Recording, noise: StationaryNoise) -> Whitene
     once, step = recording.samples_per_repeat, recording.dt or 1.0
     periodic = recording.repeats > 1
     sampling = Sampling(duration=step * (once if periodic else once - 1), samples=once, periodic=periodic)
-    signals = {name: values[:once] for name, values in model_signals(recording).items()}
+    signals = {name: values[:once] for name, values in recording.motion.model_signals.items()}
     return WhitenedPrediction(signals=signals, sampling=sampling, noise=noise)
 
 

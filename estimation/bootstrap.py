@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.stats import f, norm, pearsonr, t
 
 from estimation.confidence_intervals import intervals
-from estimation.fit import Fit, WhitenedProblem
+from estimation.fit import Fit
 from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.multiplicity import bonferroni_p_value, holm_adjusted
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
@@ -244,7 +244,7 @@ def _require_repeats(recording: Recording) -> None:
 
 def _repeat_influences(fit: Fit) -> tuple[Array, ...]:
     """C D' W e_r of every repeat, (R, k) for each recording."""
-    derivative = WhitenedProblem(fit.layout, fit.recordings, fit.noise).evaluate(fit.theta)[1]
+    derivative = fit.problem.evaluate(fit.theta)[1]
     ends = np.cumsum([noise.whitener.rows for noise in fit.noise])[:-1]
     found = []
     per_recording = zip(
@@ -271,7 +271,7 @@ def _refit_resamples(fit: Fit, streams: Sequence[np.random.SeedSequence]) -> Arr
     for stream in streams:
         rng = np.random.default_rng(stream)
         several = tuple(_resampled(fit, number, rng) for number in range(len(fit.recordings)))
-        found.append(WhitenedProblem(fit.layout, several, fit.noise).minimise(fit.theta).theta - fit.theta)
+        found.append(fit.problem.of_recordings(several).minimise(fit.theta).theta - fit.theta)
     return np.array(found)
 
 
@@ -281,4 +281,4 @@ def _resampled(fit: Fit, number: int, rng: np.random.Generator) -> Recording:
     runs = fit.residuals[number].reshape(repeats, recording.samples_per_repeat, -1)
     mean, drawn = runs.mean(axis=0), rng.integers(repeats, size=repeats)
     wide = mean + np.sqrt(repeats / (repeats - 1)) * (runs[drawn] - mean)
-    return with_readings(recording, recording.wrench - fit.residuals[number] + wide.reshape(recording.wrench.shape))
+    return recording.with_readings(recording.wrench - fit.residuals[number] + wide.reshape(recording.wrench.shape))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimation.model_response import model_signals
-from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
+from estimation.recordings.motion import QUATERNION, MotionForm, numbered_names
+from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm, PlanarArm
 from modeling.kinematics.placement import base_angle, base_placement
@@ -51,7 +51,7 @@ class CandidatePoses:
         candidates = {MotionForm.PLANAR_POSE: _tip_angles, MotionForm.JOINTS: _postures, MotionForm.POSE: _orientations}
         columns, kinematic, words = candidates[recording.form](recording)
         count = len(words)
-        others = {name: np.full(count, values[-1]) for name, values in model_signals(recording).items()}
+        others = {name: np.full(count, values[-1]) for name, values in recording.motion.model_signals.items()}
         return cls(columns, others | kinematic, words)
 
     def __len__(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +12,16 @@ from scipy.fft import dct
 
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, fixed_parameters
 from estimation.least_squares.square_root_information import orthonormal_basis
-from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.multiplicity import inverse_trigamma, student_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth_power_spectra
 from estimation.noise.recording_noise import RecordingNoise
-from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
 from modeling.noise import NoiseSource
-from modeling.parameter import Parameter
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
+
+if TYPE_CHECKING:
+    from estimation.fit import Fit
 
 Array = NDArray[np.float64]
 
@@ -35,25 +35,6 @@ MIN_RESIDUAL_SHARE = 0.5
 """Share of a line's power that must remain in the residual for the line to enter the noise spectrum."""
 
 
-class WhitenedFit(Protocol):
-    """The attributes of a fit that confidence intervals need: `estimation.fit.Fit` has them."""
-
-    @property
-    def layout(self) -> ParameterLayout: ...
-    @property
-    def recordings(self) -> tuple[Recording, ...]: ...
-    @property
-    def noise(self) -> tuple[RecordingNoise, ...]: ...
-    @property
-    def theta(self) -> Array: ...
-    @property
-    def covariance(self) -> Array: ...
-    @property
-    def identifiable(self) -> NDArray[np.bool_]: ...
-    @property
-    def unknowns(self) -> tuple[Parameter, ...]: ...
-
-
 @dataclass(frozen=True, eq=False)
 class Intervals(Tabular):
     """Two-sided confidence intervals of a fit's parameters, in the order of its `theta`.
@@ -62,7 +43,7 @@ class Intervals(Tabular):
     freedom  (k,) effective degrees of freedom of std
     """
 
-    fit: WhitenedFit
+    fit: Fit
     level: float
     std: Array
     freedom: Array
@@ -98,12 +79,12 @@ class Intervals(Tabular):
         return Table.of((name, value, std, Column("freedom", format=".3g"), *ends, unit), rows)
 
 
-def intervals(fit: WhitenedFit, *, level: float = LEVELS.confidence, pull: Array | None = None) -> Intervals:
+def intervals(fit: Fit, *, level: float = LEVELS.confidence, pull: Array | None = None) -> Intervals:
     """Confidence intervals with nominal coverage, though the noise was estimated from the same recordings.
 
     Parameters
     ----------
-    fit : WhitenedFit
+    fit : Fit
         A fit to whole recordings, with their noise.
     level : float, optional
         Two-sided confidence level, by default 0.95.
@@ -141,7 +122,7 @@ def intervals(fit: WhitenedFit, *, level: float = LEVELS.confidence, pull: Array
     >>> print(f"{found.low[row]:.4f} to {found.high[row]:.4f} kg")
     0.8997 to 0.9005 kg
     """
-    residual, derivative = WhitenedProblem(fit.layout, fit.recordings, fit.noise).evaluate(fit.theta)
+    residual, derivative = fit.problem.evaluate(fit.theta)
     sources = {NoiseSource.RESIDUAL, NoiseSource.RIG} if pull is None else {NoiseSource.RESIDUAL}
     pull = derivative @ fit.covariance if pull is None else pull
     parts = list(_variance_contributions(fit, residual, derivative, pull, sources))
@@ -174,7 +155,7 @@ class VarianceContribution:
 
 
 def _variance_contributions(
-    fit: WhitenedFit, residual: Array, derivative: Array, pull: Array, coloured: Collection[NoiseSource]
+    fit: Fit, residual: Array, derivative: Array, pull: Array, coloured: Collection[NoiseSource]
 ) -> Iterator[VarianceContribution]:
     """Of each recording; the spectrum is estimated of runs whose noise is of a `coloured` source."""
     basis = orthonormal_basis(derivative)

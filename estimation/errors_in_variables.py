@@ -10,15 +10,17 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.fit import Fit, WhitenedProblem, fit, refit
+from estimation.fit import Fit, fit
 from estimation.input_noise import InputNoise
 from estimation.least_squares.estimates import PARAMETER_COLUMNS
-from estimation.model_response import ModelResponse, model_signals, signals_are_periodic
+from estimation.least_squares.problem import Problem
+from estimation.model_response import ModelResponse, signals_are_periodic
 from estimation.noise.power_spectrum import without_leakage
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.recordings.column_table import ORIENTATION_ERRORS
-from estimation.recordings.recording import QUATERNION, Recording
+from estimation.recordings.motion import QUATERNION
+from estimation.recordings.recording import Recording
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import VectorFunction, compiled_prediction
@@ -292,7 +294,7 @@ class CorrectedScoreProblem:
     roots   per recording root(Σ) (s, s) of the signals, averaged over the repeats
     """
 
-    problem: WhitenedProblem
+    problem: Problem
     slopes: tuple[VectorFunction, ...]
     roots: tuple[Array, ...]
 
@@ -303,14 +305,14 @@ class CorrectedScoreProblem:
         loads = [ErrorPropagation.of(own, r, inputs) for own, r in zip(fitted.layout.models, several, strict=True)]
         models = tuple(load.unbiased(inputs, r.repeats) for load, r in zip(loads, several, strict=True))
         roots = tuple(_root(inputs.covariance / r.repeats) for r in several)
-        problem = WhitenedProblem(replace(fitted.layout, models=models), several, fitted.noise)
+        problem = replace(fitted.problem, layout=replace(fitted.layout, models=models))
         return cls(problem, tuple(load.emitted for load in loads), roots)
 
     def weighted(self, theta: Array, noise: Sequence[RecordingNoise]) -> CorrectedScoreProblem:
         """The problem whitened by the effective noise at theta (k,): `noise` of the readings plus input noise."""
         added = (self._added(number, theta) for number in range(len(noise)))
         whole = tuple(effective_noise(n, r, a) for n, r, a in zip(noise, self.problem.recordings, added, strict=True))
-        return replace(self, problem=replace(self.problem, noise=whole))
+        return replace(self, problem=self.problem.in_noise(whole))
 
     def _added(self, number: int, theta: Array) -> Array:
         """Mean covariance (p, p) of the prediction of one sample of one repeat due to the input noise."""
@@ -322,7 +324,7 @@ class CorrectedScoreProblem:
         """f_u (samples, p, s) of a recording, and its derivative (samples, p, s, k) in the recording's parameters."""
         recording = self.problem.recordings[number]
         own = theta[self.problem.layout.index[number]]
-        value, derivative = self.slopes[number].tangent(model_signals(recording), own, samples)
+        value, derivative = self.slopes[number].tangent(recording.motion.model_signals, own, samples)
         shape = (samples, len(recording.channels), len(self.roots[number]))
         return value.reshape(shape), derivative.reshape(*shape, len(own))
 
@@ -342,7 +344,8 @@ class CorrectedScoreProblem:
         """Whitened prediction errors x_b of a recording, (rows b,), and their derivatives (rows b, k) in its own
         parameters, in batches of b."""
         recording, whitener = self.problem.recordings[number], self.problem.noise[number].whitener
-        periodic, once = signals_are_periodic(self.slopes[number].inputs, recording), recording.samples_per_repeat
+        periodic = signals_are_periodic(self.slopes[number].inputs, recording.motion)
+        once = recording.samples_per_repeat
         repeats = 1 if periodic else recording.repeats
         value, derivative = self._slope(number, theta, once * repeats)
         generator = np.random.default_rng(number)
@@ -519,7 +522,7 @@ def errors_in_variables_fit(
     for _ in range(REWEIGHTING_ROUNDS - 1):
         problem = problem.weighted(theta, first.noise)
         theta, found, converged = problem.minimise(theta)
-    plain = refit(first.model, first.recordings, noise=problem.problem.noise, start=first.values)
+    plain = first.in_noise(problem.problem.noise)
     corrected = replace(
         plain,
         theta=theta,

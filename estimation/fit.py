@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.gravity.gravity_direction import with_gravity_direction
-from estimation.least_squares.estimates import Estimate, Estimates, require_positive_mass, unknown_attribute
-from estimation.least_squares.square_root_information import SquareRootInformation, least_squares_solution
-from estimation.least_squares.whitened_problem import LinearisedRows, WhitenedProblem
+from estimation.case import Case, prepared
+from estimation.least_squares.estimates import Estimates, require_positive_mass, unknown_attribute
+from estimation.least_squares.problem import LinearisedRows, Problem
+from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.model_response import ModelResponse, model_response, predicted_readings
-from estimation.noise.recording_noise import RecordingNoise, sample_step
+from estimation.noise.recording_noise import RecordingNoise
 from estimation.parameter_layout import ParameterLayout, parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
-from estimation.recordings.sign_convention import with_decided_convention
-from estimation.streaming.chunk import Chunk
-from estimation.streaming.chunk_information import RecordingOrChunk, require_channels
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of
@@ -37,24 +34,8 @@ if TYPE_CHECKING:
     from estimation.confidence_intervals import Intervals
     from estimation.least_squares.constrained_minimum import ConstrainedMinimum
     from estimation.least_squares.constraints import Constraints, StatedConstraints
-    from estimation.ordinary_estimate import OrdinaryEstimate
+    from estimation.streaming.chunk_information import RecordingOrChunk
     from estimation.streaming.streamed_fit import StreamedFit
-
-__all__ = [
-    "Estimate",
-    "Fit",
-    "WhitenedProblem",
-    "check_channels",
-    "fit",
-    "initial_noise",
-    "initial_values",
-    "noise_without_transients",
-    "recordings_of",
-    "reestimated_noise",
-    "refit",
-    "require_positive_fitted_mass",
-    "residual_with_tones",
-]
 
 Array = NDArray[np.float64]
 
@@ -66,27 +47,44 @@ MIN_POWER_RATIO = 1.1
 
 @dataclass(frozen=True, eq=False)
 class Fit(Estimates):
-    """A model with its parameters estimated from recordings.
+    """A problem with its estimate: a model's parameters estimated from recordings in their noise.
 
     theta       (k,) unknowns in the order of `layout.parameters`
     covariance  (k, k) from the whitened derivative, valid for the noise it was whitened with
-    converged   whether the last refit converged
     identifiable  (k,) whether a parameter is identifiable
-    noise       per recording
+    converged   whether the iteration converged
+    constrained the minimum within constraints, None without any
     ordinary    the least squares that theta comes from, with their own covariance, where the std is told in a colour
                 of the noise that the weights do not have
     """
 
-    model: WrenchModel
-    recordings: tuple[Recording, ...]
-    noise: tuple[RecordingNoise, ...]
-    layout: ParameterLayout
+    problem: Problem
     theta: Array
     covariance: Array
     identifiable: NDArray[np.bool_]
     converged: bool = True
     constrained: ConstrainedMinimum | None = None
-    ordinary: OrdinaryEstimate | None = None
+    ordinary: Fit | None = None
+
+    @property
+    def model(self) -> WrenchModel:
+        """The model."""
+        return self.problem.model
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings."""
+        return self.problem.recordings
+
+    @property
+    def noise(self) -> tuple[RecordingNoise, ...]:
+        """The noise of each recording."""
+        return self.problem.noise
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """The unknowns."""
+        return self.problem.layout
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -101,10 +99,14 @@ class Fit(Estimates):
         bounds = self.constrained.optimality.active_set
         return tuple(p.name for p, held in zip(self.unknowns, bounds.low | bounds.high, strict=True) if held)
 
-    @property
-    def problem(self) -> WhitenedProblem:
-        """The whitened least-squares problem that was solved."""
-        return WhitenedProblem(self.layout, self.recordings, self.noise)
+    def refitted(self, model: WrenchModel, start: Mapping[str, float] | None = None, *, far: float = np.inf) -> Fit:
+        """Another model fitted to the same recordings in the same noise, from these estimates or `start`; `far` as in
+        `solved`."""
+        return solved(self.problem.of_model(model), self.values if start is None else start, far=far)
+
+    def in_noise(self, noise: Sequence[RecordingNoise], *, constraints: Constraints | None = None) -> Fit:
+        """The same model fitted to the same recordings in other noise, from these estimates."""
+        return solved(self.problem.in_noise(noise), self.values, constraints=constraints)
 
     def identifies(self, effect: Effect) -> bool:
         """Whether an amplitude of one of its model's effects is identifiable."""
@@ -228,30 +230,22 @@ def require_recording(given: object, where: str) -> None:
 
 def recordings_of(given: Recording | Iterable[Recording] | None, where: str) -> tuple[Recording, ...]:
     """The recordings of an argument: one, several, or none; InputError, in a sentence, for anything else."""
-    several = () if given is None else tuple(_each(given, where))
-    return tuple(one for one in several if isinstance(one, Recording))
-
-
-def _each(given: RecordingOrChunk | Iterable[RecordingOrChunk], where: str) -> Iterator[RecordingOrChunk]:
-    """The recordings, or chunks, of an argument that is one or several."""
     other: object = given  # whatever the caller's types say
-    if isinstance(given, Recording | Chunk):
-        yield given
-    elif isinstance(other, str) or hasattr(other, "columns") or not isinstance(given, Iterable):
+    if isinstance(given, Recording | None):
+        return () if given is None else (given,)
+    if isinstance(other, str) or hasattr(other, "columns") or not isinstance(given, Iterable):
         require_recording(other, where)
-    else:
-        for part in given:
-            if not isinstance(part, Chunk):
-                require_recording(part, where)
-            yield part
+    several = tuple(given)
+    for one in several:
+        require_recording(one, where)
+    return several
 
 
 def predicted_frame(model: WrenchModel, values: Mapping[str, float], recording: Recording) -> pd.DataFrame:
     """Readings that a model with these parameter values predicts, without its recording-specific effects."""
     shared = model.without_recording_specific
     theta = np.array([values[p.name] for p in shared.parameters])
-    check_channels(shared, (recording,))
-    return reading_frame(recording, predicted_readings(shared, recording, theta))
+    return reading_frame(recording, predicted_readings(shared, prepared(recording, shared), theta))
 
 
 def reading_frame(recording: Recording, readings: Array) -> pd.DataFrame:
@@ -369,19 +363,30 @@ def fit(
         from estimation.streaming.streamed_fit import fit_streamed  # for long logs alone
 
         return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=stated)
-    several = _whole_recordings(_each(recordings, "fit"), executor)
-    check_channels(model, several)
-    case = with_gravity_direction(model, several)
-    decided, several = with_decided_convention(case.model, case.recordings), case.recordings
-    require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
-    estimated = refit(decided, several, noise=noise, start=start, constraints=stated)
-    without = noise_without_transients(estimated) if noise is None else None
-    if without is not None:
-        estimated = refit(decided, several, noise=without, start=estimated.values, constraints=stated)
+    case = Case.of(model, _whole_recordings(recordings, executor))
+    return fit_case(case, noise=noise, start=start, constraints=stated)
+
+
+def fit_case(
+    case: Case,
+    *,
+    noise: Sequence[RecordingNoise] | None = None,
+    start: Mapping[str, float] | None = None,
+    constraints: Constraints | None = None,
+) -> Fit:
+    """`fit` of a case."""
+    layout = parameter_layout(case.model, case.recordings)
+    require_known_start(start or (), case.model, layout.parameters)
+    if constraints is not None:
+        constraints.region(layout)  # raises before any work when they are invalid or infeasible
+    fitted = refit(case, noise=noise, start=start, constraints=constraints)
+    without_transients = noise_without_transients(fitted) if noise is None else None
+    if without_transients is not None:
+        fitted = refit(case, noise=without_transients, start=fitted.values, constraints=constraints)
     given = noise is not None or constraints is not None
-    estimated = with_coloured_std(estimated) if given else with_ordinary_estimate(estimated)
-    require_positive_fitted_mass(estimated)
-    return estimated
+    fitted = with_coloured_std(fitted) if given else with_ordinary_estimate(fitted)
+    require_positive_fitted_mass(fitted)
+    return fitted
 
 
 def with_ordinary_estimate(fitted: Fit) -> Fit:
@@ -392,99 +397,90 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
     near-integrated noise leaves a larger one.
     """
     from estimation.noise.noise_estimation import with_floor_of  # spectra: slow to import
-    from estimation.ordinary_estimate import OrdinaryEstimate
+    from estimation.ordinary_estimate import covariance_in_noise, ordinary_fit
 
-    found = OrdinaryEstimate.of(fitted.problem, fitted.theta, fitted.residuals)
-    if found is None:
+    ordinary = ordinary_fit(fitted)
+    if ordinary is None:
         return with_coloured_std(fitted)
-    estimated = replace(
-        fitted,
-        theta=found.theta,
-        covariance=found.covariance_in_noise,
-        identifiable=found.identifiable,
-        converged=found.converged,
-        ordinary=found,
-    )
+    covariance = covariance_in_noise(ordinary)
+    estimated = replace(ordinary, problem=fitted.problem, covariance=covariance, ordinary=ordinary)
     parts = zip(fitted.noise, fitted.recordings, estimated.residuals, strict=True)
     noise = tuple(with_floor_of(own, recording, r) for own, recording, r in parts)
-    return replace(estimated, noise=noise)
+    return replace(estimated, problem=fitted.problem.in_noise(noise))
 
 
 def with_coloured_std(fitted: Fit) -> Fit:
     """The fit with the std in the spectrum of its residual, where a rig states the std of a run, but not its colour."""
     from estimation.confidence_intervals import may_be_coloured  # loads scipy.special
-    from estimation.ordinary_estimate import OrdinaryEstimate
+    from estimation.ordinary_estimate import covariance_in_noise
 
     parts = zip(fitted.recordings, fitted.noise, strict=True)
     if not any(noise.source is NoiseSource.RIG and may_be_coloured(recording, noise) for recording, noise in parts):
         return fitted
-    found = OrdinaryEstimate(
-        layout=fitted.layout,
-        recordings=fitted.recordings,
-        noise=fitted.noise,
-        theta=fitted.theta,
-        covariance=fitted.covariance,
-        identifiable=fitted.identifiable,
-        converged=fitted.converged,
-    )
-    return replace(fitted, covariance=found.covariance_in_noise, ordinary=found)
+    return replace(fitted, covariance=covariance_in_noise(fitted), ordinary=fitted)
 
 
-def _whole_recordings(parts: Iterable[RecordingOrChunk], executor: Executor | None) -> tuple[Recording, ...]:
-    """The parts as whole recordings; InputError for chunks or an executor, which need a noise model."""
+def _whole_recordings(
+    given: RecordingOrChunk | Iterable[RecordingOrChunk], executor: Executor | None
+) -> tuple[Recording, ...]:
+    """The argument as whole recordings; InputError for chunks or an executor, which need a noise model."""
+    from estimation.streaming.chunk import Chunk  # otherwise of streamed fits alone
+
     remedy = "give noise=NoiseModel.white(std), or noise=fitted.noise[0].autoregression of a fit to one recording"
     if executor is not None:
         what = "an executor needs the noise beforehand, as it processes each part independently"
         raise InputError(what=what, where="executor", remedy=remedy)
-    several = []
-    for part in parts:
+    parts = given if isinstance(given, Recording | str) or hasattr(given, "columns") else _listed(given)
+    for part in parts if isinstance(parts, tuple) else ():
         if isinstance(part, Chunk):
             raise InputError(what="noise cannot be estimated from chunks", where=part.run, remedy=remedy)
-        several.append(part)
-    return tuple(several)
+    return recordings_of(parts, "fit")  # type: ignore[arg-type]  # what is left is checked there
 
 
-def check_channels(model: WrenchModel, several: tuple[Recording, ...]) -> None:
-    """InputError when there are no recordings, or their channels are not the model's."""
-    if not several:
-        raise InputError(what="no recording was given", where="recordings", remedy="give at least one")
-    for recording in several:
-        require_channels(recording, model)
+def _listed(given: object) -> object:
+    """What can be iterated as a tuple, which can be iterated again; anything else in one."""
+    return tuple(given) if isinstance(given, Iterable) else (given,)
 
 
 def refit(
-    model: WrenchModel,
-    several: tuple[Recording, ...],
+    case: Case,
     *,
     noise: Sequence[RecordingNoise] | None = None,
     start: Mapping[str, float] | None = None,
     constraints: Constraints | None = None,
+) -> Fit:
+    """`fit_case` without the check of the mass, and with the std of the noise that whitened the rows.
+
+    `noise` is kept; the default, the case's own, is re-estimated where it comes from the residual.
+    """
+    problem = Problem.of(case.model, case.recordings, case.noise if noise is None else noise)
+    fitted = solved(problem, start, constraints=constraints)
+    rounds = 1 if noise is not None else MAX_NOISE_ROUNDS
+    for _ in range(rounds - 1):
+        if all(n.source is not NoiseSource.RESIDUAL for n in fitted.noise):
+            break
+        fitted = fitted.in_noise(reestimated_noise(fitted), constraints=constraints)
+    return fitted
+
+
+def solved(
+    problem: Problem,
+    start: Mapping[str, float] | None = None,
+    *,
+    constraints: Constraints | None = None,
     far: float = np.inf,
 ) -> Fit:
-    """`fit` with the sign convention decided, without the check of the mass; used by the model selection.
+    """The minimum of a problem from initial values by name, within constraints where there are any.
 
-    `noise` is kept; the default, `initial_noise`, is re-estimated where it comes from the residual. A chi-square that
-    stays far above `far` ends a refit with given noise and no constraints before it has converged
+    Without constraints, a chi-square that stays far above `far` ends it before it has converged
     (`levenberg_marquardt`).
     """
-    unknowns = parameter_layout(model, several)
-    theta = initial_values(unknowns, start or {})
-    if constraints is not None:
-        constraints.region(unknowns)  # raises before any work when they are invalid or infeasible
-    known = initial_noise(model, several) if noise is None else tuple(noise)
-    rounds = 1 if noise is not None else MAX_NOISE_ROUNDS
-    while True:
-        problem = WhitenedProblem(unknowns, several, known)
-        held = None if constraints is None else _constrained(problem, theta, constraints)
-        found = problem.minimise(theta, far) if held is None else held
-        theta = found.theta
-        estimated = Fit(
-            model, several, known, unknowns, theta, found.covariance, found.identifiable, found.converged, held
-        )
-        rounds -= 1
-        if not rounds or all(n.source is not NoiseSource.RESIDUAL for n in known):
-            return estimated
-        known = reestimated_noise(estimated)
+    theta = initial_values(problem.layout, start or {})
+    if constraints is None:
+        minimum = problem.minimise(theta, far)
+        return Fit(problem, minimum.theta, minimum.covariance, minimum.identifiable, minimum.converged)
+    held = _constrained(problem, theta, constraints)
+    return Fit(problem, held.theta, held.covariance, held.identifiable, held.converged, held)
 
 
 def _constraints(given: StatedConstraints) -> Constraints:
@@ -493,7 +489,7 @@ def _constraints(given: StatedConstraints) -> Constraints:
     return Constraints.of(given)
 
 
-def _constrained(problem: WhitenedProblem, theta: Array, constraints: Constraints) -> ConstrainedMinimum:
+def _constrained(problem: Problem, theta: Array, constraints: Constraints) -> ConstrainedMinimum:
     from estimation.least_squares.constrained_minimum import minimise_constrained
 
     return minimise_constrained(problem, theta, constraints)
@@ -508,29 +504,6 @@ def require_positive_fitted_mass(fitted: Fit) -> None:
     require_positive_mass(fitted.parameters["m"], fitted.model.convention, names)
 
 
-def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[RecordingNoise, ...]:
-    """Noise before any fit: from the repeats, the rig, or the residual of an ordinary least-squares fit of the base.
-
-    Transient events detected in a single run are excluded from that fit, and have a noise of their own. Repeats of one
-    motion need no fit, as what a model predicts of them is their mean.
-    """
-    from estimation.noise.events_in_single_runs import find_events_in_single_runs
-
-    events = find_events_in_single_runs(model, recordings)
-    return tuple(_initial_noise(model.base, r, own) for r, own in zip(recordings, events, strict=True))
-
-
-def _initial_noise(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> RecordingNoise:
-    from estimation.noise.noise_estimation import estimate_noise  # spectra, splines and tests: slow to import
-    from estimation.noise.recording_noise import MotionNoise
-
-    if recording.repeats > 1 and recording.own_motion is None:
-        return estimate_noise(recording, recording.wrench - recording.averaged(recording.wrench))
-    predicted = partial(predicted_readings, base, theta=_base_model_fit(base, recording, events))
-    motion = MotionNoise.of(recording, predicted)
-    return estimate_noise(recording, recording.wrench - predicted(recording), events=events, motion=motion)
-
-
 def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:
     """The noise of a fit's recordings, re-estimated where it comes from the residual."""
     from estimation.noise.noise_estimation import estimate_noise
@@ -540,19 +513,6 @@ def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:
         estimate_noise(r, e, fitted, n.events, n.motion) if n.source is NoiseSource.RESIDUAL else n
         for r, e, n in zip(estimated.recordings, estimated.residuals, estimated.noise, strict=True)
     )
-
-
-def _base_model_fit(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> Array:
-    """Parameters (k,) of a least-squares fit of the rigid tip outside `events`, channels scaled by their std."""
-    time = np.arange(recording.samples) * sample_step(recording)
-    kept = ~np.any([(time >= start) & (time <= end) for start, end in events] or [time < 0], axis=0)
-    size = len(base.parameters)
-    response = model_response(base, recording, np.zeros(size))
-    spread = recording.wrench.std(axis=0)
-    spread[spread == 0] = 1.0
-    rows = (response.derivative / spread[:, None])[kept].reshape(-1, size)
-    target = ((recording.wrench - response.value) / spread)[kept].ravel()
-    return np.asarray(least_squares_solution(SquareRootInformation.of(rows, target), rounding=1e-6))
 
 
 def noise_without_transients(fit: Fit) -> tuple[RecordingNoise, ...] | None:

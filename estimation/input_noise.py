@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from estimation.recordings.column_table import ORIENTATION_ERRORS, signal_unit
-from estimation.recordings.recording import MotionForm, Recording, motion_columns
+from estimation.recordings.motion import MotionForm, motion_columns
+from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 
 Array = NDArray[np.float64]
@@ -101,13 +102,13 @@ def unsmoothed(recording: Recording) -> tuple[str, ...]:
 def _is_average(recording: Recording, name: str) -> bool:
     """Whether a signal is the average of its column over the repeats, and not smoothed."""
     spread = _spread(recording, name).reshape(recording.repeats, -1)
-    size = np.abs(recording.world_columns[name]).max()
+    size = np.abs(recording.motion.world_columns[name]).max()
     return bool(np.abs(spread.mean(axis=0)).max() <= 1e-12 * size)  # rounding of the average
 
 
 def _spread(recording: Recording, name: str) -> Array:
     """Deviation (n,) of a column from its signal; an angle of static poses is wrapped to half a turn."""
-    spread = recording.world_columns[name] - recording.signals[name]
+    spread = recording.motion.world_columns[name] - recording.signals[name]
     return np.angle(np.exp(1j * spread)) if recording.at_rest and name == "phi" else spread
 
 
@@ -119,7 +120,7 @@ def _turn_spread(recording: Recording) -> dict[str, Array]:
     """The recorded orientation as rotation vectors (n,) about its average over the repeats, in the sensor frame."""
     names = ("qx", "qy", "qz", "qw")
     mean = Rotation.from_quat(np.stack([recording.signals[name] for name in names], axis=1))
-    read = Rotation.from_quat(np.stack([recording.world_columns[name] for name in names], axis=1))
+    read = Rotation.from_quat(np.stack([recording.motion.world_columns[name] for name in names], axis=1))
     turns = (mean.inv() * read).as_rotvec()
     return dict(zip(ORIENTATION_ERRORS, turns.T, strict=True))
 

@@ -2,72 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.differentiation import spline_derivatives
-from estimation.recordings.recording import OwnMotion, Recording
+from estimation.recordings.motion import Motion
+from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import is_separated, varying_channels
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
 
-# The signals that a model of a recording may take.
-
-
 Array = NDArray[np.float64]
-
-
-class ModelSignals(Mapping[str, Array]):
-    """A recording's signals (n,) by name, auxiliary ones smoothed, each with its first use.
-
-    Most models take no temperature or current, and smoothing one takes as long as differentiating a joint's angle.
-    """
-
-    def __init__(self, recording: Recording) -> None:
-        progress = np.linspace(-1.0, 1.0, recording.samples)
-        self._unsmoothed = {**recording.signals, "progress": progress}
-        self._smoothed: dict[str, Array] = {}
-        self._dt = recording.dt
-
-        def changes(name: str) -> bool:
-            return bool(np.ptp(recording.signals[name]) > 0)
-
-        self._auxiliary = frozenset() if self._dt is None else frozenset(filter(changes, recording.auxiliary))
-
-    def __getitem__(self, name: str) -> Array:
-        series = self._unsmoothed[name]
-        if name not in self._auxiliary or self._dt is None:
-            return series
-        if name not in self._smoothed:
-            self._smoothed[name] = spline_derivatives(series[:, None], self._dt).value[:, 0]
-        return self._smoothed[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._unsmoothed
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._unsmoothed)
-
-    def __len__(self) -> int:
-        return len(self._unsmoothed)
-
-
-_SIGNALS: WeakKeyDictionary[Recording, ModelSignals] = WeakKeyDictionary()
-"""Of each recording as long as it lives."""
-
-
-def model_signals(recording: Recording) -> Mapping[str, Array]:
-    """The recording's signals, auxiliary ones smoothed, and `progress`, -1 to 1 over the record."""
-    if recording not in _SIGNALS:
-        _SIGNALS[recording] = ModelSignals(recording)
-    return _SIGNALS[recording]
-
 
 NONPERIODIC_SIGNALS = ("time", "progress", "order")
 """Signals that are not periodic with the motion; auxiliary signals are not either."""
@@ -116,15 +65,11 @@ class ModelResponse:
         return replace(self, periodic=(value, derivative[..., kept]), whole=whole, columns=columns)
 
 
-_OWN_MOTIONS: WeakKeyDictionary[Recording, dict[WrenchModel, OwnMotion | None]] = WeakKeyDictionary()
-"""Of each recording as long as it lives, by the base model."""
-
-
 def missing_inputs(model: WrenchModel, recording: Recording) -> tuple[str, ...]:
     """Signals that the model needs and the recording lacks."""
     if model.arm is None and any(effect.needs_joints for effect in model.effects):
         return ("q1",)
-    available = model_signals(recording)
+    available = recording.motion.model_signals
     return tuple(name for name in compiled_prediction(model).model.inputs if name not in available)
 
 
@@ -141,78 +86,69 @@ def model_response(
     With `derivative` False its arrays are (n, p, 0). `tolerance` is the relative size of the last correction of a
     deflection, which is solved by iteration. Raises InputError when the recording lacks a signal that the model needs.
     """
-    mean = _mean_motion_response(model, recording, theta, derivative=derivative, tolerance=tolerance)
-    own = decided_own_motion(model.base, recording)
-    return mean if own is None else replace(mean, own_motion=_added(model, recording, own, theta, mean))
+    mean = motion_response(model, recording.motion, theta, derivative=derivative, tolerance=tolerance)
+    own = recording.own_motion
+    return mean if own is None else replace(mean, own_motion=_added(model, recording.motion, own, theta, mean))
 
 
-def _mean_motion_response(
+def motion_response(
     model: WrenchModel,
-    recording: Recording,
+    motion: Motion,
     theta: Array,
     *,
-    derivative: bool,
+    derivative: bool = True,
     tolerance: float = DEFLECTION_TOLERANCE,
     steady: bool = True,
 ) -> ModelResponse:
-    """`model_response` to the motion in the recording's signals, if `steady` in its periodic steady state."""
+    """`model_response` to the signals of a motion, if `steady` in its periodic steady state."""
     k = len(theta) if derivative else 0
-    record = motion_record(model, recording, theta, derivative=derivative, steady=steady)
+    record = motion_record(model, motion, theta, derivative=derivative, steady=steady)
     deflection = compiled_prediction(model).deflection
     parts = record.evaluated("load") if deflection is None else [deflection.response(record, tolerance)]
     for stage in compiled_prediction(model).stages:
         parts = stage.response(parts, record)
-    once = recording.samples_per_repeat
+    once = motion.recorded.samples_per_repeat
     zero = (np.zeros((once, len(model.channels))), np.zeros((once, len(model.channels), k)))
     nonperiodic = [part for part in parts if not part.periodic]
     columns = _columns_of(nonperiodic, k)
     return ModelResponse(
         periodic=_sum([part for part in parts if part.periodic], tuple(range(k))) or zero,
         whole=_sum(nonperiodic, columns),
-        repeats=recording.repeats,
+        repeats=motion.recorded.repeats,
         columns=columns,
     )
 
 
-def _added(model: WrenchModel, recording: Recording, own: OwnMotion, theta: Array, mean: ModelResponse) -> Array:
+def _added(model: WrenchModel, motion: Motion, own: Motion, theta: Array, mean: ModelResponse) -> Array:
     """What each repeat's own motion adds to the response (n, p) to the mean motion.
 
     A motion that differs from repeat to repeat is in no steady state, and what came before the record is unknown: a
     model with memory responds to both motions from the record's start, where the same is missing in both.
     """
     if not compiled_prediction(model).instantaneous:
-        mean = _mean_motion_response(model, recording, theta, derivative=False, steady=False)
-    return _mean_motion_response(model, own, theta, derivative=False, steady=False).value - mean.value
+        mean = motion_response(model, motion, theta, derivative=False, steady=False)
+    return motion_response(model, own, theta, derivative=False, steady=False).value - mean.value
 
 
-def decided_own_motion(base: WrenchModel, recording: Recording) -> OwnMotion | None:
-    """The motion of each repeat, where it differs and the readings show that it did; None for the mean motion.
+def readings_follow_repeats(base: WrenchModel, recording: Recording) -> bool:
+    """Whether the readings show that each repeat moved as was measured, where the repeats differ beyond noise.
 
-    The rigid tool, fitted to the mean of the readings, predicts what the differences of the motion add to them. If it
-    was an error of the measured motion, the readings lack it (`is_separated`). True differences that are missed are
-    noise then: they are small, or the same at all phases of the motion.
+    The rigid tool `base`, fitted to the mean of the readings, predicts what the differences of the motion add to them.
+    If it was an error of the measured motion, the readings lack it (`is_separated`). True differences that are missed
+    are noise then: they are small, or the same at all phases of the motion.
     """
-    own = recording.own_motion
+    motion, own = recording.motion, recording.motion.of_each_repeat
     if own is None:
-        return None
-    decided = _OWN_MOTIONS.setdefault(recording, {})
-    if base not in decided:
-        decided[base] = own if _own_motion_is_read(base, recording, own) else None
-    return decided[base]
-
-
-def _own_motion_is_read(base: WrenchModel, recording: Recording, own: OwnMotion) -> bool:
-    """Whether the readings show that each repeat moved as was measured."""
+        return False
     nothing = np.zeros(len(base.parameters))
-    response = _mean_motion_response(base, recording, nothing, derivative=True)
+    response = motion_response(base, motion, nothing)
     readings = recording.averaged(recording.wrench) - response.value
     varying, weight = varying_channels(recording.wrench), np.zeros(recording.wrench.shape[1])
     weight[varying] = 1 / recording.wrench.std(axis=0)[varying]
     rows = (response.derivative * weight[:, None]).reshape(-1, len(nothing))
     theta = np.asarray(np.linalg.lstsq(rows, (readings * weight).ravel(), rcond=None)[0], dtype=np.float64)
-    mean = _mean_motion_response(base, recording, theta, derivative=False)
-    added = _added(base, recording, own, theta, mean)
-    return is_separated(added, recording.wrench, own.repeats)
+    mean = motion_response(base, motion, theta, derivative=False)
+    return is_separated(_added(base, motion, own, theta, mean), recording.wrench, recording.repeats)
 
 
 def _columns_of(parts: Sequence[ResponsePart], count: int) -> tuple[int, ...]:
@@ -244,18 +180,19 @@ def _sum(parts: Sequence[ResponsePart], columns: tuple[int, ...]) -> tuple[Array
 
 
 def motion_record(
-    model: WrenchModel, recording: Recording, theta: Array, *, derivative: bool = True, steady: bool = True
+    model: WrenchModel, motion: Motion, theta: Array, *, derivative: bool = True, steady: bool = True
 ) -> MotionRecord:
-    """The recording as the stages of the model take it, at the parameters theta (k,)."""
+    """The motion as the stages of the model take it, at the parameters theta (k,)."""
     prediction = compiled_prediction(model)
-    motion = () if steady else recording.signals
+    changing = () if steady else motion.signals
+    recorded = motion.recorded
     return MotionRecord(
-        signals=model_signals(recording),
-        dt=recording.dt,
-        repeats=recording.repeats,
-        samples_per_repeat=recording.samples_per_repeat,
-        continuous=recording.continuous,
-        nonperiodic=nonperiodic_signals(recording) | {*motion},
+        signals=motion.model_signals,
+        dt=recorded.dt,
+        repeats=recorded.repeats,
+        samples_per_repeat=recorded.samples_per_repeat,
+        continuous=recorded.continuous,
+        nonperiodic=nonperiodic_signals(motion) | {*changing},
         theta=theta,
         vectors=prediction.vector,
         transfer=prediction.transfer,
@@ -266,15 +203,15 @@ def motion_record(
     )
 
 
-def nonperiodic_signals(recording: Recording) -> frozenset[str]:
+def nonperiodic_signals(motion: Motion) -> frozenset[str]:
     """Names of the signals that differ between repeats."""
-    motion = recording.signals if isinstance(recording, OwnMotion) else ()
-    return frozenset({*NONPERIODIC_SIGNALS, *recording.auxiliary, *motion})
+    changing = motion.signals if motion.is_of_repeats else ()
+    return frozenset({*NONPERIODIC_SIGNALS, *motion.auxiliary, *changing})
 
 
-def signals_are_periodic(inputs: Iterable[str], recording: Recording) -> bool:
+def signals_are_periodic(inputs: Iterable[str], motion: Motion) -> bool:
     """Whether these signals are the same in every repeat; true for a single run."""
-    return recording.repeats == 1 or not set(inputs) & nonperiodic_signals(recording)
+    return motion.recorded.repeats == 1 or not set(inputs) & nonperiodic_signals(motion)
 
 
 def predicted_readings(model: WrenchModel, recording: Recording, theta: Array) -> Array:

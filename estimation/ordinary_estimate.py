@@ -8,22 +8,20 @@ as much. Weights that depend on the channel alone keep it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
 from estimation.confidence_intervals import intervals
-from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
-from estimation.parameter_layout import ParameterLayout
-from estimation.recordings.recording import Recording
 from modeling.noise import NoiseModel, NoiseSource, block_means
-from modeling.parameter import Parameter
+
+if TYPE_CHECKING:
+    from estimation.fit import Fit
 
 Array = NDArray[np.float64]
 
@@ -31,53 +29,31 @@ SMALLEST_SHARE = 1e-4
 """Of a residual's variance, that the upper half of its spectrum counts for at the least: rounded readings have none."""
 
 
-@dataclass(frozen=True, eq=False)
-class OrdinaryEstimate:
-    """Parameters (k,) by least squares, in which white noise weighs each channel of a run.
+def ordinary_fit(fitted: Fit) -> Fit | None:
+    """A fit's parameters by least squares, in which white noise weighs each channel of a run.
 
-    noise       per recording, white where it comes from the residual of a run, else as it was
-    covariance  (k, k) in that noise, as `intervals` needs it
+    Each channel is weighted by the noise of its upper frequencies alone. None without noise from a residual.
     """
+    noise = tuple(_by_channel(n, residual) for n, residual in zip(fitted.noise, fitted.residuals, strict=True))
+    if all(new is old for new, old in zip(noise, fitted.noise, strict=True)):
+        return None
+    problem = fitted.problem.in_noise(noise)
+    minimum = problem.minimise(fitted.theta)
+    return replace(
+        fitted,
+        problem=problem,
+        theta=minimum.theta,
+        covariance=minimum.covariance,
+        identifiable=minimum.identifiable,
+        converged=minimum.converged,
+    )
 
-    layout: ParameterLayout
-    recordings: tuple[Recording, ...]
-    noise: tuple[RecordingNoise, ...]
-    theta: Array
-    covariance: Array
-    identifiable: NDArray[np.bool_]
-    converged: bool
 
-    @classmethod
-    def of(cls, problem: WhitenedProblem, theta: Array, residuals: Sequence[Array]) -> OrdinaryEstimate | None:
-        """From a whitened problem, its solution and the residuals (n, p) there; None without noise from a residual.
-
-        Each channel is weighted by the noise of its upper frequencies alone.
-        """
-        noise = tuple(_by_channel(n, residual) for n, residual in zip(problem.noise, residuals, strict=True))
-        if all(new is old for new, old in zip(noise, problem.noise, strict=True)):
-            return None
-        found = replace(problem, noise=noise).minimise(theta)
-        return cls(
-            layout=problem.layout,
-            recordings=problem.recordings,
-            noise=noise,
-            theta=found.theta,
-            covariance=found.covariance,
-            identifiable=found.identifiable,
-            converged=found.converged,
-        )
-
-    @property
-    def unknowns(self) -> tuple[Parameter, ...]:
-        """The model's parameters, then the biases of the further recordings."""
-        return self.layout.parameters
-
-    @cached_property
-    def covariance_in_noise(self) -> Array:
-        """Covariance (k, k) with the std that the residual's own spectrum gives."""
-        std, own = intervals(self).std, np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
-        ratio = np.where(np.isfinite(own) & (std > 0), std / own, 1.0)
-        return np.asarray(self.covariance * np.outer(ratio, ratio))
+def covariance_in_noise(fitted: Fit) -> Array:
+    """Covariance (k, k) with the std that the residual's own spectrum gives."""
+    std, stated = intervals(fitted).std, np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
+    ratio = np.where(np.isfinite(stated) & (std > 0), std / stated, 1.0)
+    return np.asarray(fitted.covariance * np.outer(ratio, ratio))
 
 
 def _by_channel(noise: RecordingNoise, residual: Array) -> RecordingNoise:

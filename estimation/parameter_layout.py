@@ -15,7 +15,7 @@ from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError, quoted, suggestion
 from modeling.parameter import Parameter
 
-# Names of the initial values given to a fit.
+Array = NDArray[np.float64]
 
 
 def require_known_start(start: Iterable[str], model: WrenchModel, unknowns: Iterable[Parameter]) -> None:
@@ -29,18 +29,17 @@ def require_known_start(start: Iterable[str], model: WrenchModel, unknowns: Iter
             raise InputError(what=what, where="start", remedy=suggestion(name, known))
 
 
-Array = NDArray[np.float64]
-
-
 @dataclass(frozen=True, eq=False)
 class ParameterLayout:
     """The unknowns of a fit of one model to one or more recordings.
 
+    model       the model
     parameters  every unknown; the model's own first, then the biases of the further recordings
     models      the model of each recording: a recording-specific effect acts in the first that has its signals
     index       per recording, positions of its model's parameters among the unknowns
     """
 
+    model: WrenchModel
     parameters: tuple[Parameter, ...]
     models: tuple[WrenchModel, ...]
     index: tuple[NDArray[np.intp], ...]
@@ -73,7 +72,7 @@ def parameter_layout(model: WrenchModel, recordings: Sequence[Recording]) -> Par
                 unknowns.append(Parameter(name=f"{bias.name}@{labels[number]}", unit=bias.unit, nominal=bias.nominal))
         models.append(own)
         index.append(np.array([place[p.name] for p in own.parameters], dtype=np.intp))
-    return ParameterLayout(tuple(unknowns), tuple(models), tuple(index))
+    return ParameterLayout(model, tuple(unknowns), tuple(models), tuple(index))
 
 
 def _recording_of_effect(model: WrenchModel, effect_id: str, recordings: Sequence[Recording]) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.candidate_poses import CandidatePoses
-from estimation.fit import Fit, WhitenedProblem
+from estimation.fit import Fit
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
 from modeling.identifiability import ScaledSVD
@@ -75,7 +75,7 @@ class PoseAdvice(Tabular):
         """
         number = _first_static_recording(fitted)
         poses = CandidatePoses.of(fitted.recordings[number])
-        recorded = WhitenedProblem(fitted.layout, fitted.recordings, fitted.noise).evaluate(fitted.theta)[1]
+        recorded = fitted.problem.evaluate(fitted.theta)[1]
         root, rows = np.asarray(np.linalg.qr(recorded, mode="r")), whitened_pose_sensitivity(fitted, number, poses)
         all_poses = _stacked_svd([root, *rows])
         chosen = _sequential_d_optimal(root, rows, all_poses)

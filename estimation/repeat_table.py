@@ -19,7 +19,8 @@ from estimation.multiplicity import normal_isf
 from estimation.noise.power_spectrum import PowerSpectrum
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.column_table import signal_unit
-from estimation.recordings.recording import QUATERNION, Recording, motion_columns
+from estimation.recordings.motion import QUATERNION, motion_columns
+from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 from modeling.kinematics.placement import JointKind
 from modeling.significance import LEVELS
@@ -381,14 +382,14 @@ def motion_error_rows(recording: Recording) -> tuple[ErrorStatistics, ...]:
 
 def _motion_error(recording: Recording, name: str) -> Array:
     """A column as read minus its smoothed motion averaged over the repeats, (n,)."""
-    read = recording.world_columns[name]
+    read = recording.motion.world_columns[name]
     if name in QUATERNION:
-        turns = np.stack([recording.world_columns[q] for q in QUATERNION], axis=1)
+        turns = np.stack([recording.motion.world_columns[q] for q in QUATERNION], axis=1)
         smooth = np.stack([recording.signals[q] for q in QUATERNION], axis=1)
         return np.asarray(read * np.sign((turns * smooth).sum(axis=1)) - recording.signals[name])
     if name == "phi":
         return np.asarray((read - recording.signals[name] + np.pi) % (2 * np.pi) - np.pi)
-    return np.asarray(read - recording.differentiated(read[:, None]).value[:, 0])
+    return np.asarray(read - recording.motion.recorded.differentiated(read[:, None]).value[:, 0])
 
 
 def validation_rows(fit: Fit, number: int, other: Recording) -> tuple[ValidationRow, ...]:

@@ -9,16 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 
+from estimation.case import Case
 from estimation.confidence_intervals import Intervals, intervals
-from estimation.fit import Fit, WhitenedProblem, check_channels, refit, require_positive_fitted_mass
-from estimation.gravity.gravity_direction import with_gravity_direction
+from estimation.fit import Fit, refit, require_positive_fitted_mass
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, Estimate
 from estimation.multiplicity import normal_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, power_levels, smooth_power_spectra
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.parameter_layout import parameter_layout, require_known_start
-from estimation.recordings.recording import Recording, with_readings
-from estimation.recordings.sign_convention import with_decided_convention
+from estimation.recordings.recording import Recording
 from estimation.robust_loss import Huber, Loss
 from modeling.chain.model import WrenchModel
 from modeling.noise import NoiseSource
@@ -332,14 +331,15 @@ def robust_fit(
     (True, 0.9, 0.9)
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
-    check_channels(model, several)
-    case = with_gravity_direction(model, several)
-    decided, several = with_decided_convention(case.model, case.recordings), case.recordings
-    require_known_start(start or (), decided, parameter_layout(decided, several).parameters)
-    plain = refit(decided, several, start=start)
-    found = _iterated(plain, loss or Huber())
-    require_positive_fitted_mass(found.fit)
-    return found
+    return robust_fit_case(Case.of(model, several), loss=loss, start=start)
+
+
+def robust_fit_case(case: Case, *, loss: Loss | None = None, start: Mapping[str, float] | None = None) -> RobustFit:
+    """`robust_fit` of a case."""
+    require_known_start(start or (), case.model, parameter_layout(case.model, case.recordings).parameters)
+    robust = _iterated(refit(case, start=start), loss or Huber())
+    require_positive_fitted_mass(robust.fit)
+    return robust
 
 
 def _iterated(plain: Fit, loss: Loss) -> RobustFit:
@@ -347,9 +347,9 @@ def _iterated(plain: Fit, loss: Loss) -> RobustFit:
     fitted, change = plain, np.inf
     outliers = _outliers(plain, plain, loss)
     for number in range(MAX_ROUNDS):
-        cleaned = tuple(with_readings(r, r.wrench - o.part) for r, o in zip(plain.recordings, outliers, strict=True))
+        cleaned = tuple(r.with_readings(r.wrench - o.part) for r, o in zip(plain.recordings, outliers, strict=True))
         noise = fitted.noise if number >= NOISE_REESTIMATION_ROUNDS else None
-        before, fitted = fitted, refit(plain.model, cleaned, noise=noise, start=fitted.values)
+        before, fitted = fitted, refit(Case(plain.model, cleaned), noise=noise, start=fitted.values)
         outliers = _outliers(plain, fitted, loss, outliers, noise is not None)
         std = np.sqrt(np.diag(fitted.covariance))
         change = float(
@@ -377,7 +377,7 @@ def _outliers(
 
 def _influence(fitted: Fit, outliers: Sequence[Outliers]) -> Array:
     """D H^-T, as D C G^-T with C the least-squares covariance and G = C H, on columns of unit length."""
-    derivative = WhitenedProblem(fitted.layout, fitted.recordings, fitted.noise).evaluate(fitted.theta)[1]
+    derivative = fitted.problem.evaluate(fitted.theta)[1]
     scale = np.linalg.norm(derivative, axis=0)
     scale[scale == 0] = 1.0
     unit, inverse = derivative / scale, fitted.covariance * np.outer(scale, scale)

@@ -153,7 +153,7 @@ def test_a_tool_that_hardly_turns_is_not_called_weightless(recording: tw.Recordi
     noise = np.random.default_rng(1).normal(size=recording.wrench.shape) * 30 * np.array(RIG.noise)
     constant = np.broadcast_to([100.0, 0.0, 0.0], noise.shape)
     columns = {name: column * (1.0 if name == "time" else 1e-3) for name, column in recording.columns.items()}
-    still = replace(recording, wrench=constant + noise, columns=columns)
+    still = recording.moved(columns=columns).with_readings(constant + noise)
     assert "Tool: not known, m " in str(tw.fit(tw.planar(), still).summary())
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from benchmarks.coverage import LAG, NOISES, Setting
 from estimation.bootstrap import Agreement, Bootstrap, bootstrap
-from estimation.fit import Fit, WhitenedProblem, fit
-from estimation.recordings.recording import Recording, with_readings
+from estimation.fit import Fit, Problem, fit
+from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.errors import InputError
 
@@ -45,7 +45,7 @@ def test_an_estimate_per_repeat_is_that_of_a_recording_of_this_repeat_alone(nois
     std = np.sqrt(np.diag(estimated.covariance))
     for r in (0, 3, 7):
         run = recording.wrench.reshape(8, 60, 3)[r]
-        alone = WhitenedProblem(estimated.layout, (with_readings(recording, np.tile(run, (8, 1))),), estimated.noise)
+        alone = Problem(estimated.layout, (recording.with_readings(np.tile(run, (8, 1))),), estimated.noise)
         refitted = alone.minimise(np.zeros(6)).theta
         np.testing.assert_allclose((per_repeat(found)[r] - refitted) / std, 0, atol=1e-6)  # rounding times condition
     np.testing.assert_allclose((per_repeat(found).mean(axis=0) - estimated.theta) / std, 0, atol=1e-6)
@@ -93,7 +93,7 @@ def test_analytic_and_bootstrap_agree_where_they_should() -> None:
 def scaled(recording: Recording, factors: Array) -> Recording:
     """Every repeat's readings times a factor of its own: a gain that is not the same from repeat to repeat."""
     runs = recording.wrench.reshape(recording.repeats, -1, 3) * factors[:, None, None]
-    return with_readings(recording, runs.reshape(-1, 3))
+    return recording.with_readings(runs.reshape(-1, 3))
 
 
 @pytest.mark.parametrize(

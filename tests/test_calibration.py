@@ -23,7 +23,7 @@ from diagnosis.calibration import Calibration, Rate
 from diagnosis.diagnosis import diagnose
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.errors import InputError
@@ -75,7 +75,7 @@ def test_surrogates_have_the_covariance_of_the_noise_at_every_lag(repeats: int) 
 
 @pytest.mark.parametrize("continuous", [True, False])
 def test_what_repeats_with_the_motion_is_not_noise(continuous: bool) -> None:
-    whole = replace(recording(4), continuous=continuous)
+    whole = recording(4).moved(continuous=continuous)
     period = np.sin(2 * np.pi * np.arange(whole.samples_per_repeat) / 40)
     repeated = 1e3 * np.tile(period, whole.repeats)[:, None] * np.ones(3)
     noise = coloured(whole.samples, 3)
@@ -161,7 +161,7 @@ def test_p_values_are_withheld_where_false_alarms_are_too_many() -> None:
     wider = found.calibrated(replace(calibrated(4), candidates=("viscous_drag", "sensor_lag", "sensor_gain")))
     assert "made with 3 candidate effects, and this diagnosis has" in wider.calibration_sentences[-1]
     with pytest.raises(InputError, match="other readings"):
-        diagnose(planar(RIG), with_readings(whole, whole.wrench + 1e-3), effects=CANDIDATES).calibrated(bad)
+        diagnose(planar(RIG), whole.with_readings(whole.wrench + 1e-3), effects=CANDIDATES).calibrated(bad)
 
 
 @pytest.mark.parametrize("counts", [(0, 0), (-1, 0), (4, -1)])

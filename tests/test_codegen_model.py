@@ -16,7 +16,6 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.contact.contact_wrench import compensate
-from estimation.model_response import model_signals
 from estimation.recordings.reading import read
 from modeling import effects
 from modeling.chain.chain import Chain, Stage
@@ -380,7 +379,7 @@ def test_emitted_c_compensates_a_whole_recording_as_python_does(bench: Bench) ->
     assert main(["emit", bench.model, "--to", "c", "--rate", repr(1 / recording.dt), "--out", str(path)]) == 0
     running = DiscreteTimeModel(known.model, known.theta, dt=recording.dt)
     c = CFilter(Library(path.read_text()), 3)
-    u = np.stack([model_signals(recording)[name] for name in running.inputs], axis=1)
+    u = np.stack([recording.motion.model_signals[name] for name in running.inputs], axis=1)
     by_c = np.stack([c.compensate(*row) for row in zip(u, recording.wrench, strict=True)])
     by_python = np.stack([running.compensate(*row) for row in zip(u, recording.wrench, strict=True)])
     np.testing.assert_allclose(by_c, by_python, rtol=0, atol=1e-9)

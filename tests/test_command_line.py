@@ -617,12 +617,12 @@ def test_an_ascii_terminal_gets_text() -> None:
 
 
 def test_an_interrupt_is_quiet(run: Runner, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    from truewrench.files.data_set import DataSet
+    from truewrench.files.case_files import Case
 
-    def interrupted(*_args: Any, **_options: Any) -> DataSet:
+    def interrupted(*_args: Any, **_options: Any) -> Case:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(DataSet, "read", interrupted)
+    monkeypatch.setattr(Case, "read", interrupted)
     assert run("fit", bench.training) == Outcome(130, "", "")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation.fit import WhitenedProblem, initial_noise, initial_values
+from estimation.fit import Problem, initial_noise, initial_values
 from estimation.least_squares.bounds import Bounds
 from estimation.least_squares.constrained_minimum import ConstrainedMinimum, ConstraintInterpretation
 from estimation.least_squares.constrained_minimum import minimise_constrained as constrained
@@ -52,13 +52,13 @@ def recorded(*hidden: simulated.HiddenEffect, seed: int, limit: float = 1.2, sig
     return from_columns(found, rig=Rig(link_lengths=rig.link_lengths, sensor=sensor))
 
 
-def posed_of(recording: Recording, *added: Effect) -> WhitenedProblem:
+def posed_of(recording: Recording, *added: Effect) -> Problem:
     model = planar() + added
     unknowns = parameter_layout(model, (recording,))
-    return WhitenedProblem(unknowns, (recording,), initial_noise(model, (recording,)))
+    return Problem(unknowns, (recording,), initial_noise(model, (recording,)))
 
 
-def solved_of(posed: WhitenedProblem, constraints: Constraints) -> ConstrainedMinimum:
+def solved_of(posed: Problem, constraints: Constraints) -> ConstrainedMinimum:
     return constrained(posed, initial_values(posed.layout, {}), constraints)
 
 

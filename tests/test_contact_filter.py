@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.coverage import RIGS, Setting, silent_recording
 from estimation.contact.contact_filter import ContactFilter, LocalPolynomial
 from estimation.contact.contact_wrench import CalibratedModel, compensate
-from estimation.recordings.recording import QUATERNION, Recording, with_readings
+from estimation.recordings.motion import QUATERNION
+from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.contact_gain import contact_gain_at
 from modeling.chain.model import WrenchModel, planar, spatial
@@ -60,7 +61,7 @@ def run(contact: ContactFilter, table: Array) -> Array:
 
 
 def table_of(recording: Recording, columns: Sequence[str]) -> Array:
-    return np.hstack([recording.stack(columns), recording.wrench])
+    return np.hstack([recording.motion.recorded.stack(columns), recording.wrench])
 
 
 def filter_of(known: CalibratedModel, recording: Recording, window: LocalPolynomial) -> ContactFilter:
@@ -189,9 +190,8 @@ def test_a_turning_tool_by_the_polynomial_of_its_angle() -> None:
 
 def noisy(recording: Recording, seed: int) -> Recording:
     scale = np.array(RIGS[Space.PLANE if recording.dimension == 2 else Space.SPACE].noise)
-    return with_readings(
-        recording, recording.wrench + scale * np.random.default_rng(seed).standard_normal(recording.wrench.shape)
-    )
+    noise = scale * np.random.default_rng(seed).standard_normal(recording.wrench.shape)
+    return recording.with_readings(recording.wrench + noise)
 
 
 @cache

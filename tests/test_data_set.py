@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from modeling.errors import InputError
-from truewrench.files.data_set import DataSet
+from truewrench.files.case_files import read_case
 from truewrench.simulated_rig import SpatialRig, simulate, write_recording
 
 
@@ -18,4 +18,4 @@ def test_error_is_that_of_the_first_broken_file(tmp_path: Path) -> None:
     for path in broken:
         path.write_text("time,fx\n0,1\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"first\.csv"):
-        DataSet.read([str(path) for path in (whole, *broken)])
+        read_case([str(path) for path in (whole, *broken)])

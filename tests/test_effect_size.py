@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from estimation.fit import fit
-from estimation.model_response import model_signals
 from modeling.chain.model import planar
 from modeling.effects import named
 from tests.test_given_effects import simulated
@@ -20,7 +19,7 @@ def test_drag_at_the_largest_speed_of_its_point() -> None:
     """c |v|, v of the point at d along the tip, by hand from the recorded motion."""
     recording = simulated(1)
     fitted = fit(planar(RIG) + named("viscous_drag"), recording)
-    signals, values = model_signals(recording), fitted.values
+    signals, values = recording.motion.model_signals, fitted.values
     turn, d = signals["phi"], values["viscous_drag.d"]
     velocity = [signals["vx"] + d * np.cos(turn) * signals["dphi"], signals["vy"] - d * np.sin(turn) * signals["dphi"]]
     expected = values["viscous_drag.c"] * np.hypot(*velocity).max()

@@ -26,7 +26,6 @@ from estimation.errors_in_variables import (
 )
 from estimation.fit import fit
 from estimation.input_noise import InputNoise
-from estimation.model_response import model_signals
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.column_table import ORIENTATION_ERRORS
@@ -86,12 +85,12 @@ def test_the_corrected_chi_square_has_the_mean_of_the_true_motion(away: float) -
 def _moved(recording: Recording, seed: int) -> Recording:
     rng = np.random.default_rng([seed, 5])
     moved = {n: c + LOGGED.get(n, 0.0) * rng.standard_normal(len(c)) for n, c in recording.columns.items()}
-    return replace(recording, columns=moved)
+    return recording.moved(columns=moved)
 
 
 def _prediction(model: WrenchModel, recording: Recording, theta: Array) -> Array:
     parts = compiled_prediction(model)
-    known, n = model_signals(recording), recording.samples
+    known, n = recording.motion.model_signals, recording.samples
     return parts.load.value(known, theta, n) + parts.bias.value(known, theta, n)
 
 
@@ -294,7 +293,7 @@ def test_effective_noise_is_the_sum_at_the_lines_of_the_motion() -> None:
 
 def test_noise_from_a_residual_has_the_inputs_in_it() -> None:
     recording = RUN.recording(0)
-    stated = fit(RUN.model, replace(recording, rig=Rig())).noise[0]
+    stated = fit(RUN.model, recording.moved(rig=Rig())).noise[0]
     assert stated.source is NoiseSource.RESIDUAL
     again: RecordingNoise = effective_noise(stated, recording, np.eye(3))
     assert again is stated
@@ -350,6 +349,6 @@ def test_refusals() -> None:
         errors_in_variables_fit(RUN.model, run)
     smooth = {n: c for n, c in FOUR.recording(0).columns.items() if n == "phi"}
     with pytest.raises(InputError, match="used as it was measured"):
-        InputNoise.measured(replace(FOUR.recording(0), columns=smooth))
+        InputNoise.measured(FOUR.recording(0).moved(columns=smooth))
     with pytest.raises(InputError, match="lag or a delay"):
         errors_in_variables_fit(RUN.model + effects.sensor_lag(), run, input_noise=RUN.input_noise)

@@ -42,7 +42,7 @@ from modeling.errors import InputError
 from modeling.kinematics.arm import PlanarArm
 from modeling.kinematics.placement import Direction, base_angle, base_placement, motion_in_world
 from modeling.rig import Convention, Rig, SensorDescription
-from truewrench.files.data_set import DataSet, frame_sentences
+from truewrench.files.case_files import frame_sentences, rigid_tool_case
 from truewrench.files.model_file import ModelFile
 from truewrench.simulated_rig import HIDDEN_EFFECTS, CableSpring, PlanarRig, SpatialRig, simulate, static_poses
 from truewrench.simulated_rig.mujoco_scene import Scene
@@ -219,7 +219,7 @@ def test_a_cable_on_a_level_base_is_not_taken_for_gravity(
 ) -> None:
     """The direction that the forces suggest is said, not applied; with the cable in the model all is right."""
     recording = pulled(tool, seed, k, anchor)
-    data = DataSet.of([recording], [], recording.rig or Rig())
+    data = rigid_tool_case([recording], [], recording.rig or Rig())
     assert data.gravity is None
     assert data.model.gravity_direction is None
     assert frame_sentences(data)[0].startswith("Gravity is taken as down, though it may point along (")
@@ -365,10 +365,9 @@ def test_a_mounted_recording_is_not_differentiated_again() -> None:
     recording = run(MountedTool(down=down), 3, (), repeats=1)
     assert recording.signals
     mounted = mounted_recording(recording, down)
-    assert mounted.derivatives is recording.derivatives
-    assert mounted.derivatives
-    stated = replace(recording, rig=Rig(gravity_direction=down))
-    assert not stated.derivatives
+    assert mounted.motion.recorded is recording.motion.recorded
+    assert mounted.motion.recorded.derivatives
+    stated = run(MountedTool(down=down), 3, (), repeats=1).moved(rig=Rig(gravity_direction=down))
     for name, expected in stated.signals.items():
         np.testing.assert_array_equal(mounted.signals[name], expected)
     assert np.abs(mounted.signals["apx"] - recording.signals["apx"]).max() > 0.1

@@ -16,8 +16,8 @@ from diagnosis.screening.score_test import absent_effects, run_searches, screen
 from diagnosis.screening.whitened_sensitivity import score_columns
 from diagnosis.subset_search import MAX_EFFECTS
 from estimation.fit import Fit, fit
+from estimation.least_squares.problem import LinearisedRows
 from estimation.least_squares.square_root_information import orthonormal_basis
-from estimation.least_squares.whitened_problem import LinearisedRows
 from estimation.recordings.reading import from_columns
 from modeling.chain.effect import Effect, GridSuperposition, NuisanceValues
 from modeling.chain.model import planar

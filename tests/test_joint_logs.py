@@ -21,8 +21,8 @@ from estimation.contact.contact_wrench import CalibratedModel
 from estimation.errors_in_variables import ErrorPropagation
 from estimation.fit import fit
 from estimation.input_noise import InputNoise
+from estimation.recordings.motion import MotionForm
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import MotionForm
 from estimation.repeat_table import motion_error_rows
 from estimation.streaming.long_log import read_chunks
 from modeling.chain.model import spatial

@@ -19,7 +19,6 @@ from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording, readings_digest
-from estimation.recordings.recording import with_readings as of_same_motion
 from modeling.chain.model import WrenchModel, planar
 from modeling.effects import named
 from modeling.rig import Rig
@@ -80,7 +79,7 @@ def drawn(truth: str, phase: float, seed: int) -> Recording:
     model = planar(RIG) + named("viscous_drag") + named("quadratic_drag")
     size = {"viscous_drag__c": 0.3, "viscous_drag__d": 0.1} | {"quadratic_drag__c": 0.2, "quadratic_drag__d": 0.1}
     clean = predicted_readings(model, blank, theta(model, **(size if truth == "both" else {})))
-    return of_same_motion(blank, clean + np.random.default_rng(seed).normal(0, STD, (400, 3)))
+    return blank.with_readings(clean + np.random.default_rng(seed).normal(0, STD, (400, 3)))
 
 
 def halfway(seed: int) -> Recording:
@@ -89,7 +88,7 @@ def halfway(seed: int) -> Recording:
     pair = [fitted("viscous_drag"), fitted("quadratic_drag")]
     sums = [predicted_readings(f.model, blank, f.theta) for f in pair]
     noise = np.random.default_rng(seed).normal(0, STD, (400, 3))
-    return of_same_motion(blank, (sums[0] + sums[1]) / 2 + noise)
+    return blank.with_readings((sums[0] + sums[1]) / 2 + noise)
 
 
 def rejected(p_values: list[float]) -> int:

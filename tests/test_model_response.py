@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import lsim
 
-from estimation.model_response import missing_inputs, model_response, model_signals, predicted_readings
+from estimation.model_response import missing_inputs, model_response, predicted_readings
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
@@ -207,7 +207,7 @@ def test_derivative_of_the_body_passes_the_memory_too(effect: Effect, repeats: i
 
 
 def by_the_sample(model: WrenchModel, recording: Recording, theta: Array) -> Array:
-    prediction, signals = compiled_prediction(model), model_signals(recording)
+    prediction, signals = compiled_prediction(model), recording.motion.model_signals
     samples = recording.samples
     return prediction.load.value(signals, theta, samples) + prediction.bias.value(signals, theta, samples)
 

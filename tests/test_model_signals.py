@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from dataclasses import replace
 from weakref import ref
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 
 from estimation import model_response as module
-from estimation.model_response import model_signals
 from estimation.recordings.differentiation import Derivatives, spline_derivatives
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
@@ -45,7 +43,7 @@ def smoothed(monkeypatch: pytest.MonkeyPatch) -> list[Array]:
 
 def test_an_auxiliary_signal_is_smoothed_once_and_with_its_first_use(smoothed: list[Array]) -> None:
     recording = warming()
-    signals = model_signals(recording)
+    signals = recording.motion.model_signals
     assert [*signals] == [*recording.signals, "progress"]
     assert len(signals) == len(recording.signals) + 1
     assert "temperature" in signals
@@ -54,7 +52,7 @@ def test_an_auxiliary_signal_is_smoothed_once_and_with_its_first_use(smoothed: l
     np.testing.assert_array_equal(signals["voltage"], 24.0)
     np.testing.assert_array_equal(signals["progress"], np.linspace(-1, 1, SAMPLES))
     assert not smoothed
-    first, again = signals["temperature"], model_signals(recording)["temperature"]
+    first, again = signals["temperature"], recording.motion.model_signals["temperature"]
     assert again is first
     (series,) = smoothed
     np.testing.assert_array_equal(series, recording.columns["temperature"])
@@ -64,16 +62,16 @@ def test_an_auxiliary_signal_is_smoothed_once_and_with_its_first_use(smoothed: l
 
 
 def test_static_poses_have_nothing_to_smooth(smoothed: list[Array]) -> None:
-    poses = replace(warming(), time=None)
+    poses = warming().moved(time=None)
     assert poses.dt is None
-    np.testing.assert_array_equal(model_signals(poses)["temperature"], poses.columns["temperature"])
+    np.testing.assert_array_equal(poses.motion.model_signals["temperature"], poses.columns["temperature"])
     assert not smoothed
 
 
 def test_signals_live_as_long_as_the_recording() -> None:
     recording = warming()
     gone = ref(recording)
-    model_signals(recording)["temperature"]
+    recording.motion.model_signals["temperature"]
     del recording
     gc.collect()
     assert gone() is None

@@ -221,6 +221,6 @@ def test_motions_at_random_hold_the_columns_that_the_recording_holds() -> None:
     recording = from_columns(columns | dict.fromkeys(("px", "py"), 0 * time) | readings, name="short.csv")
     assert "dphi" in recording.signals
     drawn = recording.drawn_motions(rng, 16)
-    assert recording.true_samples(["dphi"]) is None
-    assert drawn.true_samples(["dphi"]) is None
+    assert recording.motion.recorded.true_samples(["dphi"]) is None
+    assert drawn.motion.recorded.true_samples(["dphi"]) is None
     np.testing.assert_array_equal(drawn.signals["dphi"], np.tile(recording.signals["dphi"], 16))

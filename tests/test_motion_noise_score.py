@@ -13,7 +13,6 @@ from diagnosis.screening.grid_search import GridSearch
 from diagnosis.screening.null_model import NullModel, ScreeningCache
 from diagnosis.screening.score_test import DRAWS, DrawnMotion, run_searches, screen
 from estimation.fit import Fit, fit
-from estimation.model_response import model_signals
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial
 from modeling.effects import named
@@ -46,9 +45,10 @@ def test_what_depends_on_an_auxiliary_signal_is_judged_at_drawn_motions() -> Non
     assert test.p_value < 1e-6
     drawn = DrawnMotion.of(rigid)
     assert drawn is not None
-    for motion in (draw.recordings[0] for draw in drawn.fits):
-        assert motion.auxiliary == recording.auxiliary == ("temperature",)
-        np.testing.assert_array_equal(model_signals(motion)["temperature"], model_signals(recording)["temperature"])
+    for drawn_recording in (draw.recordings[0] for draw in drawn.fits):
+        assert drawn_recording.auxiliary == recording.auxiliary == ("temperature",)
+        temperature = (r.motion.model_signals["temperature"] for r in (drawn_recording, recording))
+        np.testing.assert_array_equal(*temperature)
     (search,) = run_searches([(drawn.fits[0], thermal.restricted(rigid.model.space))], ScreeningCache())
     assert isinstance(search, GridSearch)  # else an input is missing
 
@@ -90,7 +90,7 @@ def test_all_fits_to_the_same_recordings_are_judged_at_the_same_motions() -> Non
     assert second is not None
     assert alone is not None
     for one, two, own in zip(first.fits, second.fits, alone.fits, strict=True):
-        assert one.recordings[0].derivatives is two.recordings[0].derivatives
+        assert one.recordings[0].motion is two.recordings[0].motion
         assert np.ptp(one.recordings[0].wrench - two.recordings[0].wrench) > 0
         np.testing.assert_array_equal(two.whitened_residual(), own.whitened_residual())
 

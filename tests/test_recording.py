@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from estimation.recordings.motion import MotionForm
 from estimation.recordings.reading import SampleClock, from_columns, read
-from estimation.recordings.recording import MotionForm
 from modeling.errors import InputError
 from modeling.rig import Rig
 

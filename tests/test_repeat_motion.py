@@ -19,7 +19,6 @@ from scipy.signal import butter, lfilter
 
 import truewrench as tw
 from benchmarks.robot_motions import NearlyRepeated
-from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.model_response import decided_own_motion, model_response
 from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
@@ -84,7 +83,7 @@ def test_noise_is_what_remains_after_the_motion(rig: PlanarRig | SpatialRig, sep
     assert tw.compare(fit).lack_of_fit > 0.001  # one of a thousand fails by chance
     mass = fit.parameters["m"]
     assert abs(mass.value - rig.mass) < 4 * mass.std
-    problem, elsewhere = WhitenedProblem(fit.layout, fit.recordings, fit.noise), 1.1 * fit.theta
+    problem, elsewhere = fit.problem, 1.1 * fit.theta
     assert problem.chi_square(elsewhere) == pytest.approx(problem.information(elsewhere).cost, rel=1e-9)
 
 

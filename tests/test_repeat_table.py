@@ -20,7 +20,6 @@ from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.column_table import signal_unit
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import with_readings
 from estimation.repeat_table import RepeatTable, VarianceComponents, averaging_noise_gains
 from modeling.chain.model import planar
 from modeling.errors import InputError
@@ -194,7 +193,7 @@ def test_resolver_steps_do_not_average_out_and_noise_of_the_motion_does() -> Non
 def test_validation_shows_a_zero_that_moved() -> None:
     estimated = fit(planar(), FREE.drawn(NOISES["white"], 1))
     other = FREE.drawn(NOISES["white"], 2)
-    shifted = replace(with_readings(other, other.wrench + np.array([0.5, 0.0, 0.0])), name="next day")
+    shifted = replace(other.with_readings(other.wrench + np.array([0.5, 0.0, 0.0])), name="next day")
     found = RepeatTable.of(estimated, validation=[shifted])
     fx = found.validation[0]
     assert (fx.recording, fx.channel, fx.unit) == ("next day", "fx", "N")

@@ -17,7 +17,7 @@ from scipy.stats import norm
 from benchmarks.coverage import NOISES, RIGS, Setting, Spiked
 from estimation.fit import fit
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from estimation.robust_fit import InverseCovarianceFilter, Outliers, RobustFit, robust_fit, separate_outliers
 from estimation.robust_loss import Huber, Loss, StudentT
 from modeling.chain.model import planar
@@ -236,7 +236,7 @@ def test_a_wild_pose_at_rest_does_not_move_the_zero() -> None:
     clean = setting.drawn(NOISES["white"], 1)
     wild = clean.wrench.copy()
     wild[7, 1] += 40 * SCALE[1]
-    found = robust_fit(planar(), with_readings(clean, wild))
+    found = robust_fit(planar(), clean.with_readings(wild))
     assert found.outliers[0].found[7, 1]
     undisturbed = fit(planar(), clean).parameters["bias_fy"]
     # Huber's loss lets 1.345 std of one pose of 24 through, least squares all 40: a 24th of it over std / sqrt(24).

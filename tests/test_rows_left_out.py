@@ -18,12 +18,12 @@ from diagnosis.verdict_rule import RecordVerdict
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import fit
 from estimation.reading.log_reading import read
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import viscous_drag
 from modeling.rig import Rig
 from truewrench.command_line import main
-from truewrench.files.data_set import DataSet
+from truewrench.files.case_files import rigid_tool_case
 from truewrench.simulated_rig import NOISE_MODELS, ContactEvent, PlanarRig, simulate
 from truewrench.text.diagnosis_text import diagnosis_text
 from truewrench.text.fit_summary import FitSummary
@@ -91,7 +91,7 @@ def test_the_rows_outside_the_repeats_are_counted(tmp_path: Path) -> None:
     assert recording.whole.recording.samples == 4000
     assert recording.whole.left_out == ((2000, 4000),)
     assert recording.whole.share == 0.5
-    assert with_readings(recording, recording.wrench).whole is None
+    assert recording.with_readings(recording.wrench).whole is None
     data = outside(recording).to_data()
     assert data == {
         "recording": "log.csv", "used": 2000, "of": 4000, "left_out": [[20.0, 40.0]], "tested": True, "deviations": [],
@@ -144,7 +144,7 @@ def test_a_verdict_over_a_push_is_not_that_nothing_is_missing(tmp_path: Path) ->
 
 def test_a_fit_says_what_it_is_not_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = log(tmp_path, 1, push=True)
-    data = DataSet.of([recording], [], recording.rig)
+    data = rigid_tool_case([recording], [], recording.rig)
     fitted = fit(data.model, recording)
     summary = FitSummary(fitted, fitted.intervals())
     assert summary.headline().startswith(

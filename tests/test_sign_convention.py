@@ -20,7 +20,7 @@ from estimation.recordings.sign_convention import (
 from modeling.chain.model import QUARTER_TURNS, spatial
 from modeling.errors import InputError
 from modeling.rig import Convention
-from truewrench.files.data_set import mounting_angle
+from truewrench.files.case_files import mounting_angle
 
 GRAVITY = 9.806
 MASS, CENTRE = 0.8, np.array([0.01, -0.02, 0.05])
@@ -66,7 +66,7 @@ def test_fit_decides_by_itself() -> None:
 def test_poses_in_a_plane_do_not_decide() -> None:
     whole = poses(sign=1.0, turn=np.eye(3))
     turns = Rotation.from_rotvec(np.outer(np.linspace(0, 3, 20), [0.0, 1.0, 0.0]))
-    flat = replace(whole, columns=dict(zip(("qx", "qy", "qz", "qw"), turns.as_quat().T, strict=True)))
+    flat = whole.moved(columns=dict(zip(("qx", "qy", "qz", "qw"), turns.as_quat().T, strict=True)))
     with pytest.raises(InputError, match="does not span three directions"):
         with_decided_convention(spatial(), [flat])
 

@@ -26,7 +26,7 @@ from diagnosis.screening.score_test import ScoreTest, screen
 from diagnosis.subset_search import CandidateModel, SubsetSearch, refit_effects, refit_with_effect, search_subsets
 from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by_step, selection_steps
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.fit import Fit, WhitenedProblem, fit
+from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
@@ -243,7 +243,7 @@ def test_explainable_power_is_that_of_the_effect() -> None:
         fitted.model, recording, absent
     )
     column = fitted.noise[0].whitener.series(prediction)
-    _, taken = WhitenedProblem(base.fit.layout, base.fit.recordings, base.fit.noise).evaluate(base.fit.theta)
+    _, taken = base.fit.problem.evaluate(base.fit.theta)
     basis = np.linalg.qr(taken / np.linalg.norm(taken, axis=0))[0]
     strength = float(np.sum((column - basis @ (basis.T @ column)) ** 2))
     rows = len(column)

@@ -18,7 +18,6 @@ from diagnosis.comparison.steadiness import FIRST_LINE, ResidualSpectrum, motion
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import fit
-from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.significance import LEVELS
 from tests.test_model_comparison import RIG, repeating
@@ -110,11 +109,7 @@ def diagnosed(drag: float) -> Diagnosis:
     clean = run(3000, *([ViscousDrag(c=drag, d=0.12)] if drag else []))
     warming = 1 - np.exp(-5 * np.arange(clean.samples) / clean.samples)
     wrench = clean.wrench + np.outer(2.0 * warming, [1, 0, 0])
-    moved = Recording(
-        name="run", channels=clean.channels, wrench=wrench, columns=clean.columns, form=clean.form, time=clean.time,
-        rig=clean.rig,
-    )  # fmt: skip
-    return diagnose(planar(clean.rig), moved, effects=FEW)
+    return diagnose(planar(clean.rig), clean.with_readings(wrench), effects=FEW)
 
 
 def low_pass(rng: np.random.Generator, n: int) -> Array:

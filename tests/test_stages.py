@@ -16,9 +16,9 @@ from design.information.sensitivities import sensitivity_terms
 from estimation.contact.contact_filter import ContactFilter, LocalPolynomial
 from estimation.contact.contact_wrench import CalibratedModel
 from estimation.fit import fit
-from estimation.model_response import model_response, model_signals
+from estimation.model_response import model_response
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
@@ -125,7 +125,7 @@ def test_every_stage_has_a_case() -> None:
 
 
 def rows_of(case: StageCase, recording: Recording) -> Array:
-    known = model_signals(recording)
+    known = recording.motion.model_signals
     return np.stack([known[name] for name in case.fitted.inputs], axis=1)
 
 
@@ -187,7 +187,7 @@ def filtered(case: StageCase, recording: Recording) -> Array:
     known = CalibratedModel(case.model, case.theta, np.zeros((size, size)), np.full(3, 0.01), np.zeros(3))
     names = ("phi", "ax", "ay", "dphi", "ddphi", "temperature")
     contact = ContactFilter(known, columns=names, window=LocalPolynomial(half=2, dt=DT))
-    rows = np.column_stack([recording.stack(names), recording.wrench])
+    rows = np.column_stack([recording.motion.recorded.stack(names), recording.wrench])
     return np.stack([r for r in map(contact.update, rows) if r is not None])
 
 
@@ -195,7 +195,7 @@ def filtered(case: StageCase, recording: Recording) -> Array:
 def test_the_contact_filter_leaves_nothing_of_a_stage(case: StageCase) -> None:
     """Its program is run on smoothed signals; next to a corner of play or saturation that shows, in few samples."""
     recording = motion(4)
-    left = filtered(case, with_readings(recording, case.steps(rows_of(case, recording))))
+    left = filtered(case, recording.with_readings(case.steps(rows_of(case, recording))))
     assert len(left) > 1000
     assert np.quantile(np.abs(left), 0.9) < 1e-3
 
@@ -279,8 +279,8 @@ def test_a_stage_from_outside_conforms(check) -> None:  # type: ignore[no-untype
 def test_a_stage_from_outside_is_fitted_filtered_and_written_down() -> None:
     """Readings made by its samples; the fit finds their share, the filter leaves nothing of them."""
     recording = motion(4)
-    silent = with_readings(recording, ECHO.steps(rows_of(ECHO, recording)))
-    noisy = with_readings(silent, silent.wrench + 0.01 * np.random.default_rng(6).standard_normal(silent.wrench.shape))
+    silent = recording.with_readings(ECHO.steps(rows_of(ECHO, recording)))
+    noisy = silent.with_readings(silent.wrench + 0.01 * np.random.default_rng(6).standard_normal(silent.wrench.shape))
     found = fit(ECHO.model, noisy)
     assert abs(found.theta[-1] - 0.7) < 5 * np.sqrt(found.covariance[-1, -1])
     left = filtered(ECHO, silent)

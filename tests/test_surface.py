@@ -14,7 +14,6 @@ from scipy.stats import chi2
 from benchmarks.coverage import RIGS, Setting, silent_recording
 from estimation.contact.contact_point import Capsule, Plane, Sphere, Surface, contact_point
 from estimation.contact.contact_wrench import CalibratedModel, compensate
-from estimation.recordings.recording import with_readings
 from modeling.errors import InputError
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
@@ -237,7 +236,7 @@ def test_a_finger_on_the_simulated_rig_is_found_where_it_pushes() -> None:
     noise = np.array(rig.noise) * np.random.default_rng(9).standard_normal(silent.wrench.shape)
     theta = np.array([setting.truth[p.name] for p in setting.model.parameters])
     known = CalibratedModel(setting.model, theta, np.zeros((len(theta),) * 2), np.array(rig.noise), np.zeros(6))
-    contact = compensate(known, with_readings(silent, silent.wrench + noise), keep_zero=True)
+    contact = compensate(known, silent.with_readings(silent.wrench + noise), keep_zero=True)
     pushing = slice(310, 690)
     found = contact_point(contact.wrench[pushing], contact.covariance[pushing], tip)
     assert found.found.all()

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -23,6 +23,7 @@ import pytest
 
 import truewrench as tw
 from benchmarks.dask_processes import DaskProcesses, dask_processes
+from estimation.case import Case
 from modeling.errors import InputError
 from tests import survey_work as stand_in
 from truewrench.command_line import main
@@ -347,10 +348,10 @@ REAL_FOLDER = tempfile.TemporaryDirectory
 def test_no_period_reaches_the_diagnosis(bench: Path, one: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
     """A stand-in for the diagnosis says how many repeats it was given."""
 
-    def counted(_: object, recordings: Sequence[tw.Recording], **__: object) -> None:
-        raise InputError(what=f"{recordings[0].repeats} repeats", where="here", remedy="none")
+    def counted(case: Case, **_: object) -> None:
+        raise InputError(what=f"{case.recordings[0].repeats} repeats", where="here", remedy="none")
 
-    monkeypatch.setattr("truewrench.surveying.survey_task.diagnose", counted)
+    monkeypatch.setattr("truewrench.surveying.survey_task.diagnose_case", counted)
     for one_run, says in ((False, "4 repeats"), (True, "1 repeats")):
         (row,) = survey([bench / "run_2026-03-01.csv"], rig=bench / "rig.toml", executor=one, one_run=one_run).rows
         assert says in (row.outcome.error or "")

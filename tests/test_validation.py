@@ -20,11 +20,11 @@ from diagnosis.comparison.validation import PartiallyFixedProblem, ValidationFit
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.held_out import HeldOut, disturbances_of, with_disturbances
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.fit import Fit, WhitenedProblem, fit, initial_noise
+from estimation.fit import Fit, fit, initial_noise
 from estimation.model_response import predicted_readings
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
@@ -233,7 +233,7 @@ def test_own_drift_is_a_least_squares_minimum_between_the_lines() -> None:
     """The whitened residual there is square to every column of the drift, to rounding."""
     other = replace(held_out(recorded("other.csv", 501, DRIFT)), disturbances=(DriftEffect(),))
     passing = other.non_excited_fit(trained())
-    residual, derivative = WhitenedProblem(passing.layout, passing.recordings, passing.noise).evaluate(passing.theta)
+    residual, derivative = passing.problem.evaluate(passing.theta)
     columns = derivative[:, [n.startswith("bias_drift") for n in passing.values]]
     along = columns.T @ residual / np.linalg.norm(columns, axis=0)
     np.testing.assert_allclose(along, 0.0, atol=1e-6)
@@ -293,7 +293,7 @@ def test_initial_noise_of_repeats_is_that_beside_any_periodic_readings(seed: int
     rng = np.random.default_rng(seed)
     waves = np.stack([np.sin(2 * np.pi * (k * time + rng.random())) for k in range(1, 30)], axis=1)
     periodic = np.tile(waves @ rng.normal(scale=5.0, size=(29, 3)), (recording.repeats, 1))
-    moved = with_readings(recording, recording.wrench + periodic)
+    moved = recording.with_readings(recording.wrench + periodic)
     (before,), (after,) = (initial_noise(planar(RIG), (r,)) for r in (recording, moved))
     assert (after.events, after.tones) == (before.events, before.tones)
     np.testing.assert_allclose(after.floor, before.floor, rtol=1e-9)
@@ -423,7 +423,7 @@ def test_what_the_fitted_motion_did_not_excite_is_free_on_another() -> None:
         waves |= {"ddphi": -turning * 4 * np.sin(2 * t), "ax": 3 * np.sin(3 * t), "ay": 2 * np.cos(5 * t)}
         blank = from_columns({"time": t, **waves, "fx": 0 * t, "fy": 0 * t, "tau": 0 * t}, name=name, rig=rig)
         clean = predicted_readings(model, blank, np.where([p.name == "m" for p in model.parameters], extra, 1) * truth)
-        return with_readings(blank, clean + rng.normal(0, std, clean.shape))
+        return blank.with_readings(clean + rng.normal(0, std, clean.shape))
 
     still = fit(model, drawn("still.csv", 0.0, 1.0))
     assert [p.name for p, known in zip(still.unknowns, still.identifiable, strict=True) if not known] == ["I"]

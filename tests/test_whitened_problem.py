@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from estimation.fit import initial_noise
-from estimation.least_squares.whitened_problem import WhitenedProblem
+from estimation.least_squares.problem import Problem
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.parameter_layout import parameter_layout
 from estimation.recordings.recording import Recording
@@ -29,7 +29,7 @@ def noisy(space: Space, repeats: int) -> tuple[Case, Recording, tuple[RecordingN
     case = next(case for case in CASES if case.space is space)
     recording = case.recording
     rng = np.random.default_rng(repeats)
-    recording = replace(recording, wrench=rng.standard_normal(recording.wrench.shape), repeats=repeats)
+    recording = recording.moved(repeats=repeats).with_readings(rng.standard_normal(recording.wrench.shape))
     return case, recording, initial_noise(case.plain, (recording,))
 
 
@@ -38,7 +38,7 @@ def noisy(space: Space, repeats: int) -> tuple[Case, Recording, tuple[RecordingN
 def test_residual_is_that_of_the_linearised_rows(case: Case, repeats: int) -> None:
     _, recording, noise = noisy(case.space, repeats)
     several = (recording, replace(recording, name="other", wrench=-recording.wrench))
-    problem = WhitenedProblem(parameter_layout(case.model, several), several, (*noise, *noise))
+    problem = Problem(parameter_layout(case.model, several), several, (*noise, *noise))
     theta = np.array(
         [
             {p.name: v for p, v in zip(case.model.parameters, case.theta, strict=True)}.get(p.name, 0.3)

@@ -15,7 +15,7 @@ from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.codegen.tool_inertia import ToolInertia
 from modeling.errors import InputError, suggestion
 from modeling.space import Space
-from truewrench.files.data_set import MEANINGS
+from truewrench.files.case_files import MEANINGS
 from truewrench.files.model_file import ModelFile, as_model_file
 
 if TYPE_CHECKING:

@@ -17,7 +17,8 @@ from estimation.contact.contact_wrench import ContactWrench
 from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate, Estimates
 from estimation.noise.recording_noise import sample_step
-from estimation.recordings.recording import Recording, numbered_names
+from estimation.recordings.motion import numbered_names
+from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.errors import InputError, kind_of
 from modeling.number_format import finite

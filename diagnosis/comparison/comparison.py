@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from diagnosis.comparison.validation import StandardisedResidual, ValidationFit
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space, run_spectrum
-from estimation.model_response import model_signals
 from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_value
 from estimation.noise.power_spectrum import power_levels
 from estimation.noise.recording_noise import RecordingNoise, sample_step
@@ -42,7 +41,7 @@ def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
     Directions enter as sine and cosine, the load to second and third order, all else to second order; velocities also
     by their (smoothed) sign. Constant and unrecorded terms are left out.
     """
-    signals = model_signals(recording)
+    signals = recording.motion.model_signals
     terms: dict[str, Array] = {}
     if recording.dimension == 2:
         phi = signals["phi"]

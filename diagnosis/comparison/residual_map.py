@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.comparison.comparison import Comparison, gravity_direction
-from estimation.model_response import model_signals
 from estimation.multiplicity import false_discovery_rates, student_isf, student_sf
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError, quoted, suggestion
@@ -54,7 +53,7 @@ class ResidualMap:
 
 def map_variables(recording: Recording, load: Array) -> Mapping[str, tuple[Array, str]]:
     """Variables (n,) and their units by name: direction, position, speed, acceleration, load, time, auxiliaries."""
-    signals = model_signals(recording)
+    signals = recording.motion.model_signals
     found: dict[str, tuple[Array, str]] = {}
     if recording.dimension == 2:
         found["phi"] = (signals["phi"], "rad")

@@ -68,7 +68,7 @@ def at_rest(recording: Recording) -> NDArray[np.bool_]:
     """Whether (n,) the recorded motion rests."""
     recording.signals  # noqa: B018  derives the motion
     still = np.ones(recording.samples, dtype=bool)
-    for derived in recording.derivatives.values():
+    for derived in recording.motion.recorded.derivatives.values():
         if np.std(derived.value, axis=0).max() < AT_REST:
             continue
         speed = np.linalg.norm(derived.first, axis=1)

@@ -13,8 +13,8 @@ from estimation.fit import Fit, initial_noise, initial_values
 from estimation.gravity.gravity_direction import mounted_recording
 from estimation.least_squares.estimates import Estimate, Estimates, fixed_parameters
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
+from estimation.least_squares.problem import Problem
 from estimation.least_squares.square_root_information import ColumnSpace
-from estimation.least_squares.whitened_problem import WhitenedProblem
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
 from estimation.parameter_layout import ParameterLayout, parameter_layout
@@ -116,7 +116,7 @@ class EstimatedModel(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class PartiallyFixedProblem(WhitenedProblem):
+class PartiallyFixedProblem(Problem):
     """A least-squares problem in the unknowns marked `free` (k,); the others are fixed at their initial values."""
 
     free: NDArray[np.bool_]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from diagnosis.screening.null_model import NullModel, RowChoice, RowSet
 from diagnosis.screening.projection import PointScore, PointTest, ProjectedColumns, WhitenedColumns
 from diagnosis.screening.whitened_sensitivity import MAX_EXACT_POINTS, GridPoint, score_columns, sensitivity_of
-from estimation.model_response import model_signals, signals_are_periodic
+from estimation.model_response import signals_are_periodic
 from estimation.multiplicity import effective_number_of_frequencies, effective_number_of_tests
 from estimation.noise.tones import NonperiodicResidual
 from estimation.noise.whitening import FourierLineWhitener
@@ -64,7 +64,7 @@ def _recording_domain(null_model: NullModel, number: int) -> SearchDomain:
 
 def _position_box(recording: Recording) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Corners (m) of the bounding box of the sensor's positions, empty without positions."""
-    signals = model_signals(recording)
+    signals = recording.motion.model_signals
     axes = [a for a in ("px", "py", "pz") if a in signals][: recording.dimension]
     low, high = (tuple(float(f(signals[a])) for a in axes) for f in (np.min, np.max))
     return low, high
@@ -127,16 +127,16 @@ def affected_rows(
     fit, effect = null_model.fit, model.effects[-1]
     alone = compiled_prediction(model.base + effect)
     inputs = {*alone.load.inputs, *alone.bias.inputs}
-    lasting = all(signals_are_periodic(inputs, recording) for recording in fit.recordings)
+    lasting = all(signals_are_periodic(inputs, recording.motion) for recording in fit.recordings)
     unknowns = parameter_layout(model, fit.recordings)
     choice = []
     for own, recording, noise in zip(unknowns.models, fit.recordings, fit.noise, strict=True):
         rest = noise.whitener.rows > noise.whitener.periodic_rows
         if effect.id not in [e.id for e in own.effects]:
             choice.append(RowSet.NONE)
-        elif not rest or signals_are_periodic(sensitivity_signals(own, point), recording):
+        elif not rest or signals_are_periodic(sensitivity_signals(own, point), recording.motion):
             choice.append(RowSet.EXCITED)
-        elif tested and not lasting and not signals_are_periodic(inputs, recording):
+        elif tested and not lasting and not signals_are_periodic(inputs, recording.motion):
             choice.append(RowSet.NON_EXCITED)
         else:
             choice.append(RowSet.WHOLE)

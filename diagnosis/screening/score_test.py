@@ -20,7 +20,7 @@ from estimation.model_response import missing_inputs
 from estimation.multiplicity import bonferroni_level, holm_adjusted
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
-from estimation.recordings.recording import Recording, with_readings
+from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect, NuisanceValues
@@ -80,7 +80,7 @@ def _drawn_motions(recordings: Sequence[Recording], noisy: Sequence[bool]) -> li
 def _at_motion(fit: Fit, motion: Sequence[Recording]) -> Fit:
     """The fit to what it predicts for its own recordings, as readings at another motion."""
     readings = [fit.predicted_readings(number) for number in range(len(fit.recordings))]
-    return replace(fit, recordings=tuple(with_readings(r, w) for r, w in zip(motion, readings, strict=True)))
+    return replace(fit, recordings=tuple(r.with_readings(w) for r, w in zip(motion, readings, strict=True)))
 
 
 CLEARLY_SIGNIFICANT = 1e-6

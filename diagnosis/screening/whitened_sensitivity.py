@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.screening.null_model import NullModel, RowChoice, RowSet
-from estimation.model_response import ModelResponse, model_response, model_signals, motion_record, signals_are_periodic
+from estimation.model_response import ModelResponse, model_response, motion_record, signals_are_periodic
 from estimation.noise.whitening import FourierLineWhitener, Whitener
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
@@ -144,22 +144,22 @@ def sensitivity_series(
 
     For models without deflection, in parameters that are not of the transfer function.
     """
-    prediction, record = compiled_prediction(model), motion_record(model, recording, theta[0])
+    prediction, record = compiled_prediction(model), motion_record(model, recording.motion, theta[0])
     outside = None if prediction.saturation is None else _clipped(model, recording, theta[0])
-    repeats = all(signals_are_periodic(e.inputs, recording) for e in (prediction.load, prediction.bias))
+    repeats = all(signals_are_periodic(e.inputs, recording.motion) for e in (prediction.load, prediction.bias))
     for emitted, passed in ((prediction.load, True), (prediction.bias, False)):
         if not set(which) & set(emitted.active):
             continue
         sensitivity = sensitivity_of(model, emitted, which)
         around = emitted.inputs if prediction.play is not None else sensitivity.signals  # play acts on the whole load
-        periodic = signals_are_periodic(around, recording)
+        periodic = signals_are_periodic(around, recording.motion)
         samples = recording.samples_per_repeat if periodic else recording.samples
         values = {n: theta[:, emitted.names.index(n)] for n in sensitivity.parameters}
-        slopes = sensitivity.values(model_signals(recording), values, samples)
+        slopes = sensitivity.values(recording.motion.model_signals, values, samples)
         if slopes.shape[2] != len(theta):  # equal for all parameter vectors
             slopes = np.repeat(slopes, len(theta), axis=2)
         if passed and prediction.play is not None:
-            load = emitted.value(model_signals(recording), theta[0], samples)  # amplitudes nominal: equal for all
+            load = emitted.value(recording.motion.model_signals, theta[0], samples)  # amplitudes nominal: equal for all
             slopes = PlayedRecord.of(load, record).through(slopes)
         summand = SensitivitySummand(slopes, periodic, record if passed and prediction.has_transfer_function else None)
         yield summand if outside is None else _zero_where_clipped(summand, outside, recording, whole=not repeats)

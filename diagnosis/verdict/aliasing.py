@@ -17,7 +17,7 @@ from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
 from diagnosis.screening.score_test import ScoreTest, absent_effects, run_searches, significant_effects
 from diagnosis.screening.whitened_sensitivity import GridPoint, response_differences, score_columns, sensitivity_series
 from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch, refit_effects
-from estimation.fit import Fit, WhitenedProblem, initial_values, refit
+from estimation.fit import Fit, Problem, initial_values, refit
 from estimation.model_response import model_response
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from modeling.chain.effect import Effect, GridSuperposition
@@ -298,7 +298,7 @@ class Alias:
 
 
 @dataclass(frozen=True, eq=False)
-class AliasProblem(WhitenedProblem):
+class AliasProblem(Problem):
     """Least-squares problem of one model fitted to another's whitened noise-free prediction, the `target`.
 
     By Levenberg-Marquardt on square-root information: a trust-region method gives the same lambda in up to ten times

@@ -18,8 +18,8 @@ from scipy.optimize import brentq
 from estimation.contact.contact_wrench import CalibratedModel
 from estimation.fit import Fit
 from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.motion import QUATERNION, MotionForm, motion_columns, numbered_names
 from estimation.recordings.reading import motion_form
-from estimation.recordings.recording import QUATERNION, MotionForm, motion_columns, numbered_names
 from modeling import symbolic as sp
 from modeling.chain.contact_gain import contact_gain_at, group_delay
 from modeling.chain.model import WrenchModel

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.autoregression import fit_autoregression
+from estimation.case import prepared
 from estimation.contact.contact_detection import (
     ContactDetection,
     ContactInterval,
@@ -22,8 +23,7 @@ from estimation.contact.contact_detection import (
     VarianceOfMeans,
     detect_contacts,
 )
-from estimation.fit import Fit, check_channels, require_recording
-from estimation.gravity.gravity_direction import mounted_recording
+from estimation.fit import Fit, require_recording
 from estimation.least_squares.estimates import fixed_parameters
 from estimation.model_response import model_response
 from estimation.multiplicity import chi2_sf
@@ -572,8 +572,7 @@ def compensate(
     """
     _require_order(fitted, recording)
     known = _calibration(fitted).without_recording_specific
-    check_channels(known.model, (recording,))
-    recording = mounted_recording(recording, known.model.gravity_direction)
+    recording = prepared(recording, known.model)
     response = model_response(known.model, recording, known.theta)
     gain, slopes = contact_gain_at(known.model, known.theta)
     biases = np.arange(len(known.model.biases))

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 class LeastSquaresProblem(Protocol):
-    """A least-squares problem that can be constrained; `WhitenedProblem` is one."""
+    """A least-squares problem that can be constrained; `Problem` is one."""
 
     @property
     def layout(self) -> ParameterLayout:

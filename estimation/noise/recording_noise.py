@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +52,7 @@ class MotionNoise:
         and the tool's equations as the motion itself does, so that velocity and acceleration enter with their own
         errors and their correlation, larger at the ends of the record. Each sample is predicted by itself.
         """
-        splines = [d.spline for d in recording.derivatives.values() if d.spline is not None]
+        splines = [d.spline for d in recording.motion.recorded.derivatives.values() if d.spline is not None]
         if recording.repeats > 1 or not splines:
             return None
         draws = int(np.clip(DRAWN_SAMPLES // recording.samples, FEWEST_DRAWS, MOST_DRAWS))
@@ -131,21 +130,6 @@ class RecordingNoise:
             covariance: FourierLines = np.linalg.inv(root.conj().transpose(0, 2, 1) @ root).astype(np.complex128)
             found = NoiseModel.of_spectrum(self.frequency, covariance)
         return replace(found, source=self.source, sample_std=self.floor)
-
-    def readings(self, recording: Recording) -> Array:
-        """Whitened readings (rows,) of the recording whose noise this is, transformed once."""
-        known = self._readings.get(recording)
-        if known is None:
-            known = self._readings[recording] = self.whitener.series(recording.wrench)
-        return known
-
-    def __getstate__(self) -> dict[str, object]:
-        """The fields alone: cached values are computed again."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
-
-    @cached_property
-    def _readings(self) -> WeakKeyDictionary[Recording, Array]:
-        return WeakKeyDictionary()
 
     def log_power_variance_of(self, shares: Array, first: int = 0) -> Array:
         """Variance (g,) of the logarithm of sums of squared rows, to which each row contributes by `shares` (r, g).

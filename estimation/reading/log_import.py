@@ -33,6 +33,7 @@ from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import TimeColumn, decreasing_time, time_column
 from estimation.recordings.column_table import LARGEST_VALUE, ColumnTable, signal_unit
 from estimation.recordings.differentiation import held_rows
+from estimation.recordings.motion import MotionForm, motion_columns
 from estimation.recordings.reading import MIN_POSES, recording_from_table
 from estimation.recordings.reading_report import (
     ClockReading,
@@ -46,7 +47,7 @@ from estimation.recordings.reading_report import (
     UsedColumns,
     spans,
 )
-from estimation.recordings.recording import MotionForm, Recording, motion_columns
+from estimation.recordings.recording import Recording
 from modeling.errors import InputError, cut, quoted
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 

@@ -20,10 +20,11 @@ from estimation.recordings.column_table import (
     table_from_file,
     table_from_frame,
 )
+from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading import read as read_recording
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.reading_report import ReadingReport
-from estimation.recordings.recording import QUATERNION, Recording, WholeLog
+from estimation.recordings.recording import Recording, WholeLog
 from modeling.errors import InputError, kind_of
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 

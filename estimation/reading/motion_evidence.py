@@ -26,7 +26,9 @@ from estimation.reading.frame_evidence import (
     frame_evidence,
 )
 from estimation.reading.log_reader import Array
-from estimation.recordings.recording import MotionForm, Recording
+from estimation.recordings.differentiation import Derivatives
+from estimation.recordings.motion import MotionForm
+from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import largest_deviation
 from estimation.recordings.sign_convention import to_sensor_frame
 from estimation.recordings.weight_fit import weight_fit
@@ -48,7 +50,7 @@ def motion_evidence(recording: Recording) -> FrameEvidence | None:
         channels = dict(zip(thin.channels, thin.wrench.T, strict=True))
         time = {} if thin.time is None else {"time": thin.time}
         direction = None if thin.rig is None else thin.rig.gravity_direction
-        known = thin.derivatives.get(POSITION)
+        known = thin.motion.recorded.derivatives.get(POSITION)
         return frame_evidence({**thin.columns, **channels, **time}, direction, None if known is None else known.second)
     if thin.form is MotionForm.JOINTS and thin.arm is None:
         return None
@@ -64,12 +66,13 @@ def thinned(recording: Recording) -> Recording:
         rows = slice(0, recording.samples_per_repeat)
     columns = {name: column[rows] for name, column in recording.columns.items()}
     time = None if recording.time is None else recording.time[rows]
-    run = replace(recording, wrench=recording.wrench[rows], columns=columns, time=time, repeats=1, continuous=True)
+    known: dict[tuple[str, ...], Derivatives] = {}
     if recording.form is not MotionForm.PLANAR_POSE and recording.continuous and _repeats_alike(recording):
         # The Fourier series of the period is at hand, and quicker than a smoothing spline of its own.
         _ = recording.signals
-        run.derivatives.update((key, known.rows(rows)) for key, known in recording.derivatives.items())
-    return run
+        known = {key: derived.rows(rows) for key, derived in recording.motion.recorded.derivatives.items()}
+    run = recording.moved(columns=columns, time=time, repeats=1, continuous=True, derivatives=known)
+    return replace(run, wrench=recording.wrench[rows])
 
 
 def _repeats_alike(recording: Recording) -> bool:
@@ -139,13 +142,13 @@ def _derived(recording: Recording) -> list[str]:
 def _with_columns(recording: Recording, factors: Mapping[str, float]) -> Recording:
     """The recording with columns times factors, and with the derivatives known of them; phi is unwrapped before."""
     columns = {name: column * factors.get(name, 1.0) for name, column in recording.columns.items()}
-    other = replace(recording, columns=columns)
-    for key, known in recording.derivatives.items():
+    rescaled = {}
+    for key, known in recording.motion.recorded.derivatives.items():
         if "phi" not in key:
             scale = np.array([factors.get(name, 1.0) for name in key])
             value, first, second = (part * scale for part in (known.value, known.first, known.second))
-            other.derivatives[key] = replace(known, value=value, first=first, second=second, spline=None)
-    return other
+            rescaled[key] = replace(known, value=value, first=first, second=second, spline=None)
+    return recording.moved(columns=columns, derivatives=rescaled)
 
 
 def _reading(

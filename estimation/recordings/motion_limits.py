@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
+from estimation.recordings.motion import QUATERNION, MotionForm, numbered_names
+from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import to_sensor_frame
 from estimation.recordings.smoothing_spline import SmoothingSpline
 
@@ -34,7 +35,7 @@ def motion_limits(recording: Recording) -> tuple[str, ...]:
 
 def world_axes(recording: Recording) -> Array:
     """The world's axes in those of the sensor, (n, 3, 3) with an axis in each column, of a recorded orientation."""
-    return to_sensor_frame(np.column_stack([recording.world_columns[name] for name in QUATERNION]))
+    return to_sensor_frame(np.column_stack([recording.motion.world_columns[name] for name in QUATERNION]))
 
 
 def acceleration_is_recorded(recording: Recording) -> bool:
@@ -51,7 +52,9 @@ def _position_names(recording: Recording) -> tuple[str, str, str]:
 
 def _held(recording: Recording) -> Iterator[str]:
     for noun, names in _groups(recording):
-        true = recording.true_samples(names) if all(name in recording.columns for name in names) else None
+        true = (
+            recording.motion.recorded.true_samples(names) if all(name in recording.columns for name in names) else None
+        )
         if true is not None and recording.dt is not None:
             yield (
                 f"{noun} is held: new values at {true.rate:.3g} Hz in rows at {1 / recording.dt:.3g} Hz; "
@@ -70,7 +73,7 @@ def _groups(recording: Recording) -> Iterator[tuple[str, Sequence[str]]]:
 
 def _lost_frequencies(recording: Recording) -> Iterator[str]:
     """Where the smoothing needs the whole band up to half the rate, or takes a good part of the motion for noise."""
-    for names, derived in recording.derivatives.items():
+    for names, derived in recording.motion.recorded.derivatives.items():
         spline = derived.spline
         if spline is None:
             continue

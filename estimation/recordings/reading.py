@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimation.multiplicity import normal_isf
 from estimation.recordings.column_table import ColumnTable, import_remedy, table_from_columns, table_from_file
-from estimation.recordings.recording import QUATERNION, MotionForm, Recording, numbered_names
+from estimation.recordings.motion import QUATERNION, Motion, MotionColumns, MotionForm, numbered_names
+from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 from modeling.space import Space
@@ -249,8 +250,8 @@ def recording_from_table(table: ColumnTable, *, name: str, rig: Rig | None) -> R
     for values in (wrench, *others.values(), *(() if time is None else (time,))):
         values.flags.writeable = False
     return Recording(
-        name=name, channels=channels, wrench=wrench, columns=others, form=form, time=time,
-        repeats=repeats, continuous=continuous, rig=rig,
+        name=name, channels=channels, wrench=wrench,
+        motion=Motion(MotionColumns(others, time, repeats, continuous), form, rig),
     )  # fmt: skip
 
 

@@ -14,8 +14,9 @@ import numpy as np
 import scipy  # loads scipy.linalg with its first use
 from numpy.typing import NDArray
 
+from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading_report import StepKind
-from estimation.recordings.recording import QUATERNION, Recording
+from estimation.recordings.recording import Recording
 from estimation.recordings.weight_fit import PulledTool, WeightFit, joined, weight_fit
 from modeling.chain.model import ALIGNED_MOUNTING, QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.errors import InputError
@@ -125,17 +126,12 @@ def _undecided(reason: str, recordings: Sequence[Recording]) -> InputError:
     return InputError(what=what, where=", ".join(r.name for r in recordings), remedy=SIGN_REMEDY)
 
 
-def with_decided_convention(model: WrenchModel, recordings: Sequence[Recording]) -> WrenchModel:
+def with_convention(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[WrenchModel, SignDecision | None]:
     """The model with its convention, and the quarter turns of its mounting, decided from the recordings where AUTO.
 
-    Without an arm it takes that of the recordings.
-    Raises InputError when the data cannot decide, and for planar models, whose two forces never can.
+    Without an arm it takes that of the recordings. The decision is None where the model states its convention. Raises
+    InputError when the data cannot decide, and for planar models, whose two forces never can.
     """
-    return with_convention(model, recordings)[0]
-
-
-def with_convention(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[WrenchModel, SignDecision | None]:
-    """`with_decided_convention`, and the decision; None where the model states its convention."""
     model = model.with_arm(next((r.arm for r in recordings if r.arm is not None), None))
     if model.convention is not Convention.AUTO:
         return model, None

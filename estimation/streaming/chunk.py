@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.model_response import model_signals
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 
@@ -113,7 +112,7 @@ def chunks(recording: Recording, size: int, overlap: int = 0, *, run: str | None
     if not size >= max(overlap, 1) or overlap < 0:
         what = f"chunks of {size} samples with an overlap of {overlap}"
         raise InputError(what=what, where=recording.name, remedy="give a size above 0 and not below the overlap")
-    whole = Chunk(run=run or recording.name, signals=model_signals(recording), wrench=recording.wrench)
+    whole = Chunk(run=run or recording.name, signals=recording.motion.model_signals, wrench=recording.wrench)
     length = recording.samples if recording.continuous else recording.samples_per_repeat
     for begin in range(0, recording.samples, length):
         yield from whole.part(begin, begin + length).pieces(size, overlap)

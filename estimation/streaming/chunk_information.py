@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimation.least_squares.square_root_information import SquareRootInformation, TallMatrix, tall_matrix_r_factor
 from estimation.model_response import model_response
-from estimation.recordings.recording import Recording
+from estimation.recordings.recording import CHANNELS_REMEDY, Recording, require_channels
 from estimation.streaming.chunk import Chunk, chunks
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
@@ -125,7 +125,7 @@ def information_from(
     Raises InputError when it lacks a signal, has other channels, too little history for the noise or a value that is
     not finite, and for a chunk under a model with dynamics.
     """
-    require_channels(part, model)
+    _require_channels(part, model)
     _require_matching_noise(part, model, noise)
     map_ = linear_regressor_map(model) if theta is None else None
     total = SquareRootInformation.empty(len(model.parameters))
@@ -149,15 +149,13 @@ def run_name(part: RecordingOrChunk) -> str:
     return part.name if isinstance(part, Recording) else part.run
 
 
-def require_channels(part: RecordingOrChunk, model: WrenchModel) -> None:
+def _require_channels(part: RecordingOrChunk, model: WrenchModel) -> None:
     """Raise InputError when a recording's channels, or the number of a chunk's, are not those of the model."""
-    count = len(model.channels)
-    if part.wrench.shape[1] != count or (isinstance(part, Recording) and part.channels != model.channels):
-        own = f"it has {part.wrench.shape[1]} channels"
-        own = f"its channels are {', '.join(part.channels)}" if isinstance(part, Recording) else own
-        what = f"{own}, the model's {', '.join(model.channels)}"
-        remedy = "use planar() for fx, fy, tau and spatial() for six axes"
-        raise InputError(what=what, where=run_name(part), remedy=remedy)
+    if isinstance(part, Recording):
+        require_channels(part, model)
+    elif part.wrench.shape[1] != len(model.channels):
+        what = f"it has {part.wrench.shape[1]} channels, the model's {', '.join(model.channels)}"
+        raise InputError(what=what, where=part.run, remedy=CHANNELS_REMEDY)
 
 
 def _require_matching_noise(part: RecordingOrChunk, model: WrenchModel, noise: NoiseModel) -> None:

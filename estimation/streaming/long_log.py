@@ -20,8 +20,8 @@ from estimation.recordings.column_table import (
     table_from_arrow,
     table_from_frame,
 )
+from estimation.recordings.motion import QUATERNION, MotionForm, numbered_names
 from estimation.recordings.reading import motion_form, wrench_channels
-from estimation.recordings.recording import QUATERNION, MotionForm, numbered_names
 from estimation.streaming.chunk import Chunk
 from modeling.errors import InputError
 from modeling.kinematics.placement import motion_in_world

@@ -12,7 +12,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
-from estimation.model_response import model_response, model_signals, predicted_readings
+from estimation.model_response import model_response, predicted_readings
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from modeling.chain.chain import Chain
@@ -170,7 +170,7 @@ def c_agrees(case: Case) -> None:
     fitted = FittedModel.of(case.model, case.theta, PERIOD / SAMPLES)
     running = DiscreteTimeModel(case.model, case.theta, dt=fitted.dt)
     compiled_filter = CFilter(Library(CTarget().model(fitted, "conformance")), fitted.size)
-    signals = model_signals(case.recording)
+    signals = case.recording.motion.model_signals
     for u in np.stack([signals[name][:40] for name in fitted.inputs], axis=1):
         expected = running.predict(u)
         scale = max(1.0, float(np.abs(expected).max()))

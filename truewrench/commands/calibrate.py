@@ -9,21 +9,21 @@ from diagnosis.calibrate import DRAWS, POWER_DRAWS, calibrate
 from truewrench.commands.effect_choice import candidate_effects, custom_effects, with_effects_changed
 from truewrench.commands.results import print_result, suspicions_named
 from truewrench.files.calibration_file import write_calibration
-from truewrench.files.data_set import DataSet
+from truewrench.files.case_files import read_case
 from truewrench.files.output import progress_line
 from truewrench.options import available_cores
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Calibrate, write the file of --out, print rates and powers."""
-    case = DataSet.read([arguments.recording], rig=arguments.rig, period=arguments.period, one_run=arguments.no_period)
+    case = read_case([arguments.recording], rig=arguments.rig, period=arguments.period, one_run=arguments.no_period)
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
-    with suspicions_named(case.training), progress_line() as progress:
+    with suspicions_named(case.recordings), progress_line() as progress:
         found = calibrate(
             case.model,
-            case.training[0],
+            case.recordings[0],
             effects=candidates,
             draws=DRAWS if arguments.draws is None else arguments.draws,
             power_draws=POWER_DRAWS if arguments.power_draws is None else arguments.power_draws,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from diagnosis.comparison.model_comparison import compare_models
 from truewrench.commands.results import print_result, provenance_of
-from truewrench.files.data_set import file_labels, read_recordings, require_different
+from truewrench.files.case_files import file_labels, read_recordings, require_different
 from truewrench.files.model_file import ModelFile
 from truewrench.files.output import progress_line
 from truewrench.reports.fit_report import comparison_report

@@ -17,7 +17,7 @@ from modeling.effects import catalogue
 from modeling.table import Cell, Column, Table, Value
 from truewrench.commands.diagnose import FILES, diagnosed, report_texts, write
 from truewrench.commands.results import provenance_of
-from truewrench.files.data_set import DataSet
+from truewrench.files.case_files import read_case
 from truewrench.files.demonstration import (
     CONTACT,
     NOTHING,
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> None:
     names = ("rig.toml", *(r.name for r in runs))
     print("Recorded: " + ", ".join(str(out / name) for name in names), end="\n\n", flush=True)
     training, validation = str(out / TRAINING.name), str(out / VALIDATION.name)
-    found = diagnosed(DataSet.read([training], validation=[validation], rig=str(out / "rig.toml")))
+    found = diagnosed(read_case([training], validation=[validation], rig=str(out / "rig.toml")))
     texts = report_texts(found, provenance_of(arguments, *(out / name for name in names[:3])))
     write(found, found.to_data(), texts, out)
     print(diagnosis_text(found), end="\n\n")

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from diagnosis.calibration import Calibration
-from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.diagnosis import Diagnosis, diagnose_case
+from estimation.case import Case
 from modeling.chain.effect import Effect
 from truewrench.commands.effect_choice import candidate_effects, custom_effects, with_effects_changed
 from truewrench.commands.results import print_result, provenance_of, suspicions_named
-from truewrench.files.data_set import DataSet, frame_sentences, frames_data, with_fitted_gravity
+from truewrench.files.case_files import frame_sentences, frames_data, read_case
 from truewrench.files.output import atomic_write, make_folder, progress_line
 from truewrench.text.diagnosis_text import diagnosis_text
 
@@ -32,7 +33,7 @@ def result_files(arguments: argparse.Namespace) -> list[Path]:
 
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose, write the report files, print the summary."""
-    case = DataSet.read(
+    case = read_case(
         arguments.recordings,
         validation=arguments.validate,
         rig=arguments.rig,
@@ -43,10 +44,10 @@ def run(arguments: argparse.Namespace) -> None:
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
-    with suspicions_named((*case.training, *case.validation)):
+    with suspicions_named((*case.recordings, *case.held_out)):
         found = diagnosed(case, candidates)
     found = found if calibration is None else found.calibrated(calibration)
-    case = with_fitted_gravity(case, found.fit)
+    case = case.with_fitted_gravity(found.fit.model, found.fit.values)
     out = None if arguments.out is None else make_folder(arguments.out)
     data = found.to_data() | frames_data(case)
     written = []
@@ -59,23 +60,22 @@ def run(arguments: argparse.Namespace) -> None:
     print_result(arguments, lambda: diagnosis_text(found) + frames, lambda: data, written)
 
 
-def _calibration_of(case: DataSet, path: Path) -> Calibration:
+def _calibration_of(case: Case, path: Path) -> Calibration:
     """The calibration in a file; InputError, before any work, unless it is of one of the training recordings."""
     from truewrench.files.calibration_file import read_calibration  # with pydantic
 
     calibration = read_calibration(path)
-    calibration.require_of(case.training)
+    calibration.require_of(case.recordings)
     return calibration
 
 
-def diagnosed(case: DataSet, candidates: Sequence[Effect] | None = None) -> Diagnosis:
+def diagnosed(case: Case, candidates: Sequence[Effect] | None = None) -> Diagnosis:
     """Diagnosis of a data set with these candidate effects, None for the catalogue.
 
     Raises InputError when the mass comes out negative.
     """
     with progress_line() as progress:
-        found = diagnose(case.model, case.training, validate=case.validation, effects=candidates, progress=progress)
-    return found if case.gravity is None else replace(found, gravity=with_fitted_gravity(case, found.fit).gravity)
+        return diagnose_case(case, effects=candidates, progress=progress)
 
 
 def report_texts(found: Diagnosis, provenance: Provenance) -> ReportTexts:

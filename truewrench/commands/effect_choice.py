@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from estimation.case import Case
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects import catalogue
 from modeling.errors import InputError
 from truewrench.commands.effects import effect_by_id
-from truewrench.files.data_set import DataSet
 
 
-def custom_effects(path: Path | None, case: DataSet) -> tuple[Effect, ...]:
+def custom_effects(path: Path | None, case: Case) -> tuple[Effect, ...]:
     """Custom effects of the effects file; none without a file."""
     if path is None:
         return ()

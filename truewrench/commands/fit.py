@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.screening.score_test import model_initial_values
-from estimation.fit import Fit, fit
+from estimation.case import Case
+from estimation.fit import Fit, fit_case
 from estimation.least_squares.bounds import Bounds
 from estimation.least_squares.constraints import Constraints
 from estimation.least_squares.prior import Prior
-from estimation.robust_fit import robust_fit
+from estimation.robust_fit import robust_fit_case
 from estimation.streaming.streamed_fit import StreamedFit, fit_long_log
-from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.rig import Rig
 from truewrench.commands.effect_choice import custom_effects, with_effects_changed
 from truewrench.commands.results import print_result, provenance_of, suspicions_named
-from truewrench.files.data_set import DataSet, frame_sentences, with_fitted_gravity
+from truewrench.files.case_files import frame_sentences, read_case
 from truewrench.files.output import atomic_write, progress_line
 from truewrench.text.fit_summary import FitSummary
 
@@ -32,18 +33,19 @@ def run(arguments: argparse.Namespace) -> None:
         run_stream(arguments)
         return
     constraints = constraints_of(arguments)
-    case = DataSet.read(
+    case = read_case(
         arguments.recordings,
         validation=arguments.validate,
         rig=arguments.rig,
         period=arguments.period,
         one_run=arguments.no_period,
     )
-    model = with_effects_changed(case.model, arguments.add, arguments.drop, custom_effects(arguments.effects, case))
-    with suspicions_named((*case.training, *case.validation)), progress_line() as progress:
+    custom = custom_effects(arguments.effects, case)
+    case = replace(case, model=with_effects_changed(case.model, arguments.add, arguments.drop, custom))
+    with suspicions_named((*case.recordings, *case.held_out)), progress_line() as progress:
         progress("fit")
-        found = fit_summary_of(model, case, constraints, robust=arguments.robust)
-        case = with_fitted_gravity(case, found.fit)
+        found = fit_summary_of(case, constraints, robust=arguments.robust)
+        case = case.with_fitted_gravity(found.fit.model, found.fit.values)
     written = [] if arguments.report is None else write_report(arguments, found, case)
     print_fit(
         arguments,
@@ -56,7 +58,7 @@ def run(arguments: argparse.Namespace) -> None:
     )
 
 
-def write_report(arguments: argparse.Namespace, found: FitSummary, case: DataSet) -> list[Path]:
+def write_report(arguments: argparse.Namespace, found: FitSummary, case: Case) -> list[Path]:
     """Write the report of --report; return its files."""
     from truewrench.reports.fit_report import fit_report
     from truewrench.reports.report_files import write_report_files
@@ -116,24 +118,23 @@ def print_fit(
     print_result(arguments, text, lambda: (saved.to_data() if saved else {}) | data(), written)
 
 
-def fit_summary_of(model: WrenchModel, case: DataSet, constraints: Constraints | None, *, robust: bool) -> FitSummary:
+def fit_summary_of(case: Case, constraints: Constraints | None, *, robust: bool) -> FitSummary:
     """Summary of the fit by least squares, or with the Huber loss, compared with the validation recordings too.
 
     Raises InputError for a robust loss together with constraints.
     """
-    recordings = case.training
     if not robust:
-        fitted = fit(model, recordings, start=model_initial_values(model, recordings), constraints=constraints)
+        fitted = fit_case(case, start=model_initial_values(case), constraints=constraints)
         return FitSummary(fitted, fitted.intervals(), validation=_compared(fitted, case))
     if constraints is not None:
         what = "a robust loss and constraints cannot be combined"
         raise InputError(what=what, where="--robust", remedy="leave out --robust, or --bounds, --physical and --prior")
-    found = robust_fit(model, recordings)
+    found = robust_fit_case(case)
     return FitSummary(found.fit, found.intervals(), found, _compared(found.fit, case))
 
 
-def _compared(fitted: Fit, case: DataSet) -> tuple[Comparison, ...]:
-    return tuple(compare(fitted, recording) for recording in case.validation)
+def _compared(fitted: Fit, case: Case) -> tuple[Comparison, ...]:
+    return tuple(compare(fitted, recording) for recording in case.held_out)
 
 
 def constraints_of(arguments: argparse.Namespace) -> Constraints | None:

@@ -15,7 +15,7 @@ from estimation.reading.log_reading import imported
 from estimation.recordings.reading_report import ReadingReport
 from modeling.errors import InputError, quoted
 from modeling.rig import Rig
-from truewrench.files.data_set import imported_frames
+from truewrench.files.case_files import imported_frames
 from truewrench.files.output import atomic_write, progress_line
 
 PICTURES, PICTURE_DPI = (".png", ".svg", ".pdf"), 144

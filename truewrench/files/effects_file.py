@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from estimation.model_response import model_signals
+from estimation.case import Case
 from modeling.errors import InputError, file_text, quoted, toml_data
 from modeling.formulas.custom_effect import CustomEffect, require_finite
-from truewrench.files.data_set import DataSet
 
 MAX_BYTES = 200_000
 """Of a file: some hundred effects."""
@@ -84,7 +83,7 @@ def _location(where: str, table: object, number: int) -> str:
     return f"{where}: effect {number}" + (f" ({name})" if isinstance(name, str) and name.isidentifier() else "")
 
 
-def custom_candidates(path: Path | None, case: DataSet) -> tuple[CustomEffect, ...]:
+def custom_candidates(path: Path | None, case: Case) -> tuple[CustomEffect, ...]:
     """Custom effects of a file that apply to the data set's sensor; none without a file.
 
     Raises InputError when none applies, or one is not finite on a recording.
@@ -97,7 +96,7 @@ def custom_candidates(path: Path | None, case: DataSet) -> tuple[CustomEffect, .
         what = f"no effect in it is for a sensor of the channels {', '.join(space.channels)}"
         raise InputError(what=what, where=str(path), remedy="use the signals and channels of these recordings")
     for effect in found:
-        for recording in (*case.training, *case.validation):
+        for recording in (*case.recordings, *case.held_out):
             where = f"{path}, on {recording.name}"
-            require_finite(effect.definition, space, model_signals(recording), recording.samples, where)
+            require_finite(effect.definition, space, recording.motion.model_signals, recording.samples, where)
     return found

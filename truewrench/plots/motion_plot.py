@@ -14,7 +14,8 @@ from design.information.sample_information import SampleInformation
 from design.trajectories.trajectory import Trajectory
 from estimation.fit import Fit
 from estimation.noise.recording_noise import sample_step
-from estimation.recordings.recording import Recording, numbered_names
+from estimation.recordings.motion import numbered_names
+from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.number_format import axis_label

@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from diagnosis.diagnosis import diagnose
+from diagnosis.diagnosis import diagnose_case
 from modeling.compiled.cache import LOADED_AT, source_digest
 from modeling.effects import catalogue, named
 from modeling.errors import InputError
 from modeling.number_format import finite
 from modeling.rig import Rig
-from truewrench.files.data_set import DataSet
+from truewrench.files.case_files import read_case
 
 if TYPE_CHECKING:
     from diagnosis.comparison.comparison import Comparison
@@ -458,6 +458,6 @@ def _fingerprint_or_none(
 
 def _diagnosis(task: SurveyTask) -> Diagnosis:
     rig = None if task.rig is None else Rig.from_data(task.rig)
-    case = DataSet.read([task.recording], rig=rig, one_run=task.one_run)
+    case = read_case([task.recording], rig=rig, one_run=task.one_run)
     candidates = catalogue(case.model.space) if task.only is None else [named(i) for i in task.only]
-    return diagnose(case.model, case.training, effects=candidates)
+    return diagnose_case(case, effects=candidates)

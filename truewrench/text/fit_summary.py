@@ -13,6 +13,7 @@ from diagnosis.comparison.comparison import Comparison, comparison_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.verdict.aliasing import channel_tolerance
 from diagnosis.verdict.unexplained_residual import describe_residual, motion_notes, unknown_tool_reason
+from estimation.case import Case
 from estimation.centre_of_mass import CentreOfMass
 from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
@@ -27,7 +28,7 @@ from modeling.number_format import estimate_text, interval_text
 from modeling.significance import LEVELS
 from modeling.table import Table
 from truewrench.effect_description.effect_words import size_sentence
-from truewrench.files.data_set import DataSet, frame_sentences, frames_data
+from truewrench.files.case_files import frame_sentences, frames_data
 from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_extent_text, tool_text
 
 ADVICE = (
@@ -58,7 +59,7 @@ class FitSummary:
 
     # ------------------------------------------------------------------------------------------ text
 
-    def text(self, case: DataSet | None, *, runs: bool = False, verbose: bool = True) -> str:
+    def text(self, case: Case | None, *, runs: bool = False, verbose: bool = True) -> str:
         """Summary; the repeatability tables only if `verbose`, and the rows of every run in it only with `runs`."""
         parts = [self.headline(), *([] if case is None else frame_sentences(case, detailed=verbose))]
         parts += [self.parameters(), *self._constraints(), *self._outliers(), *self._poses()]
@@ -83,7 +84,11 @@ class FitSummary:
     @cached_property
     def rows_left_out(self) -> tuple[RowsLeftOut, ...]:
         """Rows outside the whole repeats that were cut from the logs, as they were read."""
-        read = self.fit if self.robust is None else replace(self.fit, recordings=self.robust.plain.recordings)
+        read = (
+            self.fit
+            if self.robust is None
+            else replace(self.fit, problem=self.fit.problem.of_recordings(self.robust.plain.recordings))
+        )
         return rows_left_out(read)
 
     @property
@@ -186,7 +191,7 @@ class FitSummary:
 
     # ------------------------------------------------------------------------------------------- data
 
-    def to_data(self, case: DataSet) -> dict[str, Any]:
+    def to_data(self, case: Case) -> dict[str, Any]:
         """JSON data in addition to the model: numbers are finite or None."""
         ends = zip(self.fit.parameters, self.intervals.low, self.intervals.high, strict=True)
         data: dict[str, Any] = {

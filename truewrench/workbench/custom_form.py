@@ -10,7 +10,6 @@ from typing import Any
 from markupsafe import Markup
 
 from diagnosis.study import Study
-from estimation.model_response import model_signals
 from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.custom_effect import CustomEffect, require_finite
 from modeling.formulas.vocabulary import FORMULA_STAGES, target_units
@@ -86,7 +85,7 @@ def _require_usable(effect: CustomEffect, study: Study) -> None:
         raise InputError(what=what, where=effect.id, remedy=remedy)
     for recording in study.fit.recordings:
         where = f"{effect.id}, on {recording.name}"
-        require_finite(effect.definition, space, model_signals(recording), recording.samples, where)
+        require_finite(effect.definition, space, recording.motion.model_signals, recording.samples, where)
 
 
 def _is_number(text: str) -> bool:

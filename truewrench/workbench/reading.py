@@ -11,11 +11,12 @@ from typing import Any
 
 from markupsafe import Markup
 
+from estimation.case import Case
 from estimation.reading.log_reading import read
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError, quoted
 from modeling.rig import Rig
-from truewrench.files.data_set import DataSet
+from truewrench.files.case_files import rigid_tool_case
 from truewrench.files.demonstration import CONTACT, TRAINING, VALIDATION, hidden_effect_by_id, record
 
 # Puzzle: recordings of a simulated rig with a hidden effect, for who wants to learn the loop.
@@ -116,7 +117,7 @@ class ReadingForm:
         return replace(found, name=" + ".join(Path(path).name for path in paths))
 
 
-def data_set(training: Sequence[str], validation: Sequence[str], rig: str | None, form: ReadingForm) -> DataSet:
+def data_set(training: Sequence[str], validation: Sequence[str], rig: str | None, form: ReadingForm) -> Case:
     """The recordings in these files, with the model that they begin with; InputError for what cannot be read."""
     if not training:
         raise InputError(what="no file is chosen", where="recording", remedy="choose one to fit")
@@ -125,7 +126,7 @@ def data_set(training: Sequence[str], validation: Sequence[str], rig: str | None
     fitted = [form.recording(paths, description, fitted=True) for paths in groups]
     held_out = [form.recording([path], description, fitted=False) for path in validation]
     named = _apart([*fitted, *held_out])
-    return DataSet.of(named[: len(fitted)], named[len(fitted) :], description)
+    return rigid_tool_case(named[: len(fitted)], named[len(fitted) :], description)
 
 
 def _apart(recordings: Sequence[Recording]) -> list[Recording]:

@@ -10,12 +10,13 @@ from typing import Any
 
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.screening.suspects import Suspects
-from diagnosis.study import Study, StudyStep, study
+from diagnosis.study import Study, StudyStep, study_case
+from estimation.case import Case
 from estimation.contact.contact_wrench import ContactWrench, compensate
 from estimation.reading.log_reading import read_with_rig
 from modeling.errors import InputError, quoted
 from truewrench.emitted import emit
-from truewrench.files.data_set import DataSet, frame_sentences
+from truewrench.files.case_files import frame_sentences
 from truewrench.files.model_file import ModelFile
 from truewrench.plots.chart import Chart
 from truewrench.plots.result_figure import result_chart
@@ -68,7 +69,7 @@ PAYLOADS = {"urdf": "tool.urdf", "sdf": "tool.sdf", "mjcf": "tool.xml", "ur": "p
 def download_of(
     asked: str,
     step: StudyStep,
-    case: DataSet | None,
+    case: Case | None,
     diagnosis: Diagnosis | None,
     files: Sequence[str],
     separation: Separation | None,
@@ -115,7 +116,7 @@ def _pose(text: str) -> list[float] | None:
     return pose
 
 
-def _report(step: StudyStep, case: DataSet | None, diagnosis: Diagnosis | None, files: Sequence[str]) -> ReportTexts:
+def _report(step: StudyStep, case: Case | None, diagnosis: Diagnosis | None, files: Sequence[str]) -> ReportTexts:
     """Of the diagnosis where there is one of this model, else of the fit."""
     inputs = tuple(replace(InputFile.of(file), path=Path(file).name) for file in files)
     provenance = replace(Provenance.now("truewrench workbench"), inputs=inputs)
@@ -148,7 +149,7 @@ class StudyActions:
     def __init__(self, progress: Callable[[str], None]) -> None:
         self._progress = progress
         self._study: Study | None = None
-        self._case: DataSet | None = None
+        self._case: Case | None = None
         self._puzzle: Puzzle | None = None
         self._suspects: dict[int, Suspects] = {}
         self._diagnosis: Diagnosis | None = None
@@ -203,7 +204,7 @@ class StudyActions:
         self._progress("read")
         case = data_set(training, validation, rig, form)
         self._progress("fit the rigid tool")
-        begun = study(case.model, case.training, validate=case.validation, progress=self._progress)
+        begun = study_case(case, progress=self._progress)
         self._case, self._study, self._puzzle = case, begun, puzzle
         self._suspects, self._diagnosis, self._view, self._separation = {}, None, View.first(begun), None
         self._files = tuple(filter(None, (*training, *validation, rig)))

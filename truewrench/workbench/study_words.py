@@ -18,7 +18,7 @@ from diagnosis.screening.score_test import ScoreTest
 from diagnosis.screening.suspects import MOST_AMOUNTS, Suspects
 from diagnosis.study import Study
 from diagnosis.verdict_rule import EffectVerdict
-from estimation.model_response import model_signals
+from estimation.case import Case
 from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
@@ -30,7 +30,7 @@ from modeling.number_format import format_number, format_p_value, format_percent
 from modeling.space import Space
 from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
-from truewrench.files.data_set import DataSet, frame_sentences
+from truewrench.files.case_files import frame_sentences
 from truewrench.reports.effect_row import effect_row
 from truewrench.text.diagnosis_text import (
     RECORD_VERDICT_LABELS,
@@ -134,7 +134,7 @@ PLAIN = re.compile(r"(?!.*__)[\w\s+\-*/^().,]*", re.DOTALL)
 
 def known_signals(study: Study) -> dict[str, str]:
     """Unit of each signal that formulas on these recordings may use, as the help lists them."""
-    present = model_signals(study.fit.recordings[0])
+    present = study.fit.recordings[0].motion.model_signals
     return {name: unit for name, unit in signal_units(study.model.space).items() if name in present}
 
 
@@ -241,9 +241,9 @@ def style_words() -> str:
 # ------------------------------------------------------------------------------------------ the recording
 
 
-def reading_words(case: DataSet) -> str:
+def reading_words(case: Case) -> str:
     """What was opened: size, rate, what was done to read it, what looks suspicious."""
-    several = [(r, "fitted") for r in case.training] + [(r, "held out") for r in case.validation]
+    several = [(r, "fitted") for r in case.recordings] + [(r, "held out") for r in case.held_out]
     return part(
         "reading.html",
         recordings=[_recording_values(r, use) for r, use in several],

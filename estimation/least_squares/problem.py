@@ -1,4 +1,4 @@
-"""The whitened least-squares problem of one model, its recordings and their noise."""
+"""Problem: a model on recordings in their noise, as whitened least squares."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum, le
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.model_response import model_response
 from estimation.noise.recording_noise import RecordingNoise
-from estimation.parameter_layout import ParameterLayout
+from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
+from modeling.chain.model import WrenchModel
 
 Array = NDArray[np.float64]
 
@@ -72,17 +73,69 @@ class LinearisedRows:
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedProblem:
-    """The whitened least-squares problem of one model, its recordings and their noise."""
+class RecordingInNoise:
+    """A recording and its noise."""
 
-    layout: ParameterLayout
-    recordings: tuple[Recording, ...]
-    noise: tuple[RecordingNoise, ...]
+    recording: Recording
+    noise: RecordingNoise
 
     @cached_property
+    def whitened_readings(self) -> Array:
+        """The readings whitened, (rows,)."""
+        return self.noise.whitener.series(self.recording.wrench)
+
+
+def _in_noise(recordings: Sequence[Recording], noise: Sequence[RecordingNoise]) -> tuple[RecordingInNoise, ...]:
+    return tuple(RecordingInNoise(r, n) for r, n in zip(recordings, noise, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Whitened least squares of one model on recordings, each in its noise.
+
+    layout  the model's unknowns
+    data    the recordings and their noise; problems of other models share it, and readings are whitened once
+    """
+
+    layout: ParameterLayout
+    data: tuple[RecordingInNoise, ...]
+
+    @classmethod
+    def of(cls, model: WrenchModel, recordings: Sequence[Recording], noise: Sequence[RecordingNoise]) -> Problem:
+        """The problem of a model on recordings in noise, one for each."""
+        return cls(parameter_layout(model, recordings), _in_noise(recordings, noise))
+
+    def of_model(self, model: WrenchModel) -> Problem:
+        """The problem of another model on the same recordings in the same noise."""
+        return replace(self, layout=parameter_layout(model, self.recordings))
+
+    def in_noise(self, noise: Sequence[RecordingNoise]) -> Problem:
+        """The same problem in other noise."""
+        return replace(self, data=_in_noise(self.recordings, noise))
+
+    def of_recordings(self, recordings: Sequence[Recording]) -> Problem:
+        """The same problem with other readings of the same motions."""
+        return replace(self, data=_in_noise(recordings, self.noise))
+
+    @property
+    def model(self) -> WrenchModel:
+        """The model."""
+        return self.layout.model
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings."""
+        return tuple(each.recording for each in self.data)
+
+    @property
+    def noise(self) -> tuple[RecordingNoise, ...]:
+        """The noise of each recording."""
+        return tuple(each.noise for each in self.data)
+
+    @property
     def measured(self) -> tuple[Array, ...]:
         """Whitened readings of each recording, (rows,)."""
-        return tuple(n.readings(r) for n, r in zip(self.noise, self.recordings, strict=True))
+        return tuple(each.whitened_readings for each in self.data)
 
     @property
     def fixed(self) -> NDArray[np.bool_]:

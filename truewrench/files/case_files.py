@@ -1,82 +1,53 @@
-"""Data set: training and validation recordings of one rig and tool, rigid-tool model, sign convention."""
+"""Files of recordings as a case, and what the data decided of their frames in words."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import atan2, degrees
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimation.fit import Fit
-from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
-from estimation.gravity.gravity_estimate import GravityEstimate
+from estimation.case import Case
 from estimation.reading.log_reading import read_with_rig
-from estimation.recordings.recording import MotionForm, Recording, require_different_readings
+from estimation.recordings.motion import MotionForm
+from estimation.recordings.recording import Recording, require_different_readings
 from estimation.recordings.sign_convention import (
     SignDecision,
     nearest_quarter_turns,
-    with_convention,
 )
-from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel, planar, spatial
-from modeling.effects.loads import CableSpring
+from modeling.chain.model import ALIGNED_MOUNTING, planar, spatial
 from modeling.errors import InputError
 from modeling.rig import Convention, Rig
 
 
-@dataclass(frozen=True, eq=False)
-class DataSet:
-    """Training and validation recordings, and the rigid-tool model with its sign convention.
+def read_case(
+    training: Sequence[str],
+    *,
+    validation: Sequence[str] = (),
+    rig: Rig | str | None = None,
+    period: float | None = None,
+    one_run: bool = False,
+) -> Case:
+    """The case of these files, with the rigid tool for a model; `rig` is a rig, or the path of its file.
 
-    training    recordings to fit
-    validation  recordings of other motions, not fitted
-    sign        decision on the sign convention from the data; None where the rig file states it
-    gravity     direction of gravity in base axes where the data decided it; None where it is stated, or points down
-    doubted     another direction than down that the data suggest, and that is not applied; None where they do not
+    `period`, s, is that of the training recordings' motion: others have their own. With `one_run` no repeats are looked
+    for. Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
+    sensors, a convention that the data cannot decide.
     """
+    description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
+    periods = (*(period for _ in training), *(None for _ in validation))
+    recordings = read_recordings((*training, *validation), rig=description, periods=periods, one_run=one_run)
+    return rigid_tool_case(recordings[: len(training)], recordings[len(training) :], description)
 
-    model: WrenchModel
-    training: tuple[Recording, ...]
-    validation: tuple[Recording, ...]
-    sign: SignDecision | None
-    gravity: GravityEstimate | None
-    doubted: GravityEstimate | None = None
 
-    @classmethod
-    def read(
-        cls,
-        training: Sequence[str],
-        *,
-        validation: Sequence[str] = (),
-        rig: Rig | str | None = None,
-        period: float | None = None,
-        one_run: bool = False,
-    ) -> DataSet:
-        """Data set of these files; `rig` is a rig, or the path of its file; with `one_run` no repeats are looked for.
-
-        `period`, s, is that of the training recordings' motion: others have their own.
-
-        Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
-        sensors, a convention that the data cannot decide.
-        """
-        description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
-        periods = (*(period for _ in training), *(None for _ in validation))
-        files = (*training, *validation)
-        recordings = read_recordings(files, rig=description, periods=periods, one_run=one_run)
-        return cls.of(recordings[: len(training)], recordings[len(training) :], description)
-
-    @classmethod
-    def of(cls, training: Sequence[Recording], validation: Sequence[Recording], description: Rig | None) -> DataSet:
-        """Data set of recordings of one sensor; InputError for a convention that the data cannot decide."""
-        recordings = [*training, *validation]
-        _require_one_sensor(recordings)
-        model = (planar if recordings[0].dimension == 2 else spatial)(description)
-        case, count = with_gravity_direction(model, recordings), len(training)
-        model, sign = with_convention(case.model, case.recordings)
-        return cls(model, case.recordings[:count], case.recordings[count:], sign, case.found, case.doubted)
+def rigid_tool_case(training: Sequence[Recording], validation: Sequence[Recording], rig: Rig | None) -> Case:
+    """The case of recordings of one sensor with the rigid tool of a rig; InputError as `Case.of`."""
+    _require_one_sensor([*training, *validation])
+    return Case.of((planar if training[0].dimension == 2 else spatial)(rig), training, validation)
 
 
 def read_recordings(
@@ -177,19 +148,7 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
     }
 
 
-def with_fitted_gravity(case: DataSet, fitted: Fit) -> DataSet:
-    """The case with the direction of gravity that the data decided turned by the tilt fitted beside the tool.
-
-    A direction that is doubted for a cable on the tool is dropped where the fit has that cable.
-    """
-    if case.doubted is not None and any(effect.id == CableSpring.id for effect in fitted.model.effects):
-        return replace(case, doubted=None)
-    if case.gravity is None:
-        return case
-    return replace(case, gravity=with_fitted_tilt(case.gravity, fitted.model, fitted.values))
-
-
-def frame_sentences(case: DataSet, *, detailed: bool = False) -> list[str]:
+def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
     if case.doubted is not None:
@@ -199,7 +158,7 @@ def frame_sentences(case: DataSet, *, detailed: bool = False) -> list[str]:
     return [f"{case.gravity.sentence} To state it, write {case.gravity.stated} under [robot] in the rig.", *sentences]
 
 
-def frames_data(case: DataSet) -> dict[str, Any]:
+def frames_data(case: Case) -> dict[str, Any]:
     """The same as data."""
     gravity = {} if case.gravity is None else {"gravity": case.gravity.to_data()}
     return gravity | ({} if case.sign is None else {"sign": convention_data(case.sign)})
@@ -230,9 +189,8 @@ def _sign_of(recording: Recording) -> list[str]:
     if rig is not None and rig.sensor.convention in MEANINGS:
         return [f"Sign convention: {MEANINGS[rig.sensor.convention]}, as the rig states."]
     try:
-        found = with_gravity_direction(spatial(rig), [recording])
-        _, sign = with_convention(found.model, found.recordings)
+        case = Case.of(spatial(rig), [recording])
     except InputError as error:
         return [f"Sign convention: undecided ({error.what}); {error.remedy}."]
-    gravity = [] if found.found is None else [found.found.sentence]
-    return [*gravity, *([] if sign is None else [convention_sentence(sign, detailed=True)])]
+    gravity = [] if case.gravity is None else [case.gravity.sentence]
+    return [*gravity, *([] if case.sign is None else [convention_sentence(case.sign, detailed=True)])]

@@ -1,0 +1,202 @@
+"""Case: recordings of one rig and tool with what is decided of them before any fit, and the noise to begin with.
+
+What a reading is read with is decided here and nowhere else: gravity's direction, the sign convention and the mounting,
+whether each repeat moved in its own way, the events of single runs and the first estimate of the noise. A fit, a
+diagnosis, a study, a robust fit and the commands all begin with `Case.of`; what meets one more recording later, as a
+contact wrench or a prediction does, takes it as `prepared`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gravity.gravity_direction import gravity_evidence, with_fitted_tilt
+from estimation.gravity.gravity_estimate import GravityEstimate
+from estimation.least_squares.square_root_information import SquareRootInformation, least_squares_solution
+from estimation.model_response import model_response, predicted_readings, readings_follow_repeats
+from estimation.noise.recording_noise import MotionNoise, RecordingNoise, sample_step
+from estimation.recordings.recording import Recording, require_channels
+from estimation.recordings.sign_convention import SignDecision, with_convention
+from modeling.chain.model import WrenchModel
+from modeling.effects.geometry import GravityTilt
+from modeling.effects.loads import CableSpring
+from modeling.errors import InputError
+from modeling.kinematics.placement import Direction
+from modeling.rig import Rig
+
+Array = NDArray[np.float64]
+
+BASE_FIT_ROUNDING = 1e-6
+"""Relative size of singular values that the first fit of the rigid tool takes for zero: its columns are of very
+different sizes, and a poorly excited parameter must not make the residual, from which the noise is estimated, larger."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Recordings of one rig and tool, as a model reads them.
+
+    model       as given, with its arm, gravity's direction, sign convention and mounting decided
+    recordings  to fit, on the model's base
+    held_out    of other motions, never fitted, on the model's base
+    sign        decision on the sign convention from the data; None where it is stated
+    gravity     direction of gravity in base axes where the data decided it; None where it is stated, or points down
+    doubted     another direction than down that the data suggest, and that is not applied; None where they do not
+    """
+
+    model: WrenchModel
+    recordings: tuple[Recording, ...]
+    held_out: tuple[Recording, ...] = ()
+    sign: SignDecision | None = None
+    gravity: GravityEstimate | None = None
+    doubted: GravityEstimate | None = None
+
+    @classmethod
+    def of(cls, model: WrenchModel, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Case:
+        """The case of a model and its recordings.
+
+        Where neither the model nor a recording's rig states gravity's direction, the evidence of all readings of the
+        frames is weighed. A base that clearly does not stand upright is mounted as estimated: along the nearest axis
+        where that is within 15 degrees; else as estimated, and the two angles of `gravity_tilt` are fitted beside the
+        tool. Where a cable on the tool explains the readings as well, gravity stays down. A sign convention AUTO is
+        decided from the weight in the readings.
+
+        Raises InputError when there are no recordings, their channels are not the model's, or the data cannot decide
+        the sign convention.
+        """
+        several = (*recordings, *held_out)
+        check_channels(model, tuple(recordings))
+        gravity, doubted, direction = None, None, _stated_direction(model, several)
+        if direction is None:
+            shown = gravity_evidence(
+                several, gravity=model.gravity, convention=model.convention, mirror_y=model.mirror_y
+            )
+            gravity, doubted = (None, shown) if shown is not None and shown.cable is not None else (shown, None)
+        if gravity is not None:
+            direction = gravity.direction
+            model = _with_tilt(_on_base(model, direction)) if not gravity.along_axis else _on_base(model, direction)
+        elif direction is not None:
+            model = _on_base(model, direction)
+        mounted = tuple(_recording_on_base(recording, direction) for recording in several)
+        model, sign = with_convention(model, mounted)
+        read = tuple(_with_decided_motion(recording, model) for recording in mounted)
+        return cls(model, read[: len(recordings)], read[len(recordings) :], sign, gravity, doubted)
+
+    @cached_property
+    def noise(self) -> tuple[RecordingNoise, ...]:
+        """Noise of the recordings before any fit (`initial_noise`)."""
+        return initial_noise(self.model, self.recordings)
+
+    @cached_property
+    def held_out_noise(self) -> tuple[RecordingNoise, ...]:
+        """Noise of the held-out recordings before any fit."""
+        return initial_noise(self.model, self.held_out) if self.held_out else ()
+
+    def with_fitted_gravity(self, model: WrenchModel, values: Mapping[str, float]) -> Case:
+        """The case after a fit of a model on its base, with the fitted parameters by name.
+
+        The direction of gravity that the data decided is turned by the tilt fitted beside the tool; one that is doubted
+        for a cable on the tool is dropped where the fit has that cable.
+        """
+        if self.doubted is not None and any(effect.id == CableSpring.id for effect in model.effects):
+            return replace(self, doubted=None)
+        if self.gravity is None:
+            return self
+        return replace(self, gravity=with_fitted_tilt(self.gravity, model, values))
+
+
+def check_channels(model: WrenchModel, recordings: tuple[Recording, ...]) -> None:
+    """InputError when there are no recordings, or their channels are not the model's."""
+    if not recordings:
+        raise InputError(what="no recording was given", where="recordings", remedy="give at least one")
+    for recording in recordings:
+        require_channels(recording, model)
+
+
+def prepared(recording: Recording, model: WrenchModel) -> Recording:
+    """One more recording as a model whose frames are decided reads it: on its base, with its motion decided.
+
+    Raises InputError when its channels are not the model's.
+    """
+    require_channels(recording, model)
+    return _with_decided_motion(_recording_on_base(recording, model.gravity_direction), model)
+
+
+def _with_decided_motion(recording: Recording, model: WrenchModel) -> Recording:
+    """The recording with the motion of each repeat only where its readings show that it was not the mean motion."""
+    if recording.own_motion is None or readings_follow_repeats(model.base, recording):
+        return recording
+    return replace(recording, mean_motion=True)
+
+
+# ------------------------------------------------------------------------------------------- gravity's direction
+
+
+def _stated_direction(model: WrenchModel, recordings: Sequence[Recording]) -> Direction | None:
+    """The direction that the model has, else the first that a recording's rig states."""
+    if model.gravity_direction is not None:
+        return model.gravity_direction
+    rigs = (recording.rig for recording in recordings)
+    return next((rig.gravity_direction for rig in rigs if rig is not None and rig.gravity_direction is not None), None)
+
+
+def _on_base(model: WrenchModel, direction: Direction) -> WrenchModel:
+    """The model with this direction of gravity unless it has one, its arm on the turned base."""
+    if model.gravity_direction is not None or len(direction) != model.space.value:
+        return model
+    arm = None if model.arm is None else model.arm.mounted(direction)
+    return replace(model, gravity_direction=direction, arm=None).with_arm(arm)
+
+
+def _with_tilt(model: WrenchModel) -> WrenchModel:
+    return model if any(effect.id == GravityTilt.id for effect in model.effects) else model + GravityTilt()
+
+
+def _recording_on_base(recording: Recording, direction: Direction | None) -> Recording:
+    """The recording on a base with this direction of gravity, unless its rig states one."""
+    rig = recording.rig or Rig()
+    if direction is None or rig.gravity_direction is not None or len(direction) != recording.dimension:
+        return recording
+    return recording.moved(rig=replace(rig, gravity_direction=direction))
+
+
+# ---------------------------------------------------------------------------------------------- first noise
+
+
+def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[RecordingNoise, ...]:
+    """Noise before any fit: from the repeats, the rig, or the residual of an ordinary least-squares fit of the base.
+
+    Transient events detected in a single run are excluded from that fit, and have a noise of their own. Repeats of one
+    motion need no fit, as what a model predicts of them is their mean.
+    """
+    from estimation.noise.events_in_single_runs import find_events_in_single_runs  # in a streamed fit there are none
+
+    events = find_events_in_single_runs(model, recordings)
+    return tuple(_initial_noise(model.base, r, own) for r, own in zip(recordings, events, strict=True))
+
+
+def _initial_noise(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> RecordingNoise:
+    from estimation.noise.noise_estimation import estimate_noise  # nor is noise estimated
+
+    if recording.repeats > 1 and recording.own_motion is None:
+        return estimate_noise(recording, recording.wrench - recording.averaged(recording.wrench))
+    predicted = partial(predicted_readings, base, theta=_base_model_fit(base, recording, events))
+    motion = MotionNoise.of(recording, predicted)
+    return estimate_noise(recording, recording.wrench - predicted(recording), events=events, motion=motion)
+
+
+def _base_model_fit(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> Array:
+    """Parameters (k,) of a least-squares fit of the rigid tip outside `events`, channels scaled by their std."""
+    time = np.arange(recording.samples) * sample_step(recording)
+    kept = ~np.any([(time >= start) & (time <= end) for start, end in events] or [time < 0], axis=0)
+    size = len(base.parameters)
+    response = model_response(base, recording, np.zeros(size))
+    spread = recording.wrench.std(axis=0)
+    spread[spread == 0] = 1.0
+    rows = (response.derivative / spread[:, None])[kept].reshape(-1, size)
+    target = ((recording.wrench - response.value) / spread)[kept].ravel()
+    return np.asarray(least_squares_solution(SquareRootInformation.of(rows, target), rounding=BASE_FIT_ROUNDING))
