@@ -13,7 +13,7 @@ from diagnosis.comparison.comparison import Comparison, comparison_of, noise_fro
 from diagnosis.progress import CountCallback, Progress, count_progress, counted, silent
 from diagnosis.screening.grid_search import affected_rows
 from diagnosis.screening.null_model import NullModel, ScreeningCache
-from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
+from diagnosis.screening.projection import ProjectedColumns
 from diagnosis.screening.score_test import (
     ScoreTest,
     absent_effects,
@@ -25,7 +25,7 @@ from diagnosis.screening.score_test import (
 from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
 from estimation.fit import Fit, reestimated_noise, refit, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi2_sf, chi_square_penalty
-from modeling.chain.effect import Effect, GridSuperposition
+from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.significance import LEVELS
@@ -76,12 +76,11 @@ def _with(model: WrenchModel, effect: Effect) -> WrenchModel:
 
 def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> float:
     """P-value of the fixed parameters of one of a fit's effects, at their nominal values."""
-    null_model, names = NullModel.of(fit, cache), _fixed_names(effect, fit.model)
+    names = _fixed_names(effect, fit.model)
     model = fit.model.without(effect.id) + effect.unrestricted(fit.model.space)
-    choice = affected_rows(null_model, model, tested=False)
-    whitened = WhitenedColumns(whitened_sensitivities(null_model, model, [{}], names, choice), choice)
-    projected = ProjectedColumns(null_model, whitened, GridSuperposition.plain([{}]), -np.inf)
-    return projected.test(0).p_value()
+    choice = affected_rows(fit, model, tested=False)
+    columns = whitened_sensitivities(fit, model, [{}], names, choice)
+    return ProjectedColumns.of_point(cache.null_model(fit), columns, choice).test(0).p_value()
 
 
 def _freed(fit: Fit, effect: Effect) -> Fit:
@@ -139,7 +138,7 @@ class CandidateModel:
     @property
     def null_model(self) -> NullModel:
         """Its fit as null model of score tests."""
-        return NullModel.of(self.fit, self.cache)
+        return self.cache.null_model(self.fit)
 
     @cached_property
     def cost(self) -> float:

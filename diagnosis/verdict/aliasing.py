@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.grid_search import affected_rows
 from diagnosis.screening.null_model import NullModel, ScreeningCache
-from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
+from diagnosis.screening.projection import ProjectedColumns
 from diagnosis.screening.score_test import ScoreTest, absent_effects, run_searches, significant_effects
 from diagnosis.screening.whitened_sensitivity import GridPoint, response_differences, score_columns, sensitivity_series
 from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch, refit_effects
 from estimation.fit import Fit, WhitenedProblem, initial_values, refit
 from estimation.model_response import model_response
 from estimation.parameter_layout import ParameterLayout, parameter_layout
-from modeling.chain.effect import Effect, GridSuperposition
+from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
@@ -173,16 +173,15 @@ def contribution_upper_limit(
     point = screening.point
     if point is None:
         raise ValueError("an effect that is not excited has no upper limit")
-    null_model = NullModel.of(fitted, ScreeningCache() if cache is None else cache)
+    null_model = (ScreeningCache() if cache is None else cache).null_model(fitted)
     model = fitted.model + screening.effect
     unknowns = parameter_layout(model, fitted.recordings)
     number = next(i for i, m in enumerate(unknowns.models) if screening.effect.id in [e.id for e in m.effects])
-    choice = affected_rows(null_model, model, tested=False)
-    whitened = WhitenedColumns(score_columns(null_model, model, [point], choice), choice)
-    projected = ProjectedColumns(null_model, whitened, GridSuperposition.plain([{}]), -np.inf)
-    directions = projected.directions[0][0] / projected.scale[0][:, None]
-    columns = projected.columns(0)
-    standardised = directions.T @ columns.T @ null_model.rows_of(choice).residual
+    choice = affected_rows(fitted, model, tested=False)
+    projected = ProjectedColumns.of_point(null_model, score_columns(fitted, model, [point], choice), choice)
+    directions = projected.roots[0] / projected.scale[0][:, None]
+    columns, (residual, _) = projected.columns(0), null_model.rows_of(choice)
+    standardised = directions.T @ columns.T @ residual
     raw = _unwhitened_columns(null_model, unknowns, number, point, null_model.spread(columns, choice))
     gram = np.stack([raw[:, c].T @ raw[:, c] for c in range(raw.shape[1])]) / len(raw)
     power = np.einsum("ab,cad,db->cb", directions, gram, directions, optimize=True)
@@ -203,43 +202,41 @@ def _unwhitened_columns(
     theta = unknowns.values_of(number, {**fitted.values, **point.nuisances})
     collinear = null_model.directions.amounts(columns[null_model.reached])[fitted.layout.index[number]]
     every = list(range(len(point.amplitudes)))
-    parts = [(-part @ collinear, every, periodic) for part, periodic in null_model.derivatives(number)]
-    parts += _effect_derivatives(null_model, unknowns, number, point, theta)
-    once, channels = parts[0][0].shape[:2]
-    repeats = 1 if all(periodic for _, _, periodic in parts) else recording.repeats
+    summands = [(-series @ collinear, every, periodic) for series, periodic in null_model.derivatives[number]]
+    summands += _effect_derivatives(fitted, unknowns, number, point, theta)
+    once, channels = summands[0][0].shape[:2]
+    repeats = 1 if all(periodic for _, _, periodic in summands) else recording.repeats
     raw = np.zeros((len(every), channels, repeats, once))
-    for part, places, periodic in parts:
-        for place, series in zip(places, part.transpose(2, 1, 0), strict=True):
+    for summand, places, periodic in summands:
+        for place, series in zip(places, summand.transpose(2, 1, 0), strict=True):
             raw[place] += series[:, None] if periodic else series.reshape(channels, repeats, once)
     return raw.reshape(len(every), channels, -1).transpose(2, 1, 0)
 
 
 def _effect_derivatives(
-    null_model: NullModel, unknowns: ParameterLayout, number: int, point: GridPoint, theta: Array
+    fit: Fit, unknowns: ParameterLayout, number: int, point: GridPoint, theta: Array
 ) -> list[tuple[Array, list[int], bool]]:
     """Summands (n, p, c) of an effect's derivatives or finite differences in a recording.
 
     With each the indices of its amplitudes, and whether it is over one repeat (True) or the whole record (False).
     """
-    recording, own = null_model.fit.recordings[number], unknowns.models[number]
-    place = {p.name: i for i, p in enumerate(own.parameters)}
+    recording, model = fit.recordings[number], unknowns.models[number]
+    place = {p.name: i for i, p in enumerate(model.parameters)}
     differentiated = [i for i, p in enumerate(point.amplitudes) if p not in point.named]
     which = tuple(place[point.amplitudes[i].name] for i in differentiated)
-    prediction = compiled_prediction(own)
-    found: list[tuple[Array, list[int], bool]] = []
+    prediction = compiled_prediction(model)
+    summands: list[tuple[Array, list[int], bool]] = []
     if which and (prediction.deflection is not None or set(which) & set(prediction.transfer_parameters)):
-        response = model_response(own, recording, theta)
+        response = model_response(model, recording, theta)
         periodic = response.whole is None
         derivative = response.periodic[1] if periodic else response.derivative
-        found.append((derivative[:, :, list(which)], differentiated, periodic))
+        summands.append((derivative[:, :, list(which)], differentiated, periodic))
     elif which:
-        for summand in sensitivity_series(own, recording, theta[None], which):
-            found.append((summand.read()[:, :, 0], differentiated, summand.periodic))
-    for _, amplitude, difference in response_differences(null_model, unknowns, number, [point]):
-        found.append((difference.periodic[:, :, None], [amplitude], True))
-        if difference.whole is not None:
-            found.append((difference.whole[:, :, None], [amplitude], False))
-    return found
+        for summand in sensitivity_series(model, recording, theta[None], which):
+            summands.append((summand.read()[:, :, 0], differentiated, summand.periodic))
+    for _, amplitude, difference in response_differences(fit, unknowns, number, [point]):
+        summands += [(summand.series[:, :, None], [amplitude], summand.periodic) for summand in difference]
+    return summands
 
 
 def channel_tolerance(base: Fit) -> tuple[dict[str, float], bool]:
