@@ -28,7 +28,7 @@ from diagnosis.verdict.aliasing import (
     given_alternatives,
     within_tolerance,
 )
-from diagnosis.verdict.finding import EFFECT_RULES, EffectRule, Finding, gather_evidence, judge_effects
+from diagnosis.verdict.finding import EFFECT_RULES, EffectRule, Finding, judge_effects
 from diagnosis.verdict.selection_step import (
     SelectionStep,
     explainable_power_by_step,
@@ -405,8 +405,7 @@ def _diagnosed(
     require_positive_fitted_mass(steps[-1].fit)
     progress("verdict, upper limit and aliases of every effect")
     alternatives = given_alternatives(final, candidates)
-    evidence = gather_evidence(selection, final, candidates, reasons)
-    findings = judge_effects(selection, final, steps, power, evidence, candidates, tolerance, effect_rules)
+    findings = judge_effects(selection, final, steps, power, reasons, candidates, tolerance, effect_rules)
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], tolerance, rows)

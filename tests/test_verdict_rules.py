@@ -13,8 +13,9 @@ from diagnosis.acceptance import ACCEPTANCE_RULES, AcceptanceEvidence, accept
 from diagnosis.diagnosis import RECORD_RULES, RecordEvidence
 from diagnosis.screening.score_test import ScoreTest
 from diagnosis.subset_search import CandidateModel
-from diagnosis.verdict.aliasing import Alias, EffectRefits, FinalRefit
+from diagnosis.verdict.aliasing import Alias
 from diagnosis.verdict.finding import EFFECT_RULES, EffectEvidence
+from diagnosis.verdict.selection_step import EffectRefits, FinalRefit
 from diagnosis.verdict_rule import EffectVerdict, RecordVerdict, VerdictRule, judge
 from estimation.fit import fit, refit
 from estimation.multiplicity import holm_adjusted

@@ -137,6 +137,10 @@ class ScoreTest:
         """Changes of the amplitudes that are detected with 80 % power; computed when asked for, as it takes long."""
         return self.limits(self.level)
 
+    def share_of(self, excess: float | None) -> float | None:
+        """Share of an excess of chi-square that the effect would remove; None where there is none, or it is unknown."""
+        return min(1.0, self.statistic / excess) if excess and self.excited else None
+
     def p_value_beyond(self, from_motion: float) -> float:
         """P-value of what is beyond the score that the motion's noise gives by itself."""
         return 1.0 if self.test is None else min(1.0, self.searched * self.test.p_value(from_motion))

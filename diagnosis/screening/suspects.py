@@ -119,7 +119,7 @@ class Suspects(Tabular):
 
     def share(self, test: ScoreTest) -> float | None:
         """Share of the excess chi-square that the effect would remove; None where there is no excess to share."""
-        return min(1.0, test.statistic / self.excess) if self.excess and test.excited else None
+        return test.share_of(self.excess)
 
     def _amounts(self, test: ScoreTest) -> str:
         listed = [self._amount(test, name) for name, _ in self._ranked(test)[:MOST_AMOUNTS]]
