@@ -69,7 +69,7 @@ def selection_steps(
         models.append(final if count == len(effects) else selection.refitted(final, effects[:count]))
     steps = []
     for added, model in zip((None, *(effect.id for effect in effects)), models, strict=True):
-        validation = tuple(h.prediction(model.reported_fit).comparison for h in held_out)
+        validation = tuple(h.comparison(model.reported_fit) for h in held_out)
         steps.append(SelectionStep(added, model.reported_fit, model.fit, model.reported, validation))
     return tuple(steps)
 
