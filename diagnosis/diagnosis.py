@@ -412,7 +412,6 @@ def _diagnosed(
     shift = zero_shift(final.fit, known[0].validation_fit(final.fit)) if known else None
     disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
     final.cache.forget()
-    cache.noise_draws.forget()
     return Diagnosis(
         final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
         gravity=None if case.found is None else with_fitted_tilt(case.found, final.fit.model, steps[-1].fit.values),

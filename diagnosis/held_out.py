@@ -161,7 +161,6 @@ def _with_each_significant(
         extended = replace(on_axis, disturbances=(*held_out.disturbances, tested))
         if extended.validation_fit(fit).identifies(tested):
             identifiable.append(extended)
-    cache.forget()
     return identifiable
 
 

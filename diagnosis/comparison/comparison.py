@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from diagnosis.comparison.validation import StandardisedResidual, ValidationFit
 from estimation.fit import Fit
-from estimation.fit_column_space import fit_column_space, run_spectrum
+from estimation.fit_column_space import fit_column_space, rows_of_recordings, run_spectrum
 from estimation.model_response import model_signals
 from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_value
 from estimation.noise.power_spectrum import power_levels
@@ -456,9 +456,7 @@ def standardised_residual(fit: Fit, number: int) -> StandardisedResidual:
     """The residual of one recording against all that is uncertain of it: every test of lack of fit is of this."""
     if isinstance(fit, ValidationFit):
         return fit.standardised_residual()
-    column_space = fit_column_space(fit)
-    start = sum(n.whitener.rows for n in fit.noise[:number])
-    rows = slice(start, start + fit.noise[number].whitener.rows)
+    column_space, rows = fit_column_space(fit), rows_of_recordings(fit)[number]
     return StandardisedResidual(column_space.residual[rows], column_space.leverage[rows], fit.residuals[number])
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from diagnosis.comparison.comparison import MEASURES, Comparison, comparison_of, size_columns
 from diagnosis.comparison.validation import EstimatedModel, validation_fit
 from estimation.fit import Fit, reestimated_noise, require_recording
+from estimation.fit_column_space import rows_of_recordings
 from estimation.least_squares.estimates import Estimate
 from estimation.multiplicity import chi2_sf, holm_adjusted, normal_cdf
 from estimation.noise.recording_noise import RecordingNoise, sample_step
@@ -134,9 +135,7 @@ class ModelOnRecording:
     @cached_property
     def rows(self) -> Array:
         """The whitened residual."""
-        ends = np.cumsum([noise.whitener.rows for noise in self.fit.noise])
-        end, count = ends[self.number], self.fit.noise[self.number].whitener.rows
-        return np.asarray(self.fit.whitened_residual()[end - count : end])
+        return np.asarray(self.fit.whitened_residual()[rows_of_recordings(self.fit)[self.number]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from diagnosis.screening.null_model import NullModel, RowChoice, RowSet, Screeni
 from diagnosis.screening.projection import ProjectedColumns
 from diagnosis.screening.whitened_sensitivity import MAX_EXACT_POINTS, GridPoint, score_columns, sensitivity_of
 from estimation.fit import Fit
+from estimation.fit_column_space import rows_of_recordings
 from estimation.model_response import model_signals, signals_are_periodic
 from estimation.noise.tones import NonperiodicResidual
 from estimation.noise.whitening import FourierLineWhitener
@@ -85,8 +86,7 @@ def strongest_tones(null_model: NullModel, number: int) -> tuple[float, ...]:
     whitener = noise.whitener
     if not isinstance(whitener, FourierLineWhitener) or not len(whitener.non_excited_lines) or len(noise.spectra) == 0:
         return ()
-    start = sum(n.whitener.rows for n in fit.noise[:number]) + whitener.periodic_rows
-    rows = null_model.residual[start : start + whitener.rows - whitener.periodic_rows]
+    rows = null_model.residual[rows_of_recordings(fit)[number]][whitener.periodic_rows :]
     power = (rows.reshape(len(whitener.non_excited_lines), -1) ** 2).sum(axis=1)
     power[whitener.non_excited_lines < whitener.repeats] = -inf
     between = NonperiodicResidual(recording, fit.residuals[number])

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from diagnosis.progress import CountCallback, counted
 from estimation.fit import Fit
-from estimation.fit_column_space import FitColumnSpace, RowIndex, fit_column_space, has_run_spectrum
+from estimation.fit_column_space import (
+    FitColumnSpace,
+    RowIndex,
+    fit_column_space,
+    has_run_spectrum,
+    rows_of_recordings,
+)
 from estimation.least_squares.square_root_information import ColumnSpace
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitened_spectrum import lines
@@ -119,10 +125,6 @@ class NoiseDraws:
                 rows_drawn = self._values[first : first + ROWS_AT_ONCE]
                 rows_drawn[:] = rng.standard_normal(rows_drawn.shape)
         return self._values[:rows]
-
-    def forget(self) -> None:
-        """Release the memory."""
-        self._values = np.zeros((0, NOISE_DRAWS), np.float32)
 
 
 # What score tests in the same noise share.
@@ -358,7 +360,9 @@ class NullModel:
         """
         basis = self.column_space.basis_in(slice(0, len(self.residual)))
         leverages: list[Array | None] = []
-        for recording, noise, rows in zip(self.fit.recordings, self.fit.noise, self._rows_of_recordings, strict=True):
+        for recording, noise, rows in zip(
+            self.fit.recordings, self.fit.noise, rows_of_recordings(self.fit), strict=True
+        ):
             estimated = has_run_spectrum(recording, noise)
             taken = (lines(basis[rows], len(recording.channels)) ** 2).sum(axis=2) if estimated else None
             leverages.append(taken)
@@ -374,10 +378,4 @@ class NullModel:
         """How many rows of each recording are reached: its first ones."""
         mask = np.zeros(len(self.residual), dtype=bool)
         mask[self.reached] = True
-        return [int(mask[rows].sum()) for rows in self._rows_of_recordings]
-
-    @property
-    def _rows_of_recordings(self) -> list[slice]:
-        """The rows of each recording."""
-        ends = np.cumsum([0, *(n.whitener.rows for n in self.fit.noise)])
-        return [slice(int(first), int(last)) for first, last in pairwise(ends)]
+        return [int(mask[rows].sum()) for rows in rows_of_recordings(self.fit)]
