@@ -35,20 +35,22 @@ Array = NDArray[np.float64]
 MAX_COEFFICIENT_CHANGE = 0.1
 """Largest relative change of an effect's prediction between two data sets that counts as consistent: at most its
 square, 1 % of the effect's power, is then unexplained."""
+ESTIMABLE = 1e-10
+"""Variance of a direction of scaled coefficients, over the largest: below it is rounding, and nothing to divide by."""
 
 
 def inconsistent_effect(candidate: CandidateModel, held_out: Sequence[HeldOut]) -> tuple[str, str] | None:
     """The lasting effect whose coefficients change most between data sets, if significantly and by more than 10 %, and
     the reason to reject it."""
-    found, pairs = [], _fit_pairs(candidate, held_out)
+    inconsistent, pairs = [], _fit_pairs(candidate, held_out)
     for effect in (e for e in candidate.added if not e.per_recording):
         for first, second, where in pairs:
             p_value, change = coefficient_change(effect, first, second)
             if p_value < LEVELS.effect and change > MAX_COEFFICIENT_CHANGE:
-                found.append((change, effect.id, where))
-    if not found:
+                inconsistent.append((change, effect.id, where))
+    if not inconsistent:
         return None
-    change, effect_id, where = max(found, key=lambda f: f[0])
+    change, effect_id, where = max(inconsistent, key=lambda i: i[0])
     share = f"{change:.0%}" if change < 10 else "more than ten times"
     return effect_id, f"its coefficients are inconsistent: its prediction changes by {share} {where}"
 
@@ -82,7 +84,7 @@ def coefficient_change(effect: Effect, first: Fit, second: Fit) -> tuple[float, 
     covariance = sum(_covariance(f, names) for f in (first, second))
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    estimable = values > 1e-10 * values.max()
+    estimable = values > ESTIMABLE * values.max()
     along = vectors[:, estimable].T @ (differences / scale) / np.sqrt(values[estimable])
     p_value = float(chi2_sf(float(along @ along), int(estimable.sum())))
     return p_value, _relative_change(effect, first, second)
@@ -96,14 +98,15 @@ def _covariance(fitted: Fit, names: Sequence[str]) -> Array:
 def _relative_change(effect: Effect, first: Fit, second: Fit) -> float:
     number = next((i for i, m in enumerate(second.layout.models) if effect.id in [e.id for e in m.effects]), 0)
     model, recording, noise = second.layout.models[number], second.recordings[number], second.noise[number]
-    own = effect.qualified(model.space)
-    changed = [{}, {p.name: first.values[p.name] for p in own}, {p.name: p.nominal for p in own if not p.nuisance}]
+    of_effect = effect.qualified(model.space)
+    nominal = {p.name: p.nominal for p in of_effect if not p.nuisance}
+    changed = [{}, {p.name: first.values[p.name] for p in of_effect}, nominal]
     unchanged, swapped, absent = (second.layout.values_of(number, {**second.values, **new}) for new in changed)
     without, derivative = noise.whitener.response(model_response(model, recording, absent))
     responses = [model_response(model, recording, theta, derivative=False) for theta in (unchanged, swapped)]
     basis = orthonormal_basis(derivative[:, : model.base_size])
     rows = [*(noise.whitener.response(response)[0] for response in responses), without]
-    with_it, with_other, without = (own - basis @ (basis.T @ own) for own in rows)
+    with_it, with_other, without = (whole - basis @ (basis.T @ whole) for whole in rows)
     size_of_effect = float(np.linalg.norm(with_it - without))
     return float(np.linalg.norm(with_it - with_other)) / max(size_of_effect, 1e-300)
 
@@ -162,6 +165,11 @@ def _foreign_excess(candidate: CandidateModel, effect: Effect, foreign: dict[int
 LEAST_SHARE = 0.01
 """That an effect removes of a single run's residual beyond noise. Its significance is by the residual's spectrum, which
 holds for noise: physics that no effect explains and that comes and goes makes some effect significant in every run."""
+DETERMINED = 0.1
+"""Std of a parameter over its value below which a model determines it; one above 1 says nothing of it."""
+CONFIRMED = 0.5
+"""Share of the fall of chi-square on fitted halves that has to remain on the others: a true effect keeps nearly all of
+it, one that fits noise raises the error by as much as it had lowered it, and a half is about midway."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,11 +212,11 @@ class AcceptanceEvidence:
     def collinear_parameter(self) -> str | None:
         """An inertial parameter of the tool that the base model determines and the candidate no longer does.
 
-        Its std is below a tenth of its value in the base model, and above its value in the candidate.
+        Its std is below `DETERMINED` of its value in the base model, and above its value in the candidate.
         """
         for p in inertial_parameters(self.candidate.fit.model.space):
             before, after = (c.fit.parameters[p.name] for c in (self.base, self.candidate))
-            if before.std < abs(before.value) / 10 and after.std > abs(before.value):
+            if before.std < DETERMINED * abs(before.value) and after.std > abs(before.value):
                 return p.name
         return None
 
@@ -230,15 +238,14 @@ class AcceptanceEvidence:
         return (
             not noise_from_residual(fit)
             and self.candidate.adequate
-            and all(h.prediction(fit).comparison.lack_of_fit >= LEVELS.held_out for h in tested)
+            and all(h.comparison(fit).lack_of_fit >= LEVELS.held_out for h in tested)
         )
 
     @cached_property
     def holds_across_halves(self) -> bool:
         """Twofold cross-validation: whether effects estimated on one half of the training data explain the other.
 
-        Their chi-square drop on the test halves has to exceed half of that on the fitted halves: a true effect keeps
-        nearly all of it, one that fits noise raises the error by as much as it had lowered it.
+        Their chi-square drop on the test halves has to exceed `CONFIRMED` of that on the fitted halves.
         """
         halves = half_splits(self.candidate.fit)
         ways: list[tuple[Fit, Sequence[RecordingNoise], Sequence[RecordingNoise]]]
@@ -251,7 +258,7 @@ class AcceptanceEvidence:
 
         both_ways = np.array([costs(way) for way in ways]).reshape(2, 2, 2).sum(axis=1)
         fitted_drop, tested_drop = both_ways[0] - both_ways[1]
-        return bool(tested_drop > fitted_drop / 2)
+        return bool(tested_drop > CONFIRMED * fitted_drop)
 
     @cached_property
     def inconsistent(self) -> tuple[str, str] | None:
@@ -385,10 +392,10 @@ def accept(
     """
     reasons: dict[str, str] = {}
     while True:
-        known: tuple[HeldOut, ...] = ()
+        disturbed: tuple[HeldOut, ...] = ()
         try:
-            known = tuple(with_disturbances(h, candidate.fit, effects, candidate.cache) for h in held_out)
-            evidence = AcceptanceEvidence(candidate, base, known)
+            disturbed = tuple(with_disturbances(h, candidate.fit, effects, candidate.cache) for h in held_out)
+            evidence = AcceptanceEvidence(candidate, base, disturbed)
             rejected, reason = judge(ACCEPTANCE_RULES, evidence)
             effect_id = rejected(evidence)
         except InputError:
@@ -396,6 +403,6 @@ def accept(
             effect_id = AcceptanceEvidence(candidate, base).least_significant
             reason = "its prediction for the held-out motion has no solution"
         if effect_id is None:
-            return Acceptance(candidate, reasons, known)
+            return Acceptance(candidate, reasons, disturbed)
         reasons[effect_id] = reason
         candidate = candidate.without(effect_id)

@@ -104,8 +104,8 @@ class Calibration(Tabular):
 
     def printed(self) -> list[Table | str]:
         """The false-alarm rate, then the power."""
-        known = f", with {', '.join(self.model)}" if self.model else ""
-        head = f"{self.recording}: {self.alarms.total} surrogates of the fitted model{known}, noise like its residual"
+        effects = f", with {', '.join(self.model)}" if self.model else ""
+        head = f"{self.recording}: {self.alarms.total} surrogates of the fitted model{effects}, noise like its residual"
         return [head, *self.sentences, *([self.table] if self.power else [])]
 
     @property
@@ -129,10 +129,10 @@ class Calibration(Tabular):
 
         Fewer candidates give fewer false alarms, and a higher power.
         """
-        own, theirs = set(self.candidates or ()), set(candidates)
-        if self.candidates is None or own == theirs:
+        ours, theirs = set(self.candidates or ()), set(candidates)
+        if self.candidates is None or ours == theirs:
             return ""
-        return f"it was made with {len(own)} candidate effects, and this diagnosis has {len(theirs)}: its rates differ"
+        return f"it was made with {len(ours)} candidate effects, and this diagnosis has {len(theirs)}: its rates differ"
 
     def require_of(self, recordings: Iterable[Recording]) -> None:
         """Raise InputError unless it is a calibration of one of these recordings, by its readings."""

@@ -28,7 +28,7 @@ from diagnosis.verdict.aliasing import (
     given_alternatives,
     within_tolerance,
 )
-from diagnosis.verdict.finding import EFFECT_RULES, EffectRule, Finding, gather_evidence, judge_effects
+from diagnosis.verdict.finding import EFFECT_RULES, EffectRule, Finding, judge_effects
 from diagnosis.verdict.selection_step import (
     SelectionStep,
     explainable_power_by_step,
@@ -405,15 +405,13 @@ def _diagnosed(
     require_positive_fitted_mass(steps[-1].fit)
     progress("verdict, upper limit and aliases of every effect")
     alternatives = given_alternatives(final, candidates)
-    evidence = gather_evidence(selection, final, candidates, reasons)
-    findings = judge_effects(selection, final, steps, power, evidence, candidates, tolerance, effect_rules)
+    findings = judge_effects(selection, final, steps, power, reasons, candidates, tolerance, effect_rules)
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], tolerance, rows)
     shift = zero_shift(final.fit, known[0].validation_fit(final.fit)) if known else None
     disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
     final.cache.forget()
-    cache.noise_draws.forget()
     return Diagnosis(
         final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
         gravity=None if case.found is None else with_fitted_tilt(case.found, final.fit.model, steps[-1].fit.values),

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from diagnosis.comparison.comparison import Comparison, comparison_of
-from diagnosis.comparison.validation import non_excited_noise, validation_fit
+from diagnosis.comparison.validation import ValidationFit, non_excited_noise, validation_fit
 from diagnosis.screening.null_model import ScreeningCache
 from diagnosis.screening.score_test import ScoreTest, refit_initial_values, screen, significant_effects
 from diagnosis.subset_search import effect_with_offsets
@@ -26,27 +25,32 @@ from modeling.noise import NoiseSource
 from modeling.space import Space
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class HeldOut:
     """A recording that was not used for the fit, with its noise.
 
-    disturbances    its recording-specific disturbances: drift, contact
-    start  initial values of their parameters
+    disturbances  its recording-specific disturbances: drift, contact
+    start         initial values of their parameters
     """
 
     recording: Recording
     noise: RecordingNoise
     disturbances: tuple[Effect, ...] = ()
     start: NuisanceValues = field(default_factory=dict)
-    _predictions: dict[Fit, HeldOutPrediction] = field(default_factory=dict, init=False, repr=False)
+    _fits: dict[Fit, ValidationFit] = field(default_factory=dict, init=False, repr=False)
+    _comparisons: dict[Fit, Comparison] = field(default_factory=dict, init=False, repr=False)
 
-    def prediction(self, fit: Fit) -> HeldOutPrediction:
-        """The prediction of this recording by a fit."""
-        return self._predictions.setdefault(fit, HeldOutPrediction(self, fit))
-
-    def validation_fit(self, fit: Fit) -> Fit:
+    def validation_fit(self, fit: Fit) -> ValidationFit:
         """Validation fit to this recording: its biases and its disturbances estimated here."""
-        return self.prediction(fit).validation_fit
+        if fit not in self._fits:
+            self._fits[fit] = validation_fit(fit, self.recording, self.noise, self.disturbances, self.start)
+        return self._fits[fit]
+
+    def comparison(self, fit: Fit) -> Comparison:
+        """This recording with its prediction by a fit."""
+        if fit not in self._comparisons:
+            self._comparisons[fit] = comparison_of(self.validation_fit(fit), 0)
+        return self._comparisons[fit]
 
     @property
     def disturbances_identifiable(self) -> bool:
@@ -64,25 +68,6 @@ class HeldOut:
         repeats = self.noise.source is NoiseSource.REPEATS
         noise = estimate_noise(self.recording, residual_with_tones(carried, 0)) if repeats else self.noise
         return replace(self, noise=noise, start=start)
-
-
-@dataclass(frozen=True, eq=False)
-class HeldOutPrediction:
-    """A held-out recording as a fit to other recordings predicts it."""
-
-    held_out: HeldOut
-    fit: Fit
-
-    @cached_property
-    def validation_fit(self) -> Fit:
-        """The fit with the biases and the disturbances estimated on the held-out recording."""
-        own = self.held_out
-        return validation_fit(self.fit, own.recording, own.noise, own.disturbances, own.start)
-
-    @cached_property
-    def comparison(self) -> Comparison:
-        """The recording with that prediction."""
-        return comparison_of(self.validation_fit, 0)
 
 
 # Recording-specific disturbances (drift, contact, payload, interference) of a held-out recording.
@@ -127,27 +112,27 @@ def with_disturbances(
 
     Tested are the recording-specific effects of the catalogue and of the candidates, on the non-excited lines only, so
     that they cannot absorb systematic error of the fit. Without repeats there are no such lines: disturbances are then
-    tested only where the noise has a detected event. After each one found the noise is re-estimated. Workers and noise
-    draws are those of the `cache`.
+    tested only where the noise has a detected event. After each one found the noise is re-estimated. Noise draws are
+    those of the `cache`.
     """
     space = fit.model.space
     listed = [e for e in {e.id: e for e in (*catalogue(space), *candidates)}.values() if e.per_recording]
-    found = replace(held_out, disturbances=(), start={})
+    disturbed = replace(held_out, disturbances=(), start={})
     cache = ScreeningCache() if cache is None else cache
-    while found.disturbances_identifiable and (
-        extended := _with_best_effect(found, fit, _others(listed, found.disturbances), cache)
+    while disturbed.disturbances_identifiable and (
+        extended := _with_best_effect(disturbed, fit, _others(listed, disturbed.disturbances), cache)
     ):
-        found = _relocated(extended, fit, cache)
-    for effect in found.disturbances[:-1]:
-        without = replace(found, disturbances=_others(found.disturbances, [effect]))
+        disturbed = _relocated(extended, fit, cache)
+    for effect in disturbed.disturbances[:-1]:
+        without = replace(disturbed, disturbances=_others(disturbed.disturbances, [effect]))
         if not _significant(without.non_excited_fit(fit), [effect], cache.in_other_noise()):
-            found = without.reestimated(fit)
-    return found
+            disturbed = without.reestimated(fit)
+    return disturbed
 
 
-def _others(effects: Sequence[Effect], known: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Those effects that are not among the known ones."""
-    return tuple(e for e in effects if e.id not in {k.id for k in known})
+def _others(effects: Sequence[Effect], left_out: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects without those left out."""
+    return tuple(e for e in effects if e.id not in {other.id for other in left_out})
 
 
 def _with_best_effect(held_out: HeldOut, fit: Fit, effects: Sequence[Effect], cache: ScreeningCache) -> HeldOut | None:
@@ -168,16 +153,15 @@ def _with_each_significant(
 ) -> list[HeldOut]:
     """The recording with each significant effect that is identifiable in turn, from its score test's initial values."""
     non_excited, cache = held_out.non_excited_fit(fit), cache.in_other_noise()
-    found = []
+    identifiable = []
     for screening in _significant(non_excited, effects, cache):
         start = {**held_out.start, **refit_initial_values(non_excited, screening, cache)}
         on_axis = replace(held_out, disturbances=(*held_out.disturbances, screening.effect), start=start)
         tested = effect_with_offsets(on_axis.non_excited_fit(fit), screening.effect, cache)
         extended = replace(on_axis, disturbances=(*held_out.disturbances, tested))
         if extended.validation_fit(fit).identifies(tested):
-            found.append(extended)
-    cache.forget()
-    return found
+            identifiable.append(extended)
+    return identifiable
 
 
 def _best(choices: Sequence[HeldOut], fit: Fit, candidates: int) -> HeldOut:
@@ -200,10 +184,10 @@ def disturbances_of(held_out: HeldOut, fit: Fit) -> tuple[RecordingDisturbance, 
 
 def _disturbance(carried: Fit, effect: Effect) -> RecordingDisturbance:
     model, recording = carried.model, carried.recordings[0]
-    own = effect.qualified(model.space)
-    nominal = {p.name: p.nominal for p in own if not p.nuisance}
+    parameters = effect.qualified(model.space)
+    nominal = {p.name: p.nominal for p in parameters if not p.nuisance}
     absent = carried.layout.values_of(0, {**carried.values, **nominal})
     added = predicted_readings(model, recording, carried.theta) - predicted_readings(model, recording, absent)
     swing = {c: float(s) for c, s in zip(recording.channels, np.ptp(added, axis=0), strict=True)}
-    parameters = {p.name.split(".", 1)[1]: carried.parameters[p.name] for p in own}
-    return RecordingDisturbance(recording, effect, parameters, swing)
+    estimates = {p.name.split(".", 1)[1]: carried.parameters[p.name] for p in parameters}
+    return RecordingDisturbance(recording, effect, estimates, swing)

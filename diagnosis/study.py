@@ -345,7 +345,7 @@ class Study(Tabular):
     def _step(self, change: str, found: Fit) -> StudyStep:
         fitted = with_ordinary_estimate(found)
         training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
-        validation = tuple(h.prediction(fitted).comparison for h in self._held_out)
+        validation = tuple(h.comparison(fitted) for h in self._held_out)
         return StudyStep(change, fitted, training, validation)
 
 

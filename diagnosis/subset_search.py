@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
@@ -13,7 +13,7 @@ from diagnosis.comparison.comparison import Comparison, comparison_of, noise_fro
 from diagnosis.progress import CountCallback, Progress, count_progress, counted, silent
 from diagnosis.screening.grid_search import affected_rows
 from diagnosis.screening.null_model import NullModel, ScreeningCache
-from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
+from diagnosis.screening.projection import ProjectedColumns
 from diagnosis.screening.score_test import (
     ScoreTest,
     absent_effects,
@@ -25,7 +25,7 @@ from diagnosis.screening.score_test import (
 from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
 from estimation.fit import Fit, reestimated_noise, refit, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi2_sf, chi_square_penalty
-from modeling.chain.effect import Effect, GridSuperposition
+from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.significance import LEVELS
@@ -76,12 +76,11 @@ def _with(model: WrenchModel, effect: Effect) -> WrenchModel:
 
 def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> float:
     """P-value of the fixed parameters of one of a fit's effects, at their nominal values."""
-    null_model, names = NullModel.of(fit, cache), _fixed_names(effect, fit.model)
+    names = _fixed_names(effect, fit.model)
     model = fit.model.without(effect.id) + effect.unrestricted(fit.model.space)
-    choice = affected_rows(null_model, model, tested=False)
-    whitened = WhitenedColumns(whitened_sensitivities(null_model, model, [{}], names, choice), choice)
-    projected = ProjectedColumns(null_model, whitened, GridSuperposition.plain([{}]), -np.inf)
-    return projected.test(0).p_value()
+    choice = affected_rows(fit, model, tested=False)
+    columns = whitened_sensitivities(fit, model, [{}], names, choice)
+    return ProjectedColumns.of_point(cache.null_model(fit), columns, choice).test(0).p_value()
 
 
 def _freed(fit: Fit, effect: Effect) -> Fit:
@@ -102,14 +101,14 @@ def _significantly_off(fit: Fit, names: tuple[str, ...]) -> bool:
 
 
 BEAM_WIDTH = 2
-"""Sets of effects kept at each size."""
+"""Sets of effects kept at each size: where two effects look alike beside the base model, the true one is in either."""
 MAX_REFITS = 3
-"""Significant effects refitted exactly for each set."""
+"""Significant effects refitted exactly for each set: a refit takes as long as many score tests."""
 MAX_EFFECTS = 4
 """Largest set size."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class CandidateModel:
     """A model with a set of effects, refitted exactly.
 
@@ -128,8 +127,8 @@ class CandidateModel:
     @property
     def added(self) -> tuple[Effect, ...]:
         """The effects of the set, in order of addition; without those given."""
-        known = {e.id for e in self.given}
-        return tuple(e for e in self.fit.model.effects if e.id not in known)
+        given = {e.id for e in self.given}
+        return tuple(e for e in self.fit.model.effects if e.id not in given)
 
     @property
     def ids(self) -> frozenset[str]:
@@ -139,7 +138,7 @@ class CandidateModel:
     @property
     def null_model(self) -> NullModel:
         """Its fit as null model of score tests."""
-        return NullModel.of(self.fit, self.cache)
+        return self.cache.null_model(self.fit)
 
     @cached_property
     def cost(self) -> float:
@@ -152,10 +151,10 @@ class CandidateModel:
             self._without[effect_id] = refit_effects(self, [e for e in self.added if e.id != effect_id])
         return self._without[effect_id]
 
-    def without_each(self, tried: Sequence[CandidateModel] = ()) -> dict[str, CandidateModel]:
+    def without_each(self, tried: Iterable[CandidateModel] = ()) -> dict[str, CandidateModel]:
         """The candidate without each of its effects in turn, by effect id; refitted unless `tried`."""
-        known = {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
-        return {e.id: known.get(self.ids - {e.id}) or self.without(e.id) for e in self.added}
+        in_same_noise = {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
+        return {e.id: in_same_noise.get(self.ids - {e.id}) or self.without(e.id) for e in self.added}
 
     def screened(self, effects: Sequence[Effect], announce: CountCallback | None = None) -> list[ScoreTest]:
         """Score tests of the effects that it lacks; those of the same effects are made once."""
@@ -206,9 +205,11 @@ class CandidateModel:
 
 
 @dataclass(eq=False)
-class SearchRecord:
-    """What a search has done with each set of effects, by the ids of the set.
+class SubsetSearch:
+    """A search over sets of effects: what it has done with each, by the ids of the set, and what it chose.
 
+    base         the base model, with the effects given
+    chosen       the set chosen
     tried        refitted as an extension; and the base model
     reduced      refitted without an effect of a larger set, and not tried
     extended     its significant extensions were looked for
@@ -217,6 +218,8 @@ class SearchRecord:
     unconverged  the set at which the search ended, as its refit has not converged; None where it ended otherwise
     """
 
+    base: CandidateModel
+    chosen: CandidateModel
     tried: dict[frozenset[str], CandidateModel] = field(default_factory=dict)
     reduced: dict[frozenset[str], CandidateModel] = field(default_factory=dict)
     extended: set[frozenset[str]] = field(default_factory=set)
@@ -224,9 +227,14 @@ class SearchRecord:
     unsolved: set[frozenset[str]] = field(default_factory=set)
     unconverged: frozenset[str] | None = None
 
+    @property
+    def best(self) -> CandidateModel:
+        """Of the sets tried the best by the criterion."""
+        return min(self.tried.values(), key=lambda c: c.criterion)
+
     def without_each(self, candidate: CandidateModel) -> list[CandidateModel]:
         """The candidate without each of its effects in turn; sets that were not tried are recorded as reduced."""
-        smaller = list(candidate.without_each(list(self.tried.values())).values())
+        smaller = list(candidate.without_each(self.tried.values()).values())
         self.reduced.update({c.ids: c for c in smaller if c.ids not in self.tried})
         return smaller
 
@@ -235,19 +243,12 @@ class SearchRecord:
         refitted = {**self.reduced, **self.tried}
         return sorted((c for ids, c in refitted.items() if effect_id in ids), key=lambda c: len(c.ids))
 
-
-@dataclass(frozen=True, eq=False)
-class SubsetSearch:
-    """Result of the search: base model (with the effects given), chosen set, all sets tried, and what was not."""
-
-    base: CandidateModel
-    chosen: CandidateModel
-    tried: tuple[CandidateModel, ...] = field(default=())
-    record: SearchRecord = field(default_factory=SearchRecord)
-
     def refitted(self, candidate: CandidateModel, effects: Sequence[Effect]) -> CandidateModel:
         """The candidate with another set of effects: the tried one if in the same noise, else refitted."""
-        return _tried_or_refitted({c.ids: c for c in (self.base, *self.tried)}, candidate, effects)
+        tried = {self.base.ids: self.base, **self.tried}.get(frozenset(e.id for e in effects))
+        return (
+            tried if tried is not None and tried.fit.noise is candidate.fit.noise else refit_effects(candidate, effects)
+        )
 
 
 def search_subsets(
@@ -261,34 +262,32 @@ def search_subsets(
     model's noise.
     """
     cache = ScreeningCache() if cache is None else cache
-    start = CandidateModel(base, len(effects), cache, base.model.effects)
-    level, tried = [start], {start.ids: start}
-    record = SearchRecord(tried)
+    start, own_noises = CandidateModel(base, len(effects), cache, base.model.effects), noise_from_residual(base)
+    search, level = SubsetSearch(start, start, {start.ids: start}), [start]
     for _ in range(MAX_EFFECTS):
-        extended = _extended_sets(level, effects, record, progress)
+        extended = _extended_sets(level, effects, search, progress)
         if not extended:
             break
-        if noise_from_residual(base):
+        if own_noises:
             level = [_best_of_own_noises(extended)]
         else:
             level = _best_by_criterion(extended, BEAM_WIDTH)
-            best = min(tried.values(), key=lambda c: c.criterion)
-            if best.adequate:
-                if best not in level:
+            if search.best.adequate:
+                if search.best not in level:
                     break
-                level = [best]
+                level = [search.best]
         if not level[0].fit.converged:
-            record.unconverged = level[0].ids
+            search.unconverged = level[0].ids
             break
-    best = level[0] if noise_from_residual(base) else min(tried.values(), key=lambda c: c.criterion)
-    if len(best.ids) > 1:
-        exchanged = _exchanged(best, effects, record, progress)
-        best = best if noise_from_residual(base) else exchanged  # there compared below, in a common noise
-    smaller = _backward_elimination(best, record, progress)
-    chosen = _most_parsimonious(smaller, tuple(tried.values()))
-    if chosen is not smaller and noise_from_residual(base):
-        chosen = _backward_elimination(chosen, record, progress)  # in the common noise
-    return SubsetSearch(start, chosen, tuple(tried.values()), record)
+    best = level[0] if own_noises else search.best
+    if len(best.ids) > 1:  # one exchange: each effect in turn is replaced by others significant given the rest
+        _extended_sets(search.without_each(best), effects, search, progress)
+        best = best if own_noises else search.best  # of own noises compared below, in a common one
+    smaller = _backward_elimination(best, search, progress)
+    search.chosen = _most_parsimonious(smaller, tuple(search.tried.values()))
+    if search.chosen is not smaller and own_noises:
+        search.chosen = _backward_elimination(search.chosen, search, progress)  # in the common noise
+    return search
 
 
 def _best_by_criterion(candidates: Sequence[CandidateModel], width: int) -> list[CandidateModel]:
@@ -297,28 +296,12 @@ def _best_by_criterion(candidates: Sequence[CandidateModel], width: int) -> list
     return sorted(minima or candidates, key=lambda c: c.criterion)[:width]
 
 
-def _exchanged(
-    best: CandidateModel, effects: Sequence[Effect], record: SearchRecord, progress: Progress
-) -> CandidateModel:
-    """The best set after one exchange pass: each effect in turn is replaced by others significant given the rest."""
-    _extended_sets(record.without_each(best), effects, record, progress)
-    return min(record.tried.values(), key=lambda c: c.criterion)
-
-
 def _comparisons(fit: Fit) -> tuple[Comparison, ...]:
     return tuple(comparison_of(fit, number) for number in range(len(fit.recordings)))
 
 
-def _ids(effects: Sequence[Effect]) -> str:
-    return " + ".join(sorted(e.id for e in effects))
-
-
-def _tried_or_refitted(
-    tried: Mapping[frozenset[str], CandidateModel], candidate: CandidateModel, effects: Sequence[Effect]
-) -> CandidateModel:
-    """The candidate with another set of effects: the tried one if in the same noise, else refitted."""
-    known = tried.get(frozenset(e.id for e in effects))
-    return known if known is not None and known.fit.noise is candidate.fit.noise else refit_effects(candidate, effects)
+def _names(ids: Iterable[str]) -> str:
+    return " + ".join(sorted(ids))
 
 
 def _most_parsimonious(best: CandidateModel, tried: Sequence[CandidateModel]) -> CandidateModel:
@@ -360,65 +343,58 @@ def _best_in_noise_of(best: CandidateModel, others: Sequence[CandidateModel]) ->
 
 
 def _extended_sets(
-    level: Sequence[CandidateModel],
-    effects: Sequence[Effect],
-    record: SearchRecord,
-    progress: Progress,
+    level: Sequence[CandidateModel], effects: Sequence[Effect], search: SubsetSearch, progress: Progress
 ) -> list[CandidateModel]:
     """The sets extended by one significant effect, unless tried already; they are recorded as tried."""
-    given = "; ".join(_ids(c.fit.model.effects) or "the rigid tool" for c in level)
+    given = "; ".join(_names(e.id for e in c.fit.model.effects) or "the rigid tool" for c in level)
     screen_all(level, effects, count_progress(progress, f"score tests given {given}"))
-    wanted = [extension for c in level for extension in _wanted_extensions(c, effects, record)]
+    wanted = [extension for c in level for extension in _wanted_extensions(c, effects, search)]
     extended = []
-    while wanted := [extension for extension in wanted if extension.ids not in record.tried]:
-        first = list({extension.ids: extension for extension in reversed(wanted)}.values())[::-1]
-        doing = "refit with " + "; ".join(" + ".join(sorted(extension.ids)) for extension in first)
+    while wanted := [extension for extension in wanted if _extended_ids(extension) not in search.tried]:
+        first = list({_extended_ids(extension): extension for extension in reversed(wanted)}.values())[::-1]
+        doing = "refit with " + "; ".join(_names(_extended_ids(extension)) for extension in first)
         for extension in counted(first, count_progress(progress, doing)):
-            new = _refit_extension(extension)
+            ids, new = _extended_ids(extension), _refit_extension(*extension)
             if new is None:
-                record.unsolved.add(extension.ids)
+                search.unsolved.add(ids)
             else:
-                record.tried[extension.ids] = new
+                search.tried[ids] = new
                 extended.append(new)
         wanted = [extension for extension in wanted if extension not in first]
     return extended
 
 
-@dataclass(frozen=True, eq=False)
-class Extension:
-    """A candidate and a significant effect to add to it."""
+Extension = tuple[CandidateModel, ScoreTest]
+"""A candidate and a significant effect to add to it."""
 
-    candidate: CandidateModel
-    screening: ScoreTest
 
-    @property
-    def ids(self) -> frozenset[str]:
-        """The ids of the extended set."""
-        return self.candidate.ids | {self.screening.effect.id}
+def _extended_ids(extension: Extension) -> frozenset[str]:
+    candidate, screening = extension
+    return candidate.ids | {screening.effect.id}
 
 
 def screen_all(
     level: Sequence[CandidateModel], effects: Sequence[Effect], announce: CountCallback | None = None
 ) -> None:
-    """Run the grid searches of all effects that the candidates lack, in one batch per cache."""
+    """Run the score tests of all effects that the candidates lack, in one batch per cache."""
     for cache in {c.cache: None for c in level}:
         wanted = [key for c in level if c.cache is cache for key in absent_effects(c.fit, effects)]
         run_searches(wanted, cache, announce)
 
 
-def _wanted_extensions(candidate: CandidateModel, effects: Sequence[Effect], record: SearchRecord) -> list[Extension]:
+def _wanted_extensions(candidate: CandidateModel, effects: Sequence[Effect], search: SubsetSearch) -> list[Extension]:
     """The extensions by significant effects, the largest score first, at most MAX_REFITS; others are passed over."""
     significant = sorted(significant_effects(candidate.screened(effects)), key=lambda s: -s.statistic)
-    extensions = [Extension(candidate, s) for s in significant]
-    record.extended.add(candidate.ids)
-    record.passed_over.update(extension.ids for extension in extensions[MAX_REFITS:])
+    extensions = [(candidate, screening) for screening in significant]
+    search.extended.add(candidate.ids)
+    search.passed_over.update(map(_extended_ids, extensions[MAX_REFITS:]))
     return extensions[:MAX_REFITS]
 
 
-def _refit_extension(extension: Extension) -> CandidateModel | None:
+def _refit_extension(candidate: CandidateModel, screening: ScoreTest) -> CandidateModel | None:
     """The extended set, refitted and tested; None where the initial values have no solution."""
     try:
-        new = refit_with_effect(extension.candidate, extension.screening)
+        new = refit_with_effect(candidate, screening)
         _ = new.cost, new.lack_of_fit
     except InputError:
         return None
@@ -449,11 +425,11 @@ def refit_effects(
     return CandidateModel(after, candidate.candidates, candidate.cache, candidate.given)
 
 
-def _backward_elimination(candidate: CandidateModel, record: SearchRecord, progress: Progress) -> CandidateModel:
+def _backward_elimination(candidate: CandidateModel, search: SubsetSearch, progress: Progress) -> CandidateModel:
     """Drop effects one by one while that lowers the criterion."""
     if candidate.ids:
-        progress(f"backward elimination: refit without each of {_ids(candidate.added)}")
-    for smaller in record.without_each(candidate):
+        progress(f"backward elimination: refit without each of {_names(candidate.ids)}")
+    for smaller in search.without_each(candidate):
         if smaller.criterion < candidate.criterion:
-            return _backward_elimination(smaller, record, progress)
+            return _backward_elimination(smaller, search, progress)
     return candidate

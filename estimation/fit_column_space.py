@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,12 @@ RowIndex = slice | NDArray[np.intp]
 """Some of the whitened rows."""
 
 
+def rows_of_recordings(fit: Fit) -> list[slice]:
+    """The whitened rows of each of a fit's recordings among those of all."""
+    ends = np.cumsum([0, *(noise.whitener.rows for noise in fit.noise)]).tolist()
+    return [slice(first, last) for first, last in pairwise(ends)]
+
+
 @dataclass(frozen=True, eq=False)
 class FitColumnSpace:
     """Whitened residual (rows,) of a fit, the rows `reached` by its sensitivities, and their column space there."""
@@ -31,9 +38,9 @@ class FitColumnSpace:
     @property
     def leverage(self) -> Array:
         """Leverage (rows,): diagonal of the hat matrix."""
-        found = np.zeros(len(self.residual))
-        found[self.reached] = np.einsum("ij,ij->i", self.directions.basis, self.directions.basis)
-        return found
+        leverage = np.zeros(len(self.residual))
+        leverage[self.reached] = np.einsum("ij,ij->i", self.directions.basis, self.directions.basis)
+        return leverage
 
     def basis_in(self, index: RowIndex) -> Array:
         """The basis in other rows (r, k), with no columns where it is zero there."""
@@ -72,8 +79,6 @@ def run_spectrum(fit: Fit, number: int) -> WhitenedSpectrum | None:
     recording, noise = fit.recordings[number], fit.noise[number]
     if not has_run_spectrum(recording, noise):
         return None
-    space, p = fit_column_space(fit), len(recording.channels)
-    start = sum(n.whitener.rows for n in fit.noise[:number])
-    part = slice(start, start + noise.whitener.rows)
-    taken = (lines(space.basis_in(part), p) ** 2).sum(axis=2)
-    return WhitenedSpectrum.of(space.residual[part], taken)
+    space, p, rows = fit_column_space(fit), len(recording.channels), rows_of_recordings(fit)[number]
+    taken = (lines(space.basis_in(rows), p) ** 2).sum(axis=2)
+    return WhitenedSpectrum.of(space.residual[rows], taken)

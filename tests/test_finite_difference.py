@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis.screening import whitened_sensitivity as secants
 from diagnosis.screening.grid_search import grid_points
-from diagnosis.screening.null_model import NullModel, RowSet
+from diagnosis.screening.null_model import RowSet
 from diagnosis.screening.score_test import screen
 from diagnosis.screening.whitened_sensitivity import GridPoint, score_columns
 from estimation.fit import Fit, fit
@@ -79,11 +79,10 @@ def test_amounts_count_from_the_nominal_value() -> None:
 
 
 def test_column_of_a_clipped_channel_is_what_clipping_takes() -> None:
-    null_model = NullModel(fitted())
     model = fitted().model + Saturation()
     levels = {"fx": 20.0, "fy": 15.0, "tau": 2.0}
     (point,) = grid_points(model, model.effects[-1], [levels])
-    columns = score_columns(null_model, model, [point], (RowSet.WHOLE,))
+    columns = score_columns(fitted(), model, [point], (RowSet.WHOLE,))
     load = fitted().recordings[0].wrench - fitted().residuals[0]
     for place, level in enumerate(levels.values()):
         taken = np.zeros_like(load)
@@ -95,11 +94,11 @@ def test_column_of_a_clipped_channel_is_what_clipping_takes() -> None:
 
 @pytest.mark.parametrize("stiffness", [4.0, 40.0])
 def test_secants_of_a_bend_are_those_of_an_exact_one(stiffness: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    null_model, model = NullModel(fitted()), fitted().model + TipFlexibility()
+    model = fitted().model + TipFlexibility()
     points = grid_points(model, model.effects[-1], [{"stiffness": stiffness, "damping": 0.05}])
-    found = score_columns(null_model, model, points, (RowSet.WHOLE,))
+    found = score_columns(fitted(), model, points, (RowSet.WHOLE,))
     monkeypatch.setattr(secants, "SCREENED", DEFLECTION_TOLERANCE)
-    expected = score_columns(null_model, model, points, (RowSet.WHOLE,))
+    expected = score_columns(fitted(), model, points, (RowSet.WHOLE,))
     difference = np.linalg.norm(found - expected) / np.linalg.norm(expected)
     # What the last correction of 1e-8 leaves, and ten times that near a resonance.
     assert 0 < difference < 1e-7

@@ -11,7 +11,7 @@ import pytest
 from diagnosis.diagnosis import diagnose
 from diagnosis.screening.grid_search import affected_rows, grid_points, projected_columns, search_domain
 from diagnosis.screening.null_model import NullModel, ScreeningCache
-from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
+from diagnosis.screening.projection import ProjectedColumns
 from diagnosis.screening.score_test import absent_effects, run_searches, screen
 from diagnosis.screening.whitened_sensitivity import score_columns
 from diagnosis.subset_search import MAX_EFFECTS
@@ -19,7 +19,7 @@ from estimation.fit import Fit, fit
 from estimation.least_squares.problem import LinearisedRows
 from estimation.least_squares.square_root_information import orthonormal_basis
 from estimation.recordings.reading import from_columns
-from modeling.chain.effect import Effect, GridSuperposition, NuisanceValues
+from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import planar
 from modeling.effects import catalogue, named
 from modeling.effects.loads import ViscousDrag
@@ -51,11 +51,9 @@ def alone(null_model: NullModel, model_effect: Effect, values: NuisanceValues) -
     """One point by its own columns."""
     model = null_model.fit.model + model_effect
     points = grid_points(model, model.effects[-1], [values])
-    choice = affected_rows(null_model, model)
-    columns = score_columns(null_model, model, points, choice)
-    return ProjectedColumns(
-        null_model, WhitenedColumns(columns, choice), GridSuperposition.plain([values]), points[0].lowest()
-    )
+    choice = affected_rows(null_model.fit, model)
+    columns = score_columns(null_model.fit, model, points, choice)
+    return ProjectedColumns.of_point(null_model, columns, choice, points[0].lowest())
 
 
 def some(grid: tuple[NuisanceValues, ...]) -> list[int]:
@@ -74,14 +72,14 @@ def test_a_point_of_a_grid_scores_as_it_does_alone(effect: Effect, repeats: int)
         assert grid == ()  # no tone is sought in a single run
         return
     assert grid
-    together = projected_columns(null_model, model, effect, grid)
+    together = projected_columns(null_model, model, effect, grid, ScreeningCache())
     for place in some(grid):
         one = alone(null_model, effect, grid[place])
-        size = max(1.0, one.trial(0).score)
-        assert together.trial(place).rank == one.trial(0).rank
-        assert together.trial(place).score == pytest.approx(one.trial(0).score, abs=ROUNDING * size)
-        np.testing.assert_allclose(together.trial(place).amounts, one.trial(0).amounts, rtol=1e-4, atol=1e-9)
-        np.testing.assert_allclose(together.trial(place).std, one.trial(0).std, rtol=1e-5)
+        size = max(1.0, one.scores[0])
+        assert together.ranks[place] == one.ranks[0]
+        assert together.scores[place] == pytest.approx(one.scores[0], abs=ROUNDING * size)
+        np.testing.assert_allclose(together.amounts[place], one.amounts[0], rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(together.std[place], one.std[0], rtol=1e-5)
 
 
 def test_every_searched_effect_of_the_catalogue_is_covered() -> None:
@@ -103,7 +101,7 @@ def test_windows_are_differences_of_steps_also_when_they_overlap_an_edge() -> No
     for place, window in enumerate(windows):
         one = alone(null_model, effect, window)
         np.testing.assert_allclose(together.columns(place), one.columns(0), atol=1e-9 * np.abs(one.columns(0)).max())
-        assert together.found[0][place] == pytest.approx(one.found[0][0], rel=1e-8)
+        assert together.scores[place] == pytest.approx(one.scores[0], rel=1e-8)
 
 
 def test_score_is_the_drop_of_chi_square() -> None:
@@ -112,11 +110,11 @@ def test_score_is_the_drop_of_chi_square() -> None:
     residual, derivative = fitted().problem.evaluate(fitted().theta)
     model = fitted().model + ViscousDrag()
     (point,) = grid_points(model, model.effects[-1], [{"d": 0.1}])
-    choice = affected_rows(null_model, model)
-    columns = null_model.spread(score_columns(null_model, model, [point], choice)[:, 0], choice)
+    choice = affected_rows(null_model.fit, model)
+    columns = null_model.spread(score_columns(null_model.fit, model, [point], choice)[:, 0], choice)
     before, after = (orthonormal_basis(m) for m in (derivative, np.column_stack([derivative, columns])))
     drop = np.sum((after.T @ residual) ** 2) - np.sum((before.T @ residual) ** 2)
-    assert alone(null_model, ViscousDrag(), {"d": 0.1}).found[0][0] == pytest.approx(drop, rel=1e-6)
+    assert alone(null_model, ViscousDrag(), {"d": 0.1}).scores[0] == pytest.approx(drop, rel=1e-6)
 
 
 def test_what_a_cache_keeps_changes_nothing() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.grid_search import affected_rows, grid_points, search_domain
 from diagnosis.screening.null_model import NullModel, row_index
-from diagnosis.screening.projection import ScoredColumns
+from diagnosis.screening.projection import columns_beside, noise_levels
 from diagnosis.screening.whitened_sensitivity import score_columns
 from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
@@ -45,14 +45,13 @@ def test_all_rows_say_the_same(effect: str, repeats: tuple[int, ...]) -> None:
     noise, model = null_model.fit.noise, null_model.fit.model + named(effect)
     grid = named(effect).nuisance_grid(search_domain(null_model, 0, model.effects[-1]))
     points = grid_points(model, model.effects[-1], grid[:1])
-    choice = affected_rows(null_model, model, points[0])
-    columns = score_columns(null_model, model, points, choice)[:, 0]
-    found = ScoredColumns.of(null_model, columns, choice)
+    choice = affected_rows(null_model.fit, model, points[0])
+    columns = score_columns(null_model.fit, model, points, choice)[:, 0]
+    free, ranges = columns_beside(null_model, columns, choice)
     whole = null_model.project_out(null_model.spread(columns, choice))
-    index = row_index(found.ranges, noise)
+    index = row_index(ranges, noise)
     size = float(np.linalg.norm(whole))
-    np.testing.assert_allclose(found.columns, whole[index], atol=1e-10 * size)
-    np.testing.assert_array_equal(found.residual, null_model.residual[index])
+    np.testing.assert_allclose(free, whole[index], atol=1e-10 * size)
     others = whole.copy()
     others[index] = 0.0
     assert np.linalg.norm(others) < 1e-10 * size
@@ -61,7 +60,7 @@ def test_all_rows_say_the_same(effect: str, repeats: tuple[int, ...]) -> None:
     parts = zip(noise, ends[:-1], ends[1:], strict=True)
     variance = np.sum([n.log_power_variance_of(shares[start:end]) for n, start, end in parts], axis=0)
     known = [leverage is None for leverage in null_model.line_leverage]
-    levels = found.noise_levels(found.columns, found.columns)
+    levels = noise_levels(null_model, ranges, free, free)
     if all(known):
         np.testing.assert_allclose([level.log_variance for level in levels], variance, rtol=1e-8)
         np.testing.assert_allclose([level.known for level in levels], 1.0)

@@ -160,7 +160,7 @@ def test_what_has_not_converged_is_not_extended(monkeypatch: pytest.MonkeyPatch)
     """A score test needs a minimum. All that is significant in round one is tried, and none of it in round two."""
     recording = run(3000, ViscousDrag(c=0.3, d=0.12), SensorLag(time_constant=0.02))
     base = fit(planar(RIG), recording)
-    pairs = [len(tried.ids) for tried in search_subsets(base, FEW).tried]
+    pairs = [len(ids) for ids in search_subsets(base, FEW).tried]
     exact = subset_search.refit_with_effect
 
     def without_convergence(candidate: CandidateModel, screening: ScoreTest) -> CandidateModel:
@@ -168,7 +168,7 @@ def test_what_has_not_converged_is_not_extended(monkeypatch: pytest.MonkeyPatch)
         return replace(found, fit=replace(found.fit, converged=False))
 
     monkeypatch.setattr(subset_search, "refit_with_effect", without_convergence)
-    alone = [len(tried.ids) for tried in search_subsets(base, FEW).tried]
+    alone = [len(ids) for ids in search_subsets(base, FEW).tried]
     assert alone == [size for size in pairs if size < 2]
     assert 1 in alone
     assert 2 in pairs

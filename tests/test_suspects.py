@@ -30,7 +30,8 @@ def test_a_nominally_infinite_amplitude_has_no_std() -> None:
     known = {"tip_flexibility.stiffness": (2.43, 0.0014)}
     for p_value, text, size in ((1.0, "stiffness > 677 N·m/rad", np.nan), (1e-9, "stiffness = 2.4 N·m/rad", 2.43)):
         test = replace(
-            score_test("tip_flexibility", 50.0, known, p_value), limits=lambda: {"tip_flexibility.stiffness": 677.0}
+            score_test("tip_flexibility", 50.0, known, p_value),
+            limits=lambda _level: {"tip_flexibility.stiffness": 677.0},
         )
         found = Suspects.of([test], Space.PLANE, None)
         assert found.table.rows[0][4] == text

@@ -212,10 +212,10 @@ def test_between_the_lines_nothing_that_repeats_is_seen() -> None:
 
 def test_prediction_of_a_held_out_recording_is_made_once() -> None:
     other = held_out(recorded("other.csv", 501))
-    first = other.prediction(trained())
-    assert other.prediction(trained()).comparison is first.comparison
-    assert other.validation_fit(trained()) is first.validation_fit
-    assert replace(other, disturbances=(DriftEffect(),)).prediction(trained()) is not first
+    first = other.validation_fit(trained())
+    assert other.comparison(trained()) is other.comparison(trained())
+    assert other.validation_fit(trained()) is first
+    assert replace(other, disturbances=(DriftEffect(),)).validation_fit(trained()) is not first
 
 
 def test_validation_fit_moves_zero_and_disturbances_only() -> None:

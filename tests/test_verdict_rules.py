@@ -13,8 +13,9 @@ from diagnosis.acceptance import ACCEPTANCE_RULES, AcceptanceEvidence, accept
 from diagnosis.diagnosis import RECORD_RULES, RecordEvidence
 from diagnosis.screening.score_test import ScoreTest
 from diagnosis.subset_search import CandidateModel
-from diagnosis.verdict.aliasing import Alias, EffectRefits, FinalRefit
+from diagnosis.verdict.aliasing import Alias
 from diagnosis.verdict.finding import EFFECT_RULES, EffectEvidence
+from diagnosis.verdict.selection_step import EffectRefits, FinalRefit
 from diagnosis.verdict_rule import EffectVerdict, RecordVerdict, VerdictRule, judge
 from estimation.fit import fit, refit
 from estimation.multiplicity import holm_adjusted
@@ -27,7 +28,7 @@ from modeling.space import Space
 from truewrench.simulated_rig import PlanarRig, simulate
 
 DRAG = named("viscous_drag")
-TESTED = ScoreTest(DRAG, 1.0, 0.3, {}, {"viscous_drag.c": (0.1, 0.1)}, lambda: {"viscous_drag.c": 0.2})
+TESTED = ScoreTest(DRAG, 1.0, 0.3, {}, {"viscous_drag.c": (0.1, 0.1)}, lambda _level: {"viscous_drag.c": 0.2})
 NOTHING = EffectEvidence(screening=TESTED, space=Space.PLANE)
 
 
@@ -69,7 +70,7 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         "the recording has no position",
     ),
     "only beyond its physical range": (
-        screened(effect=named("sensor_lag"), limits=lambda: {"sensor_lag.time_constant": 10.1}),
+        screened(effect=named("sensor_lag"), limits=lambda _level: {"sensor_lag.time_constant": 10.1}),
         EffectVerdict.NOT_EXCITED,
         "time_constant is not excited: detectable only beyond its physical range",
     ),
@@ -341,11 +342,11 @@ def test_only_amounts_beyond_the_range_of_all_amplitudes_are_not_excited() -> No
     gains = named("sensor_gain")
     names = [p.name for p in gains.qualified(Space.PLANE)]
     far = dict.fromkeys(names, 1e9)
-    several = screened(effect=gains, limits=lambda: far)
+    several = screened(effect=gains, limits=lambda _level: far)
     assert len(names) > 1
     assert several.beyond_range == names[0].split(".", 1)[1]
-    assert screened(effect=gains, limits=lambda: {**far, names[-1]: 1e-6}).beyond_range is None
-    assert screened(limits=dict).beyond_range is None
+    assert screened(effect=gains, limits=lambda _level: {**far, names[-1]: 1e-6}).beyond_range is None
+    assert screened(limits=lambda _level: {}).beyond_range is None
 
 
 def test_the_first_rule_decides_and_a_list_without_one_is_an_error() -> None:

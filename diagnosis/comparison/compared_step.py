@@ -4,29 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
-from diagnosis.comparison.comparison import Comparison
+from diagnosis.comparison.comparison import MEASURES, Comparison, size_columns
 from diagnosis.comparison.slow_residual import lacks_acceleration, slow_residuals
 from estimation.fit import Fit
 from modeling.chain.model import WrenchModel
-from modeling.number_format import P_VALUE, format_number
+from modeling.number_format import format_number
 from modeling.significance import LEVELS
 from modeling.table import Cell, Column, Table, Tabular, Value
 
 # Table of the systematic error of each channel after each step of a series of models, on each recording.
-
-
-class ComparedStep(Protocol):
-    """One of a series of models, compared with the same recordings as the others."""
-
-    @property
-    def training(self) -> tuple[Comparison, ...]:
-        """Its comparisons with the fitted recordings."""
-
-    @property
-    def validation(self) -> tuple[Comparison, ...]:
-        """Its comparisons with the held-out ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +34,12 @@ class RecordingErrors:
         return f"{self.name} ({'fitted' if self.fitted else 'held out'})"
 
 
-def recording_errors(steps: Sequence[ComparedStep]) -> tuple[RecordingErrors, ...]:
+def recording_errors(steps: Sequence[ComparedFit]) -> tuple[RecordingErrors, ...]:
     """Training recordings, then validation recordings."""
     trained = zip(*(s.training for s in steps), strict=True)
     held_out = zip(*(s.validation for s in steps), strict=True)
-    found = [(c, True) for c in trained] + [(c, False) for c in held_out]
-    return tuple(RecordingErrors(c[0].recording.name, c, fitted) for c, fitted in found)
+    series = [(c, True) for c in trained] + [(c, False) for c in held_out]
+    return tuple(RecordingErrors(c[0].recording.name, c, fitted) for c, fitted in series)
 
 
 def noise_floors(comparisons: Sequence[Comparison]) -> dict[str, float]:
@@ -74,17 +61,16 @@ def systematic_error_text(comparison: Comparison, channel: str, digits: int = 3)
     return cell.mark + format_number(float(cell.value or 0.0), 2 if cell.mark else digits)
 
 
-def error_table(steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]) -> Table:
+def error_table(steps: Sequence[ComparedFit], names: Sequence[str], tolerance: Mapping[str, float]) -> Table:
     """Systematic RMS of each channel of each recording after each step, by its name, with noise floor and tolerance.
 
     The total RMS is the note of a cell; without repeats it stands in the cell itself, marked `~`.
     """
     first = steps[0].training[0]
-    sizes = (Column(c, u, format=".3g") for c, u in first.space.channel_units.items())
-    measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
     head = [Cell(tolerance[c], kind="floor") for c in first.recording.channels]
     rows = [row for errors in recording_errors(steps) for row in _rows(errors, names, tolerance)]
-    return Table.of(("recording", "model", *sizes, *measures), [("", "tolerance", *head, "", ""), *rows])
+    columns: tuple[Column | str, ...] = ("recording", "model", *size_columns(first.space), *MEASURES)
+    return Table.of(columns, [("", "tolerance", *head, "", ""), *rows])
 
 
 def _rows(errors: RecordingErrors, names: Sequence[str], tolerance: Mapping[str, float]) -> Iterator[tuple[Value, ...]]:
@@ -101,8 +87,8 @@ def _error_cell(comparison: Comparison, channel: str, tolerance: float) -> Cell:
         return Cell(whole, mark="~")
     size = comparison.explainable_rms[channel]
     kind = "within" if size <= tolerance else "above_noise" if size > comparison.noise_floor[channel] else ""
-    found = comparison.systematic_cell(channel)
-    return Cell(found.value, found.mark, kind, f"({format_number(whole)})")
+    systematic = comparison.systematic_cell(channel)
+    return Cell(systematic.value, systematic.mark, kind, f"({format_number(whole)})")
 
 
 class ComparedFit(Tabular):
@@ -134,11 +120,9 @@ class ComparedFit(Tabular):
 
         The error is the systematic RMS, or its upper limit, with repeats, the RMS of the whole residual without.
         """
-        units = self.training[0].space.channel_units.items()
-        sizes = (Column(channel, unit, format=".3g") for channel, unit in units)
-        measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
         compared = [*((c, "fitted") for c in self.training), *((c, "held out") for c in self.validation)]
-        return Table.of(("recording", *sizes, *measures), [_row(c, kind) for c, kind in compared])
+        rows = [(f"{c.recording.name} ({kind})", *c.errors) for c, kind in compared]
+        return Table.of(("recording", *size_columns(self.training[0].space), *MEASURES), rows)
 
     def printed(self) -> list[Table | str]:
         """What led to it, then its errors."""
@@ -156,9 +140,3 @@ def misfitting(training: Sequence[Comparison], model: WrenchModel) -> list[Compa
 def held_out_misfitting(validation: Sequence[Comparison]) -> list[Comparison]:
     """Held-out recordings with a significant lack of fit."""
     return [c for c in validation if c.lack_of_fit < LEVELS.held_out]
-
-
-def _row(comparison: Comparison, kind: str) -> tuple[Value, ...]:
-    errors = (comparison.systematic_cell(c) for c in comparison.recording.channels)
-    name = f"{comparison.recording.name} ({kind})"
-    return (name, *errors, comparison.misfit, comparison.lack_of_fit_cell)

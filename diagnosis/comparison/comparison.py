@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from diagnosis.comparison.validation import StandardisedResidual, ValidationFit
 from estimation.fit import Fit
-from estimation.fit_column_space import fit_column_space, run_spectrum
+from estimation.fit_column_space import fit_column_space, rows_of_recordings, run_spectrum
 from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_value
 from estimation.noise.power_spectrum import power_levels
 from estimation.noise.recording_noise import RecordingNoise, sample_step
@@ -22,9 +22,9 @@ from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhiten
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import in_sensor_frame
 from modeling.noise import NoiseSource
-from modeling.number_format import p_value_text
+from modeling.number_format import P_VALUE, p_value_text
 from modeling.space import Space
-from modeling.table import Cell, Column, Table, Tabular
+from modeling.table import Cell, Column, Table, Tabular, Value
 
 # Generic regressors of the recorded inputs, and the cross-validated lack-of-fit test that uses them.
 
@@ -221,8 +221,17 @@ def _words(term: str) -> str:
 def _signal_words(signal: str) -> str:
     if signal in PLANAR_WORDS:
         return PLANAR_WORDS[signal]
-    found = re.fullmatch(r"(.*)([xyz])", signal)
-    return "" if found is None or found[1] not in AXIS_WORDS else AXIS_WORDS[found[1]].format(found[2])
+    axis = re.fullmatch(r"(.*)([xyz])", signal)
+    return "" if axis is None or axis[1] not in AXIS_WORDS else AXIS_WORDS[axis[1]].format(axis[2])
+
+
+MEASURES = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
+"""Columns of a table of errors after those of the channels."""
+
+
+def size_columns(space: Space) -> tuple[Column, ...]:
+    """Columns of a table for a size of each channel, in its unit."""
+    return tuple(Column(channel, unit, format=".3g") for channel, unit in space.channel_units.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,6 +309,12 @@ class Comparison(Tabular):
             return Cell(self.rms[channel])
         size, limit = self.explainable_rms[channel], self.explainable_limit
         return Cell(size) if size > 0 or limit is None else Cell(limit[channel], "< ")
+
+    @property
+    def errors(self) -> tuple[Value, ...]:
+        """Systematic error of each channel, reduced chi-square and lack of fit: `size_columns` and `MEASURES`."""
+        cells = (self.systematic_cell(channel) for channel in self.recording.channels)
+        return (*cells, self.misfit, self.lack_of_fit_cell)
 
     @property
     def table(self) -> Table:
@@ -440,10 +455,8 @@ def standardised_residual(fit: Fit, number: int) -> StandardisedResidual:
     """The residual of one recording against all that is uncertain of it: every test of lack of fit is of this."""
     if isinstance(fit, ValidationFit):
         return fit.standardised_residual()
-    column_space = fit_column_space(fit)
-    start = sum(n.whitener.rows for n in fit.noise[:number])
-    part = slice(start, start + fit.noise[number].whitener.rows)
-    return StandardisedResidual(column_space.residual[part], column_space.leverage[part], fit.residuals[number])
+    column_space, rows = fit_column_space(fit), rows_of_recordings(fit)[number]
+    return StandardisedResidual(column_space.residual[rows], column_space.leverage[rows], fit.residuals[number])
 
 
 def frequency_bands(noise: RecordingNoise) -> list[NDArray[np.bool_]]:

@@ -11,9 +11,10 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.comparison.comparison import Comparison, comparison_of
+from diagnosis.comparison.comparison import MEASURES, Comparison, comparison_of, size_columns
 from diagnosis.comparison.validation import EstimatedModel, validation_fit
 from estimation.fit import Fit, reestimated_noise, require_recording
+from estimation.fit_column_space import rows_of_recordings
 from estimation.least_squares.estimates import Estimate
 from estimation.multiplicity import chi2_sf, holm_adjusted, normal_cdf
 from estimation.noise.recording_noise import RecordingNoise, sample_step
@@ -21,7 +22,7 @@ from estimation.recordings.recording import Recording, readings_digest
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError, kind_of
 from modeling.noise import NoiseSource
-from modeling.number_format import P_VALUE, finite, p_value_text
+from modeling.number_format import finite, p_value_text
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
 
@@ -81,12 +82,10 @@ class BandError(Tabular):
     @property
     def table(self) -> Table:
         """Bands and the RMS of each channel."""
-        units = self.comparison.space.channel_units.items()
-        numbers = (Column(c, unit, format=".3g") for c, unit in units)
         rows: list[tuple[Value, ...]] = [
             (label, *map(float, r)) for label, r in zip(self.labels, self.rms, strict=True)
         ]
-        return Table.of((Column("band", "Hz"), *numbers), rows)
+        return Table.of((Column("band", "Hz"), *size_columns(self.comparison.space)), rows)
 
     def remarks(self) -> list[str]:
         """What the numbers are."""
@@ -109,6 +108,8 @@ def octaves(frequency: Array) -> Array:
     return np.array([lowest * (1 - 1e-9), *inner, highest * (1 + 1e-9)])
 
 
+EQUAL_PREDICTIONS = 1e-6
+"""Distance of two predictions, in std of the noise over all rows, that is rounding: there is nothing to compare."""
 NEGLIGIBLE_SHARE = 0.1
 """Of the noise floor: a band with less in every channel is not listed, as the default tolerance has it."""
 
@@ -134,9 +135,7 @@ class ModelOnRecording:
     @cached_property
     def rows(self) -> Array:
         """The whitened residual."""
-        ends = np.cumsum([noise.whitener.rows for noise in self.fit.noise])
-        own = self.fit.noise[self.number].whitener.rows
-        return np.asarray(self.fit.whitened_residual()[ends[self.number] - own : ends[self.number]])
+        return np.asarray(self.fit.whitened_residual()[rows_of_recordings(self.fit)[self.number]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,13 +205,13 @@ class ModelComparison(Tabular):
         """Tests of all pairs of models."""
         pairs = list(combinations(self.models, 2))
         adjusted = holm_adjusted([equal_error_p_value(a, b) for a, b in pairs])
-        found = []
+        differences = []
         for (a, b), p_value in zip(pairs, adjusted, strict=True):
             gain = a.information_criterion - b.information_criterion
             better, worse = (b, a) if gain > 0 else (a, b)
             fitted = any(p.seen for model in (a, b) for p in model.predictions)
-            found.append(ModelDifference(better.name, worse.name, abs(gain), p_value, fitted))
-        return tuple(found)
+            differences.append(ModelDifference(better.name, worse.name, abs(gain), p_value, fitted))
+        return tuple(differences)
 
     @property
     def table(self) -> Table:
@@ -220,21 +219,9 @@ class ModelComparison(Tabular):
 
         The error is the systematic RMS, or its upper limit, with repeats, the RMS of the whole residual without.
         """
-        units = self.models[0].predictions[0].comparison.space.channel_units.items()
-        numbers = (Column(c, unit, format=".3g") for c, unit in units)
-        measures = (Column("reduced chi-square", format=".3g"), Column("lack-of-fit p", format=P_VALUE))
-        rows = [
-            (
-                _recording_label(p),
-                model.name,
-                *(p.comparison.systematic_cell(c) for c in p.comparison.recording.channels),
-                p.comparison.misfit,
-                p.comparison.lack_of_fit_cell,
-            )
-            for model in self.models
-            for p in model.predictions
-        ]
-        return Table.of(("recording", "model", *numbers, *measures), rows)
+        rows = [(_recording_label(p), m.name, *p.comparison.errors) for m in self.models for p in m.predictions]
+        space = self.models[0].predictions[0].comparison.space
+        return Table.of(("recording", "model", *size_columns(space), *MEASURES), rows)
 
     @property
     def parameter_table(self) -> Table:
@@ -247,10 +234,10 @@ class ModelComparison(Tabular):
         return Table.of(columns, [self._parameter_row(name) for name in names])
 
     def _parameter_row(self, name: str) -> tuple[Any, ...]:
-        found = [_estimates(model).get(name) for model in self.models]
-        first, unit = found[0], next(e.unit for e in found if e is not None)
+        estimates = [_estimates(model).get(name) for model in self.models]
+        first, unit = estimates[0], next(e.unit for e in estimates if e is not None)
         row: list[Any] = [name, unit]
-        for number, estimate in enumerate(found):
+        for number, estimate in enumerate(estimates):
             row += [None, None] if estimate is None else [estimate.known, estimate.std]
             if number:
                 row.append(None if first is None or estimate is None else _change(first, estimate))
@@ -276,18 +263,18 @@ class ModelComparison(Tabular):
 
     def remarks(self) -> list[str]:
         """Which models differ significantly, and what was estimated on recordings that they were not fitted on."""
-        found = [f"{difference.sentence}." for difference in self.differences]
+        remarks = [f"{difference.sentence}." for difference in self.differences]
         if any(not p.fitted for model in self.models for p in model.predictions):
-            found.append("Fitted on: the recording is one that the model was fitted to; held out: it is not.")
-            found.append("The biases, which differ between recordings, are estimated on each.")
-        return found
+            remarks.append("Fitted on: the recording is one that the model was fitted to; held out: it is not.")
+            remarks.append("The biases, which differ between recordings, are estimated on each.")
+        return remarks
 
     def printed(self) -> list[Table | str]:
         """Errors, differences, parameters, bands."""
-        parts = [*super().printed(), "", self.parameter_table]
+        printed = [*super().printed(), "", self.parameter_table]
         if len(self.models) > 1:
-            parts.append(f"change / std: from {self.models[0].name}, in its std")
-        return [*parts, "", self.band_table] if self.band_table.rows else parts
+            printed.append(f"change / std: from {self.models[0].name}, in its std")
+        return [*printed, "", self.band_table] if self.band_table.rows else printed
 
     def to_data(self) -> dict[str, Any]:
         """Plain data: numbers are finite or None."""
@@ -380,8 +367,8 @@ def _require_fits_and_recordings(fit: object, recording: object, more: tuple[obj
         if not isinstance(one, EstimatedModel):
             raise InputError(what=f"{kind_of(one)} is no fit", where="compare", remedy=remedy)
     given = recording if isinstance(recording, list | tuple) else (recording,)
-    for part in given:
-        require_recording(part, "compare")
+    for each in given:
+        require_recording(each, "compare")
 
 
 def _named(fits: Sequence[EstimatedModel]) -> dict[str, EstimatedModel]:
@@ -421,10 +408,10 @@ def compare_models(models: Mapping[str, EstimatedModel], recordings: Sequence[Re
 
 def _on_recording(models: Sequence[EstimatedModel], recording: Recording) -> list[ModelOnRecording]:
     """Each model's prediction of a recording, in one noise."""
-    own = [_own_prediction(model, recording) for model in models]
     predicted = [
-        known or ModelOnRecording(validation_fit(model, recording), 0, False, _was_fitted_on(model, recording))
-        for known, model in zip(own, models, strict=True)
+        _own_prediction(model, recording)
+        or ModelOnRecording(validation_fit(model, recording), 0, False, _was_fitted_on(model, recording))
+        for model in models
     ]
     noise = _common_noise(predicted)
     return [
@@ -441,8 +428,8 @@ def _own_prediction(model: EstimatedModel, recording: Recording) -> ModelOnRecor
 
 def _common_noise(predicted: Sequence[ModelOnRecording]) -> RecordingNoise:
     """The noise with the smallest floor: one that comes from a residual has that model's error in it."""
-    known = [p.fit.noise[p.number] if p.fitted else _noise_of(p.fit) for p in predicted]
-    return min(known, key=lambda noise: float(np.log(np.maximum(noise.floor, 1e-300)).sum()))
+    noises = [p.fit.noise[p.number] if p.fitted else _noise_of(p.fit) for p in predicted]
+    return min(noises, key=lambda noise: float(np.log(np.maximum(noise.floor, 1e-300)).sum()))
 
 
 def _noise_of(fit: Fit) -> RecordingNoise:
@@ -451,9 +438,9 @@ def _noise_of(fit: Fit) -> RecordingNoise:
 
 
 def _in_noise(prediction: ModelOnRecording, noise: RecordingNoise) -> ModelOnRecording:
-    known = list(prediction.fit.noise)
-    known[prediction.number] = noise
-    return replace(prediction, fit=replace(prediction.fit, noise=tuple(known)))
+    noises = list(prediction.fit.noise)
+    noises[prediction.number] = noise
+    return replace(prediction, fit=replace(prediction.fit, noise=tuple(noises)))
 
 
 def equal_error_p_value(first: ComparedModel, second: ComparedModel) -> float:
@@ -471,7 +458,7 @@ def equal_error_p_value(first: ComparedModel, second: ComparedModel) -> float:
     if _nested(smaller, larger):
         gain = max(0.0, smaller.chi_square - larger.chi_square)
         return float(chi2_sf(gain, larger.freedom - smaller.freedom))
-    if distance < 1e-6:
+    if distance < EQUAL_PREDICTIONS:
         return 1.0
     deviation = abs(first.information_criterion - second.information_criterion) / (2 * distance)
     return float(2 * normal_cdf(-deviation))
@@ -479,9 +466,9 @@ def equal_error_p_value(first: ComparedModel, second: ComparedModel) -> float:
 
 def _nested(smaller: ComparedModel, larger: ComparedModel) -> bool:
     """Whether both were fitted to the compared recordings, and the larger has every effect of the smaller, and more."""
-    known = [{e.id for e in m.estimated.model.effects} for m in (smaller, larger)]
+    few, many = ({e.id for e in m.estimated.model.effects} for m in (smaller, larger))
     fitted = all(p.fitted for m in (smaller, larger) for p in m.predictions)
-    return fitted and known[0] < known[1] and larger.freedom > smaller.freedom
+    return fitted and few < many and larger.freedom > smaller.freedom
 
 
 def _estimates(model: ComparedModel) -> dict[str, Estimate]:
@@ -503,9 +490,8 @@ def _recording_label(prediction: ModelOnRecording) -> str:
 
 def _was_fitted_on(model: EstimatedModel, recording: Recording) -> bool | None:
     """Whether a model's parameters were estimated from these readings; None where its file does not say."""
-    known = map(readings_digest, model.recordings) if isinstance(model, Fit) else getattr(model, "fitted_on", None)
-    digests: list[str] | None = None if known is None else list(known)
-    return None if digests is None else readings_digest(recording) in digests
+    digests = map(readings_digest, model.recordings) if isinstance(model, Fit) else getattr(model, "fitted_on", None)
+    return None if digests is None else readings_digest(recording) in list(digests)
 
 
 def _model_data(model: ComparedModel) -> dict[str, Any]:

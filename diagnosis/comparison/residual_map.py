@@ -17,6 +17,7 @@ from modeling.significance import LEVELS
 Array = NDArray[np.float64]
 
 CELLS = 16
+"""Of the range of a variable: enough to show a place, few enough to be visited in several repeats."""
 MIN_RANGE = 1e-3
 """Range, in its own unit, below which a variable counts as constant."""
 MAX_BLOCKS = 8
@@ -54,35 +55,37 @@ class ResidualMap:
 def map_variables(recording: Recording, load: Array) -> Mapping[str, tuple[Array, str]]:
     """Variables (n,) and their units by name: direction, position, speed, acceleration, load, time, auxiliaries."""
     signals = recording.motion.model_signals
-    found: dict[str, tuple[Array, str]] = {}
+    variables: dict[str, tuple[Array, str]] = {}
     if recording.dimension == 2:
-        found["phi"] = (signals["phi"], "rad")
-        found["turning speed"] = (signals["dphi"], "rad/s")
-        found["turning acceleration"] = (signals["ddphi"], "rad/s²")
+        variables["phi"] = (signals["phi"], "rad")
+        variables["turning speed"] = (signals["dphi"], "rad/s")
+        variables["turning acceleration"] = (signals["ddphi"], "rad/s²")
         velocity = [signals[n] for n in ("vx", "vy") if n in signals]
         direction = {"x": "vx", "y": "vy"}
     else:
         down = gravity_direction(signals)
-        found |= {f"gravity along {a}": (np.asarray(d), "g") for a, d in zip("xyz", down, strict=True)}
-        found["turning speed"] = (_length([signals[f"w{a}"] for a in "xyz"]), "rad/s")
-        found["turning acceleration"] = (_length([signals[f"al{a}"] for a in "xyz"]), "rad/s²")
+        variables |= {f"gravity along {a}": (np.asarray(d), "g") for a, d in zip("xyz", down, strict=True)}
+        variables["turning speed"] = (_length([signals[f"w{a}"] for a in "xyz"]), "rad/s")
+        variables["turning acceleration"] = (_length([signals[f"al{a}"] for a in "xyz"]), "rad/s²")
         velocity = [signals[n] for n in ("vpx", "vpy", "vpz") if n in signals]
         direction = {a: f"vp{a}" for a in "xyz"}
     for axis in "xyz":
         if f"p{axis}" in signals:
-            found[f"position {axis}"] = (signals[f"p{axis}"], "m")
-    found |= {f"velocity {a}": (signals[name], "m/s") for a, name in direction.items() if name in signals}
+            variables[f"position {axis}"] = (signals[f"p{axis}"], "m")
+    variables |= {f"velocity {a}": (signals[name], "m/s") for a, name in direction.items() if name in signals}
     if velocity:
-        found["speed"] = (_length(velocity), "m/s")
+        variables["speed"] = (_length(velocity), "m/s")
     for channel, series in zip(recording.channels, load.T, strict=True):
-        found[f"load {channel}"] = (np.asarray(series, dtype=np.float64), "N" if channel.startswith("f") else "N m")
+        variables[f"load {channel}"] = (np.asarray(series, dtype=np.float64), "N" if channel.startswith("f") else "N m")
     if recording.time is not None:
         span = np.arange(recording.samples, dtype=np.float64) * (recording.dt or 1.0)
-        found["time"] = (span, "s")
+        variables["time"] = (span, "s")
     else:
-        found["order"] = (signals["order"], "1")
-    found |= {name: (signals[name], "°C" if name == "temperature" else "as recorded") for name in recording.auxiliary}
-    return {name: pair for name, pair in found.items() if np.ptp(pair[0]) > MIN_RANGE}
+        variables["order"] = (signals["order"], "1")
+    variables |= {
+        name: (signals[name], "°C" if name == "temperature" else "as recorded") for name in recording.auxiliary
+    }
+    return {name: pair for name, pair in variables.items() if np.ptp(pair[0]) > MIN_RANGE}
 
 
 def _length(components: Sequence[Array]) -> Array:
@@ -102,9 +105,11 @@ def residual_maps(comparison: Comparison, tolerance: Mapping[str, float]) -> lis
         cells = _cells(series)
         for number, (channel, channel_unit) in enumerate(zip(recording.channels, comparison.space.units, strict=True)):
             names = (channel, channel_unit, variable, unit)
-            found = CellStatistics.of(residual[:, number], series, cells, repeat_of)
-            if len(found.mean):
-                maps.append(_residual_map(found, names, tolerance[channel], float((residual[:, number] ** 2).sum())))
+            statistics = CellStatistics.of(residual[:, number], series, cells, repeat_of)
+            if len(statistics.mean):
+                maps.append(
+                    _residual_map(statistics, names, tolerance[channel], float((residual[:, number] ** 2).sum()))
+                )
     return sorted(maps, key=lambda m: -m.explained)
 
 
@@ -114,11 +119,11 @@ def samples_of_cell(comparison: Comparison, variable: str, centre: float) -> NDA
     Raises InputError for a variable that the recording has not.
     """
     recording = comparison.recording
-    known = map_variables(recording, recording.wrench - comparison.residual)
-    if variable not in known:
-        remedy = suggestion(variable, known)
+    variables = map_variables(recording, recording.wrench - comparison.residual)
+    if variable not in variables:
+        remedy = suggestion(variable, variables)
         raise InputError(what=f"no variable is {quoted(variable)}", where=recording.name, remedy=remedy)
-    series = known[variable][0]
+    series = variables[variable][0]
     cells = _cells(series)
     numbers = np.unique(cells)
     centres = np.array([series[cells == number].mean() for number in numbers])

@@ -271,8 +271,8 @@ class SlowResidual:
             cls.of_rest(name, spectrum, recording, residual, units)
         )
         band = band.or_else(cls.of_unsteady(name, residual, units, level_spacing(recording.wrench)))
-        found = cls.of_residual(name, residual, units).or_else(band)
-        return found.or_else(cls.of_foreign(name, spectrum, recording.wrench.var(axis=0), units), tests=1)
+        slow = cls.of_residual(name, residual, units).or_else(band)
+        return slow.or_else(cls.of_foreign(name, spectrum, recording.wrench.var(axis=0), units), tests=1)
 
     @classmethod
     def of_rest(
@@ -319,14 +319,14 @@ class SlowResidual:
 
         One that is significant and above the noise; the larger one where both are, the more certain one where none is.
         """
-        parts = {c: min(self, other, key=lambda part: part._rank(c, tests)) for c in self.p_value}
+        told = {c: min(self, other, key=lambda either: either._rank(c, tests)) for c in self.p_value}
         return SlowResidual(
             self.recording,
-            {c: part.rms[c] for c, part in parts.items()},
-            {c: part.floor[c] for c, part in parts.items()},
+            {c: either.rms[c] for c, either in told.items()},
+            {c: either.floor[c] for c, either in told.items()},
             self.units,
-            {c: min(1.0, tests * part.p_value[c]) for c, part in parts.items()},
-            {c: part.part[c] for c, part in parts.items()},
+            {c: min(1.0, tests * either.p_value[c]) for c, either in told.items()},
+            {c: either.part[c] for c, either in told.items()},
         )
 
     @classmethod
@@ -400,8 +400,8 @@ class SlowResidual:
 
 def slow_residuals(comparisons: Sequence[Comparison]) -> tuple[SlowResidual, ...]:
     """The significant slow residuals of the recordings."""
-    found = (SlowResidual.of(comparison) for comparison in comparisons)
-    return tuple(slow for slow in found if slow is not None and slow.significant)
+    each = (SlowResidual.of(comparison) for comparison in comparisons)
+    return tuple(slow for slow in each if slow is not None and slow.significant)
 
 
 def foreign_forces(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
@@ -411,13 +411,8 @@ def foreign_forces(comparisons: Sequence[Comparison]) -> tuple[str, ...]:
     and a recording whose force is mostly the tool's, or that is not tested as it repeats or rests, says what it weighs.
     What is faster than the motion and what follows it, as a vibration is, does not hide the tool.
     """
-    found: list[str] = []
-    for comparison in comparisons:
-        foreign = _foreign_forces(comparison)
-        if not foreign:
-            return ()
-        found += foreign
-    return tuple(dict.fromkeys(found))
+    each = [_foreign_forces(comparison) for comparison in comparisons]
+    return tuple(dict.fromkeys(channel for foreign in each for channel in foreign)) if all(each) else ()
 
 
 def _foreign_forces(comparison: Comparison) -> list[str]:

@@ -31,16 +31,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RowSubsetWhitener(Whitener):
-    """A subset of another whitener's rows, `part`; its first `excited_row_count` rows are excited."""
+    """A subset of another whitener's rows, of these `indices`; its first `excited_row_count` rows are excited."""
 
     whole: Whitener
-    part: NDArray[np.intp]
+    indices: NDArray[np.intp]
     excited_row_count: int
 
     @property
     def rows(self) -> int:  # type: ignore[override]
         """Number of rows in the subset."""
-        return len(self.part)
+        return len(self.indices)
 
     @property
     def periodic_rows(self) -> int:  # type: ignore[override]
@@ -49,11 +49,11 @@ class RowSubsetWhitener(Whitener):
 
     def series(self, values: Array) -> Array:
         """The subset's rows of a series over the whole record."""
-        return np.asarray(self.whole.series(values)[self.part])
+        return np.asarray(self.whole.series(values)[self.indices])
 
     def steady_state(self, values: Array) -> Array:
         """The subset's rows of a series over one repeat."""
-        return np.asarray(self.whole.steady_state(values)[self.part[: self.excited_row_count]])
+        return np.asarray(self.whole.steady_state(values)[self.indices[: self.excited_row_count]])
 
 
 def half_splits(fitted: Fit) -> list[tuple[RecordingNoise, ...]]:
@@ -75,8 +75,8 @@ def _half_split(noise: RecordingNoise, side: int) -> RecordingNoise:
     else:
         kept = (index < whole.rows // 2) == (side == 0)
     excited = int(kept[: whole.periodic_rows].sum())
-    part = RowSubsetWhitener(whole, np.flatnonzero(kept), excited)
-    return replace(noise, whitener=part, log_power_variance=noise.log_power_variance[kept])
+    half = RowSubsetWhitener(whole, np.flatnonzero(kept), excited)
+    return replace(noise, whitener=half, log_power_variance=noise.log_power_variance[kept])
 
 
 def non_excited_noise(noise: RecordingNoise) -> RecordingNoise | None:
@@ -128,8 +128,8 @@ class PartiallyFixedProblem(Problem):
 
     def minimise(self, start: Array, far: float = np.inf) -> LeastSquaresMinimum:
         """The least-squares minimum in the free unknowns; the fixed ones are returned unchanged, bit by bit."""
-        found = super().minimise(start, far)
-        return replace(found, theta=np.where(self.free, found.theta, start))
+        minimum = super().minimise(start, far)
+        return replace(minimum, theta=np.where(self.free, minimum.theta, start))
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,10 +187,10 @@ def validation_fit(
     fit: EstimatedModel,
     recording: Recording,
     noise: RecordingNoise | None = None,
-    own: Sequence[Effect] = (),
+    disturbances: Sequence[Effect] = (),
     start: Mapping[str, float] | None = None,
 ) -> ValidationFit:
-    """The fit's parameters on another recording; only its biases and its disturbances `own` are estimated there.
+    """The fit's parameters on another recording; only its biases and its disturbances are estimated there.
 
     Recording-specific effects of the fit's own recordings are dropped. The disturbances are estimated from the initial
     values `start` on the non-excited lines, where there are any: on the excited lines they would absorb systematic
@@ -198,24 +198,24 @@ def validation_fit(
     """
     recording = mounted_recording(recording, fit.model.gravity_direction)
     shared = fit.model.without_recording_specific
-    model = shared + own
-    known = noise if noise is not None else initial_noise(shared, (recording,))[0]
+    model = shared + disturbances
+    noise = noise if noise is not None else initial_noise(shared, (recording,))[0]
     unknowns = parameter_layout(model, (recording,))
     values = {p.name: fit.parameters[p.name].value for p in shared.parameters}
     theta = initial_values(unknowns, {**values, **(start or {})})
     biases = _mask_of(unknowns, model.biases)
-    added = _mask_of(unknowns, [p for e in own for p in e.qualified(model.space)])
+    added = _mask_of(unknowns, [p for e in disturbances for p in e.qualified(model.space)])
     covariance, estimable = np.zeros((len(theta), len(theta))), np.zeros(len(theta), dtype=bool)
-    if own:
-        rest = (non_excited_noise(known) or known,)
+    if disturbances:
+        rest = (non_excited_noise(noise) or noise,)
         disturbed = PartiallyFixedProblem(unknowns, (recording,), rest, biases | added).minimise(theta)
         theta, estimable = disturbed.theta, disturbed.identifiable & added
         covariance = disturbed.covariance * np.outer(added, added)
-    biased = PartiallyFixedProblem(unknowns, (recording,), (known,), biases).minimise(theta)
+    biased = PartiallyFixedProblem(unknowns, (recording,), (noise,), biases).minimise(theta)
     covariance, estimable = covariance + biased.covariance, estimable | biased.identifiable
     errors, unknown = _errors(fit, unknowns, ~(biases | added))
     return ValidationFit(
-        model, (recording,), (known,), unknowns, biased.theta, covariance, estimable,
+        model, (recording,), (noise,), unknowns, biased.theta, covariance, estimable,
         errors=errors, free=np.column_stack([np.eye(len(theta))[:, biases | added], unknown]),
     )  # fmt: skip
 

@@ -1,4 +1,5 @@
-"""Null model of a score test: whitened residual of a fit and the subspace its own parameters span."""
+"""Null model of a score test: whitened residual of a fit and the subspace its own parameters span; and what score
+tests in the same noise share."""
 
 from __future__ import annotations
 
@@ -8,19 +9,24 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.progress import CountCallback, counted
 from estimation.fit import Fit
-from estimation.fit_column_space import FitColumnSpace, RowIndex, fit_column_space, has_run_spectrum
+from estimation.fit_column_space import (
+    FitColumnSpace,
+    RowIndex,
+    fit_column_space,
+    has_run_spectrum,
+    rows_of_recordings,
+)
 from estimation.least_squares.square_root_information import ColumnSpace
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitened_spectrum import lines
 from estimation.noise.whitening import Whitener
-from modeling.chain.effect import SearchDomain
 
 # Row sets of a whitened recording: excited lines, non-excited lines, all.
 
@@ -54,10 +60,10 @@ class RowSet(Enum):
             if self is RowSet.EXCITED:
                 return whitener.steady_state(series)
             first, last = self.within(whitener)
-            found = np.zeros((last - first, *series.shape[2:]), order="F")
+            rows = np.zeros((last - first, *series.shape[2:]), order="F")
             if self is RowSet.WHOLE:
-                found[: whitener.periodic_rows] = whitener.steady_state(series)
-            return found
+                rows[: whitener.periodic_rows] = whitener.steady_state(series)
+            return rows
         if self is RowSet.NON_EXCITED:
             return whitener.non_excited(series)
         first, last = self.within(whitener)
@@ -72,16 +78,16 @@ RowRanges = tuple[tuple[int, int], ...]
 
 def row_ranges(choice: RowChoice, noise: Sequence[RecordingNoise]) -> RowRanges:
     """The chosen rows of each recording."""
-    return tuple(rows.within(own.whitener) for rows, own in zip(choice, noise, strict=True))
+    return tuple(rows.within(each.whitener) for rows, each in zip(choice, noise, strict=True))
 
 
 def row_index(within: RowRanges, noise: Sequence[RecordingNoise]) -> RowIndex:
     """Indices of these rows of each recording among the concatenated rows of all."""
     ranges, start = [], 0
-    for (first, last), own in zip(within, noise, strict=True):
+    for (first, last), each in zip(within, noise, strict=True):
         if last > first:
             ranges.append((start + first, start + last))
-        start += own.whitener.rows
+        start += each.whitener.rows
     if not ranges:
         return slice(0, 0)
     if all(end == begin for (_, end), (begin, _) in pairwise(ranges)):
@@ -116,72 +122,106 @@ class NoiseDraws:
             self._values = np.empty((rows, NOISE_DRAWS), np.float32)
             rng = np.random.default_rng(NOISE_SEED)
             for first in range(0, rows, ROWS_AT_ONCE):
-                part = self._values[first : first + ROWS_AT_ONCE]
-                part[:] = rng.standard_normal(part.shape)
+                rows_drawn = self._values[first : first + ROWS_AT_ONCE]
+                rows_drawn[:] = rng.standard_normal(rows_drawn.shape)
         return self._values[:rows]
 
-    def forget(self) -> None:
-        """Release the memory."""
-        self._values = np.zeros((0, NOISE_DRAWS), np.float32)
+
+# What score tests in the same noise share.
 
 
-# Cache shared by score tests in the same noise: noise draws, whitened sensitivities, search results.
+@dataclass(eq=False)
+class WhitenedColumns:
+    """Score columns (r, b, a) of an effect's a amplitudes at b building blocks, in the rows `choice`.
+
+    Their inner products with each other and with the noise draws do not depend on the fit and are computed once.
+    """
+
+    columns: Array
+    choice: RowChoice
+    _noise_products: Array | None = field(default=None, init=False, repr=False)
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the columns; that of quantities computed from them is small in comparison."""
+        return self.columns.nbytes
+
+    @cached_property
+    def flat(self) -> Array:
+        """The columns as a matrix, (r, b a)."""
+        return self.columns.reshape(len(self.columns), -1)
+
+    @cached_property
+    def block_gram(self) -> Array:
+        """Inner products of each block's columns, (b, a, a)."""
+        if self.columns.shape[2] == 1:
+            return np.asarray(np.einsum("rba,rba->ba", self.columns, self.columns)[:, :, None])
+        each = self.columns.transpose(1, 2, 0)
+        return np.asarray(each @ each.swapaxes(1, 2))
+
+    @cached_property
+    def gram(self) -> Array:
+        """Inner products of all columns, (b, a, b, a)."""
+        _, b, a = self.columns.shape
+        return np.asarray(self.flat.T @ self.flat).reshape(b, a, b, a)
+
+    def inner_products(self, rows: Array) -> Array:
+        """Inner products (b, a, m) with other columns (r, m) of the same rows."""
+        _, b, a = self.columns.shape
+        return np.asarray(self.flat.T @ rows).reshape(b, a, rows.shape[1])
+
+    def noise_inner_products(self, draws: SingleArray) -> Array:
+        """Inner products (b, a, NOISE_DRAWS) with noise draws (r, NOISE_DRAWS), the same in every call."""
+        if self._noise_products is None:
+            _, b, a = self.columns.shape
+            products = self.flat.astype(draws.dtype).T @ draws
+            self._noise_products = products.astype(np.float64).reshape(b, a, -1)
+        return self._noise_products
 
 
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
 
-
-class SizedColumns(Protocol):
-    """An object that knows its size in memory."""
-
-    @property
-    def bytes(self) -> int: ...
-
-
-Columns = TypeVar("Columns", bound=SizedColumns)
-
 MAX_BYTES = 120e6
-"""Memory (bytes) for cached whitened sensitivities."""
+"""Memory (bytes) for cached whitened columns: those of the catalogue's grids in six axes and 8000 samples just fit."""
 MAX_FITS = 4
 """Null models cached: those screened together, at most one for each effect of a set."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ScreeningCache:
-    """Noise draws, whitened sensitivities that do not depend on the fit, null models, and finished searches.
+    """Noise draws, whitened columns that do not depend on the fit, null models, and finished score tests.
 
     Its contents do not depend on the order of requests.
     """
 
     noise_draws: NoiseDraws = field(default_factory=NoiseDraws)
-    _sensitivities: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
-    _null_models: OrderedDict[Hashable, Any] = field(default_factory=OrderedDict)
-    _found: dict[Hashable, object] = field(default_factory=dict)
+    _columns: OrderedDict[Hashable, WhitenedColumns] = field(default_factory=OrderedDict)
+    _null_models: OrderedDict[Fit, NullModel] = field(default_factory=OrderedDict)
+    _results: dict[Hashable, Any] = field(default_factory=dict)
     _drawn_motions: dict[Hashable, Any] = field(default_factory=dict)
     _motions: dict[Hashable, Any] = field(default_factory=dict)
 
     def forget(self) -> None:
-        """Empty the cache but for the noise draws: null models and their cache refer to each other, and are large."""
-        for cache in (self._sensitivities, self._null_models, self._found, self._drawn_motions, self._motions):
-            cache.clear()
+        """Empty the cache but for the noise draws."""
+        for kept in (self._columns, self._null_models, self._results, self._drawn_motions, self._motions):
+            kept.clear()
         fit_column_space.cache_clear()
 
     def in_other_noise(self) -> ScreeningCache:
         """An empty cache for score tests in another noise, with the same noise draws and drawn motions."""
         return ScreeningCache(self.noise_draws, _motions=self._motions)
 
-    def null_model(self, fit: Hashable, make: Callable[[], Result]) -> Result:
+    def null_model(self, fit: Fit) -> NullModel:
         """The null model of a fit; the MAX_FITS used last are cached."""
         if fit not in self._null_models:
-            self._null_models[fit] = make()
+            self._null_models[fit] = NullModel(fit, self.noise_draws)
             while len(self._null_models) > MAX_FITS:
                 self._null_models.popitem(last=False)
         self._null_models.move_to_end(fit)
-        found: Result = self._null_models[fit]
-        return found
+        return self._null_models[fit]
 
-    def drawn_motion(self, fit: Hashable, make: Callable[[], Result]) -> Result:
+    def drawn_motion(self, fit: Fit, make: Callable[[], Result]) -> Result:
         """What was drawn of the motion of a fit; that of the last fit is cached."""
         return _last_made(self._drawn_motions, fit, make)
 
@@ -189,32 +229,27 @@ class ScreeningCache:
         """Motions drawn for recordings, whatever is fitted to them; those drawn last are cached."""
         return _last_made(self._motions, recordings, make)
 
-    def draws(self, noise: Sequence[RecordingNoise]) -> NDArray[np.float32]:
-        """White noise (rows, NOISE_DRAWS) over all rows."""
-        return self.noise_draws.first(sum(n.whitener.rows for n in noise))
-
-    def whitened(self, key: Hashable | None, make: Callable[[], Columns]) -> Columns:
-        """Whitened sensitivities by key; the least recently used are dropped beyond MAX_BYTES. None is not cached."""
+    def whitened(self, key: Hashable | None, make: Callable[[], WhitenedColumns]) -> WhitenedColumns:
+        """Whitened columns by key; the least recently used are dropped beyond MAX_BYTES. None is not cached."""
         if key is None:
             return make()
-        if key not in self._sensitivities:
-            made = make()
-            if made.bytes > MAX_BYTES / 2:
-                return made
-            self._sensitivities[key] = made
-            while sum(w.bytes for w in self._sensitivities.values()) > MAX_BYTES:
-                self._sensitivities.popitem(last=False)
-        self._sensitivities.move_to_end(key)
-        found: Columns = self._sensitivities[key]
-        return found
+        if key not in self._columns:
+            whitened = make()
+            if whitened.bytes > MAX_BYTES / 2:
+                return whitened
+            self._columns[key] = whitened
+            while sum(w.bytes for w in self._columns.values()) > MAX_BYTES:
+                self._columns.popitem(last=False)
+        self._columns.move_to_end(key)
+        return self._columns[key]
 
     def results(
         self, keys: Sequence[Key], make: Callable[[Key], Result], announce: CountCallback | None = None
     ) -> list[Result]:
         """The result of each key, computed once."""
-        for key in counted([key for key in keys if key not in self._found], announce):
-            self._found[key] = make(key)
-        return [self._found[key] for key in keys]  # type: ignore[misc]
+        for key in counted([key for key in keys if key not in self._results], announce):
+            self._results[key] = make(key)
+        return [self._results[key] for key in keys]
 
 
 def _last_made(kept: dict[Hashable, Any], key: Hashable, make: Callable[[], Result]) -> Result:
@@ -222,32 +257,20 @@ def _last_made(kept: dict[Hashable, Any], key: Hashable, make: Callable[[], Resu
     if key not in kept:
         kept.clear()
         kept[key] = make()
-    found: Result = kept[key]
-    return found
+    last: Result = kept[key]
+    return last
 
 
-@dataclass(frozen=True, eq=False)
-class NullRows:
-    """Some rows of a null model: projected residual (r,) and orthonormal basis of its column space (r, k)."""
-
-    residual: Array
-    basis: Array
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class NullModel:
-    """A fit as null model of a score test: its whitened residual and its column space.
+    """A fit as null model of score tests: its whitened residual and its column space.
 
-    cache  cache shared by all fits to these recordings in this noise
+    noise_draws  white noise, that of all score tests
     """
 
     fit: Fit
-    cache: ScreeningCache = field(default_factory=ScreeningCache)
-
-    @classmethod
-    def of(cls, fit: Fit, cache: ScreeningCache) -> NullModel:
-        """The null model of a fit, cached."""
-        return cache.null_model(fit, lambda: cls(fit, cache))
+    noise_draws: NoiseDraws = field(default_factory=NoiseDraws)
+    _rows: dict[RowChoice, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def column_space(self) -> FitColumnSpace:
@@ -279,53 +302,41 @@ class NullModel:
         """Whitened chi-square of the fit."""
         return float(self.whitened_residual @ self.whitened_residual)
 
-    @cached_property
-    def _null_rows(self) -> dict[RowChoice, NullRows]:
-        return {}
-
     def index(self, choice: RowChoice) -> RowIndex:
         """Indices of the chosen rows among all."""
         return row_index(row_ranges(choice, self.fit.noise), self.fit.noise)
 
-    def rows_of(self, choice: RowChoice) -> NullRows:
-        """Projected residual and basis in chosen rows of each recording."""
-        if choice not in self._null_rows:
+    def rows_of(self, choice: RowChoice) -> tuple[Array, Array]:
+        """Projected residual (r,) and orthonormal basis of the column space (r, k) in chosen rows of each recording."""
+        if choice not in self._rows:
             index = self.index(choice)
-            self._null_rows[choice] = NullRows(self.residual[index], self.column_space.basis_in(index))
-        return self._null_rows[choice]
+            self._rows[choice] = self.residual[index], self.column_space.basis_in(index)
+        return self._rows[choice]
+
+    @property
+    def draws(self) -> SingleArray:
+        """White noise (rows, NOISE_DRAWS)."""
+        return self.noise_draws.first(sum(n.whitener.rows for n in self.fit.noise))
 
     @cached_property
     def draws_in_basis(self) -> Array:
         """Components of the noise draws along the basis, (k, NOISE_DRAWS)."""
-        draws = self.cache.draws(self.fit.noise)[self.reached]
+        draws = self.draws[self.reached]
         return (self.directions.basis.astype(draws.dtype).T @ draws).astype(np.float64)
 
-    def search_domain(self, number: int, make: Callable[[], SearchDomain]) -> SearchDomain:
-        """Search domain of a recording for new effects, computed once."""
-        if number not in self._search_domains:
-            self._search_domains[number] = make()
-        return self._search_domains[number]
-
     @cached_property
-    def _search_domains(self) -> dict[int, SearchDomain]:
-        return {}
-
-    def derivatives(self, number: int) -> list[tuple[Array, bool]]:
-        """Summands (n, p, k) of the prediction's derivative, over one repeat (True) or the whole record (False)."""
-        return self._derivatives[number]
-
-    @cached_property
-    def _derivatives(self) -> list[list[tuple[Array, bool]]]:
-        found = []
+    def derivatives(self) -> list[list[tuple[Array, bool]]]:
+        """Of each recording the summands (n, p, k) of the prediction's derivative, over one repeat (True) or all."""
+        derivatives = []
         for number in range(len(self.fit.recordings)):
             response = self.fit.response(number)
-            parts = [(response.periodic[1], True)]
+            summands = [(response.periodic[1], True)]
             if response.whole is not None:
-                whole = np.zeros((*response.whole[0].shape, parts[0][0].shape[2]))
+                whole = np.zeros((*response.whole[0].shape, summands[0][0].shape[2]))
                 whole[:, :, slice(None) if response.columns is None else list(response.columns)] = response.whole[1]
-                parts.append((whole, False))
-            found.append(parts)
-        return found
+                summands.append((whole, False))
+            derivatives.append(summands)
+        return derivatives
 
     def spread(self, columns: Array, choice: RowChoice) -> Array:
         """Columns (r, a) of the chosen rows, zero in all others, (rows, a)."""
@@ -348,22 +359,23 @@ class NullModel:
         That is with repeats, for static poses, and for a run too short to have one.
         """
         basis = self.column_space.basis_in(slice(0, len(self.residual)))
-        found: list[Array | None] = []
-        for recording, noise, part in zip(self.fit.recordings, self.fit.noise, self._parts, strict=True):
-            p = len(recording.channels)
-            known = has_run_spectrum(recording, noise)
-            found.append((lines(basis[part], p) ** 2).sum(axis=2) if known else None)
-        return found
+        leverages: list[Array | None] = []
+        for recording, noise, rows in zip(
+            self.fit.recordings, self.fit.noise, rows_of_recordings(self.fit), strict=True
+        ):
+            estimated = has_run_spectrum(recording, noise)
+            taken = (lines(basis[rows], len(recording.channels)) ** 2).sum(axis=2) if estimated else None
+            leverages.append(taken)
+        return leverages
+
+    @property
+    def spectrum_is_known(self) -> bool:
+        """Whether no recording's spectrum is that of its residual."""
+        return all(leverage is None for leverage in self.line_leverage)
 
     @cached_property
     def reached_ends(self) -> list[int]:
         """How many rows of each recording are reached: its first ones."""
         mask = np.zeros(len(self.residual), dtype=bool)
         mask[self.reached] = True
-        return [int(mask[part].sum()) for part in self._parts]
-
-    @property
-    def _parts(self) -> list[slice]:
-        """The rows of each recording."""
-        ends = np.cumsum([0, *(n.whitener.rows for n in self.fit.noise)])
-        return [slice(int(first), int(last)) for first, last in pairwise(ends)]
+        return [int(mask[rows].sum()) for rows in rows_of_recordings(self.fit)]

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.screening.null_model import NullModel, RowChoice, RowRanges, row_index, row_ranges
+from diagnosis.screening.null_model import NullModel, RowChoice, RowRanges, WhitenedColumns, row_index, row_ranges
 from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGTH
 from estimation.least_squares.square_root_information import ColumnSpace
 from estimation.multiplicity import detectable_noncentrality
@@ -24,65 +24,50 @@ from modeling.noise import NoiseSource
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class ScoredColumns:
-    """Columns (r, a) projected onto the complement of a null model, in the rows `ranges`; they are zero in all others.
+def columns_beside(null_model: NullModel, columns: Array, choice: RowChoice) -> tuple[Array, RowRanges]:
+    """Columns (r, a) in chosen rows projected onto the complement of a null model, in the rows where they are not zero.
 
-    residual  of the null model in these rows, (r,)
+    The rows are ranges (first, after the last) of each recording: all of one whose spectrum is that of its residual.
     """
+    noise, ranges = null_model.fit.noise, _reached_ranges(null_model, choice)
+    free = np.zeros((sum(last - first for first, last in ranges), columns.shape[1]), order="F")
+    free[_places(row_ranges(choice, noise), ranges)] = columns
+    basis = null_model.column_space.basis_in(row_index(ranges, noise))
+    free -= basis @ (basis.T @ free)
+    return free, ranges
 
-    null_model: NullModel
-    columns: Array
-    residual: Array
-    ranges: RowRanges
 
-    @classmethod
-    def of(cls, null_model: NullModel, columns: Array, choice: RowChoice) -> ScoredColumns:
-        """Of columns (r, a) in the chosen rows, not yet projected."""
-        noise, ranges = null_model.fit.noise, _reached_ranges(null_model, choice)
-        index = row_index(ranges, noise)
-        free = np.zeros((sum(last - first for first, last in ranges), columns.shape[1]), order="F")
-        free[_places(row_ranges(choice, noise), ranges)] = columns
-        basis = null_model.column_space.basis_in(index)
-        free -= basis @ (basis.T @ free)
-        return cls(null_model, free, null_model.residual[index], ranges)
+def noise_levels(null_model: NullModel, ranges: RowRanges, fitted: Array, tested: Array) -> list[NoiseLevel]:
+    """Level of the noise's spectrum over that which whitens, where each column (r, g) has its power.
 
-    def noise_levels(self, fitted: Array, tested: Array) -> list[NoiseLevel]:
-        """Level of the noise's spectrum over that which whitens, where each column (r, g) has its power.
-
-        The columns are in the rows `ranges`, and projected. Of a single run the spectrum is that of the residual
-        without the `tested` columns (r, a), which are no part of the noise if they are real.
-        """
-        shares = fitted**2
-        power = shares.sum(axis=0)
-        shares /= np.where(power > 0, power, 1.0)
-        found = [NoiseLevel(known=float(size == 0)) for size in power]
-        leverages, residual, directions = self.null_model.line_leverage, self.residual, tested[:, :0]
-        if not self.spectrum_is_known:
-            directions = ColumnSpace.of(tested).basis
-            residual = residual - directions @ (directions.T @ residual)
-        ends = pairwise(np.cumsum([0, *(last - first for first, last in self.ranges)]).tolist())
-        each = zip(self.null_model.fit.noise, leverages, self.ranges, ends, strict=True)
-        for noise, leverage, (first_row, _), (start, end) in each:
-            own, variance = shares[start:end].sum(axis=0), noise.log_power_variance_of(shares[start:end], first_row)
-            if leverage is None:
-                found = [x.and_known(*more) for x, *more in zip(found, own, variance, strict=True)]
-                continue
-            taken = leverage + (lines(directions[start:end], leverage.shape[1]) ** 2).sum(axis=2)
-            stated = noise.source is NoiseSource.RIG
-            spectrum = WhitenedSpectrum.of(residual[start:end], taken, stated=stated)
-            unit = fitted[start:end] / np.sqrt(np.where(power > 0, power, 1.0))
-            parts = spectrum.power_along(unit).transpose(2, 1, 0)
-            found = [
-                x.and_parts(level, spectrum.probability.T, v)
-                for x, level, v in zip(found, parts, variance + 2 * own**2 / spectrum.rows, strict=True)
-            ]
-        return found
-
-    @property
-    def spectrum_is_known(self) -> bool:
-        """Whether no recording's spectrum is that of its residual."""
-        return all(leverage is None for leverage in self.null_model.line_leverage)
+    The columns are in the rows `ranges`, and projected. Of a single run the spectrum is that of the residual without
+    the `tested` columns (r, a), which are no part of the noise if they are real.
+    """
+    shares = fitted**2
+    power = shares.sum(axis=0)
+    shares /= np.where(power > 0, power, 1.0)
+    levels = [NoiseLevel(known=float(size == 0)) for size in power]
+    residual, directions = null_model.residual[row_index(ranges, null_model.fit.noise)], tested[:, :0]
+    if not null_model.spectrum_is_known:
+        directions = ColumnSpace.of(tested).basis
+        residual = residual - directions @ (directions.T @ residual)
+    ends = pairwise(np.cumsum([0, *(last - first for first, last in ranges)]).tolist())
+    each = zip(null_model.fit.noise, null_model.line_leverage, ranges, ends, strict=True)
+    for noise, leverage, (first_row, _), (start, end) in each:
+        share, variance = shares[start:end].sum(axis=0), noise.log_power_variance_of(shares[start:end], first_row)
+        if leverage is None:
+            levels = [x.and_known(*more) for x, *more in zip(levels, share, variance, strict=True)]
+            continue
+        taken = leverage + (lines(directions[start:end], leverage.shape[1]) ** 2).sum(axis=2)
+        stated = noise.source is NoiseSource.RIG
+        spectrum = WhitenedSpectrum.of(residual[start:end], taken, stated=stated)
+        unit = fitted[start:end] / np.sqrt(np.where(power > 0, power, 1.0))
+        uncertain = spectrum.power_along(unit).transpose(2, 1, 0)
+        levels = [
+            x.and_parts(level, spectrum.probability.T, v)
+            for x, level, v in zip(levels, uncertain, variance + 2 * share**2 / spectrum.rows, strict=True)
+        ]
+    return levels
 
 
 def _reached_ranges(null_model: NullModel, choice: RowChoice) -> RowRanges:
@@ -92,14 +77,13 @@ def _reached_ranges(null_model: NullModel, choice: RowChoice) -> RowRanges:
     """
     chosen, ends = row_ranges(choice, null_model.fit.noise), null_model.reached_ends
     changed = any(first < end and last > first for (first, last), end in zip(chosen, ends, strict=True))
-    found = []
-    for noise, leverage, own, end in zip(null_model.fit.noise, null_model.line_leverage, chosen, ends, strict=True):
+    ranges = []
+    for noise, leverage, rows, end in zip(null_model.fit.noise, null_model.line_leverage, chosen, ends, strict=True):
         if leverage is not None:
-            own = (0, noise.whitener.rows)
-        elif changed and end:
-            own = (0, max(own[1], end))
-        found.append(own)
-    return tuple(found)
+            ranges.append((0, noise.whitener.rows))
+        else:
+            ranges.append((0, max(rows[1], end)) if changed and end else rows)
+    return tuple(ranges)
 
 
 def _places(chosen: RowRanges, ranges: RowRanges) -> slice | NDArray[np.intp]:
@@ -107,37 +91,36 @@ def _places(chosen: RowRanges, ranges: RowRanges) -> slice | NDArray[np.intp]:
     if chosen == ranges:
         return slice(None)
     starts = np.cumsum([0, *(last - first for first, last in ranges)]).tolist()
-    parts = [
-        np.arange(start + own[0] - whole[0], start + own[1] - whole[0])
-        for own, whole, start in zip(chosen, ranges, starts[:-1], strict=True)
-    ]
-    return np.concatenate(parts)
+    return np.concatenate(
+        [
+            np.arange(start + rows[0] - wider[0], start + rows[1] - wider[0])
+            for rows, wider, start in zip(chosen, ranges, starts[:-1], strict=True)
+        ]
+    )
 
 
 # Score tests at one point of an effect's grid: scores, the noise that they are in, and p-values.
 
 
-@dataclass(frozen=True, eq=False)
-class PointScore:
-    """Score test of an effect's amplitudes at one point of its grid.
+@dataclass(frozen=True)
+class Score:
+    """Drop of the whitened chi-square, with `rank` degrees of freedom, in noise of some level there.
 
-    score         drop of the whitened chi-square, with `rank` degrees of freedom
-    amounts, std  estimate and standard deviation of each amplitude, (a,), in units of the grid point
+    It is the largest of that of so many `tests`.
     """
 
-    score: float
+    value: float
     rank: int
-    amounts: Array
-    std: Array
-
-
-@dataclass(frozen=True)
-class AmplitudeTest:
-    """Score test of one amplitude, the others zero: that of the largest score among `amplitudes`."""
-
-    score: float
     noise: NoiseLevel
-    amplitudes: int
+    tests: int = 1
+
+    def p_value(self, from_motion: float = 0.0) -> float:
+        """P-value (Bonferroni) of what is beyond the score that the noise of the motion gives by itself.
+
+        A score is a squared length, to which the noise of the motion adds its own, at most in the same direction.
+        """
+        beyond = max(self.value**0.5 - from_motion**0.5, 0.0) ** 2
+        return self.tests * self.noise.p_value(float(beyond), self.rank)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,102 +131,40 @@ class PointTest:
     many of the lowest lines that the rest hardly tell the noise there. Tested alone it is found (sparse alternatives:
     Arias-Castro, Candes and Plan, Annals of Statistics 39, 2011).
 
-    score     of all amplitudes
-    noise     level of the noise where that score comes from
-    alone     test of the strongest amplitude; None where there is but one direction
-    power     level of the noise (a,) where the score of each amplitude comes from
-    variance  variances (a,) of their logs
+    together      of all amplitudes
+    alone         of the strongest amplitude, the others zero; None where there is but one direction
+    amounts, std  estimate and standard deviation of each amplitude, (a,), in units of the grid point
+    power         level of the noise (a,) where the score of each amplitude comes from
+    variance      variances (a,) of their logs
     """
 
-    score: PointScore
-    noise: NoiseLevel
-    alone: AmplitudeTest | None
+    together: Score
+    alone: Score | None
+    amounts: Array
+    std: Array
     power: Array
     variance: Array
 
     def p_value(self, from_motion: float = 0.0) -> float:
-        """P-value of both tests (Bonferroni), of what is beyond the score that the noise of the motion gives by itself.
+        """P-value of both tests (Bonferroni), beyond the score that the noise of the motion gives by itself.
 
-        A score is a squared length, to which the noise of the motion adds its own, at most in the same direction.
         1 where the effect is not identifiable.
         """
-        if not self.score.rank:
+        if not self.together.rank:
             return 1.0
-        together = self.noise.p_value(_less(self.score.score, from_motion), self.score.rank)
-        if self.alone is None:
-            return together
-        strongest = self.alone.amplitudes * self.alone.noise.p_value(_less(self.alone.score, from_motion), 1)
-        return min(1.0, 2 * together, 2 * strongest)
+        together = self.together.p_value(from_motion)
+        return together if self.alone is None else min(1.0, 2 * together, 2 * self.alone.p_value(from_motion))
 
     def detectable_noncentrality(self, level: float) -> Array:
         """Noncentrality (a,) that one of the tests at this level detects with 80 % power."""
         if self.alone is None:
-            return np.asarray(detectable_noncentrality([self.score.rank], [level], self.variance)[0])
-        levels = [level / 2, level / 2 / self.alone.amplitudes]
-        return np.asarray(detectable_noncentrality([self.score.rank, 1], levels, self.variance).min(axis=0))
+            return np.asarray(detectable_noncentrality([self.together.rank], [level], self.variance)[0])
+        levels = [level / 2, level / 2 / self.alone.tests]
+        return np.asarray(detectable_noncentrality([self.together.rank, 1], levels, self.variance).min(axis=0))
 
-
-def _less(score: float, other: float) -> float:
-    """A squared length less another of the same direction."""
-    return float(max(score**0.5 - other**0.5, 0.0) ** 2)
-
-
-Draws = NDArray[np.float32]
 
 RANK_TOLERANCE = 1e-4
 """Relative length of a projected direction below which it counts as rounding error of the derivative."""
-
-
-@dataclass(frozen=True, eq=False)
-class WhitenedColumns:
-    """Score columns (r, b, a) of an effect's a amplitudes at b building blocks, in the rows `choice`.
-
-    Their inner products with each other and with the noise draws do not depend on the fit and are computed once.
-    """
-
-    columns: Array
-    choice: RowChoice
-
-    @property
-    def bytes(self) -> int:
-        """Memory of the columns; that of quantities computed from them is small in comparison."""
-        return self.columns.nbytes
-
-    @cached_property
-    def flat(self) -> Array:
-        """The columns as a matrix, (r, b a)."""
-        return self.columns.reshape(len(self.columns), -1)
-
-    @cached_property
-    def block_gram(self) -> Array:
-        """Inner products of each block's columns, (b, a, a)."""
-        if self.columns.shape[2] == 1:
-            return np.asarray(np.einsum("rba,rba->ba", self.columns, self.columns)[:, :, None])
-        each = self.columns.transpose(1, 2, 0)
-        return np.asarray(each @ each.swapaxes(1, 2))
-
-    @cached_property
-    def gram(self) -> Array:
-        """Inner products of all columns, (b, a, b, a)."""
-        _, b, a = self.columns.shape
-        return np.asarray(self.flat.T @ self.flat).reshape(b, a, b, a)
-
-    def inner_products(self, rows: Array) -> Array:
-        """Inner products (b, a, m) with other columns (r, m) of the same rows."""
-        _, b, a = self.columns.shape
-        return np.asarray(self.flat.T @ rows).reshape(b, a, rows.shape[1])
-
-    def noise_inner_products(self, draws: Draws) -> Array:
-        """Inner products (b, a, NOISE_DRAWS) with noise draws (r, NOISE_DRAWS) in these rows, computed once."""
-        if "products" not in self._noise_inner_products:
-            _, b, a = self.columns.shape
-            products = self.flat.astype(draws.dtype).T @ draws
-            self._noise_inner_products["products"] = products.astype(np.float64).reshape(b, a, -1)
-        return self._noise_inner_products["products"]
-
-    @cached_property
-    def _noise_inner_products(self) -> dict[str, Array]:
-        return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,6 +180,13 @@ class ProjectedColumns:
     whitened: WhitenedColumns
     combination: GridSuperposition
     low: float
+
+    @classmethod
+    def of_point(
+        cls, null_model: NullModel, columns: Array, choice: RowChoice, low: float = -np.inf
+    ) -> ProjectedColumns:
+        """Of the columns (r, 1, a) of a single point, in the chosen rows."""
+        return cls(null_model, WhitenedColumns(columns, choice), GridSuperposition.plain([{}]), low)
 
     @cached_property
     def _index(self) -> NDArray[np.intp]:
@@ -291,11 +219,11 @@ class ProjectedColumns:
     @cached_property
     def _null_components(self) -> Array:
         """Components (g, a, k) of the unit columns along the null model's basis."""
-        null_rows = self.null_model.rows_of(self.whitened.choice)
-        return self._summed(self.whitened.inner_products(null_rows.basis)) / self.scale[:, :, None]
+        _, basis = self.null_model.rows_of(self.whitened.choice)
+        return self._summed(self.whitened.inner_products(basis)) / self.scale[:, :, None]
 
     @cached_property
-    def directions(self) -> tuple[Array, Array]:
+    def _principal(self) -> tuple[Array, NDArray[np.int_]]:
         """Inverse square roots (g, a, a) of the projected Gram matrices, zero in dropped directions; ranks (g,)."""
         unit = self.gram / self.scale[:, :, None] / self.scale[:, None, :]
         free = unit - self._null_components @ self._null_components.swapaxes(1, 2)
@@ -307,46 +235,60 @@ class ProjectedColumns:
         inverse = np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
         return vectors * inverse[:, None, :], kept.sum(axis=1)
 
-    def _scores(self, product: Array) -> tuple[Array, Array]:
+    @property
+    def roots(self) -> Array:
+        """Inverse square roots (g, a, a) of the projected Gram matrices of unit columns, zero in dropped directions."""
+        return self._principal[0]
+
+    @property
+    def ranks(self) -> NDArray[np.int_]:
+        """Number (g,) of directions that are not dropped."""
+        return self._principal[1]
+
+    def _scored(self, product: Array) -> tuple[Array, Array]:
         """Scores (g, m) and amounts (g, a, m) from inner products (g, a, m) of unit columns and projected residuals."""
-        roots, _ = self.directions
-        along = roots.swapaxes(1, 2) @ product
-        amounts = (roots @ along) / self.scale[:, :, None]
+        along = self.roots.swapaxes(1, 2) @ product
+        amounts = (self.roots @ along) / self.scale[:, :, None]
         score = (along**2).sum(axis=1)
         if np.isfinite(self.low):
             score = np.where(amounts[:, 0] > self.low, score, 0.0)
         return score, amounts
 
     @cached_property
-    def found(self) -> tuple[Array, Array]:
-        """Scores (g,) and estimated amounts (g, a) of the residual."""
-        residual = self.null_model.rows_of(self.whitened.choice).residual
+    def _of_residual(self) -> tuple[Array, Array]:
+        residual, _ = self.null_model.rows_of(self.whitened.choice)
         product = self._summed(self.whitened.inner_products(residual[:, None])) / self.scale[:, :, None]
-        score, amounts = self._scores(product)
-        return score[:, 0], amounts[:, :, 0]
+        return self._scored(product)
+
+    @property
+    def scores(self) -> Array:
+        """Scores (g,) of the residual."""
+        return self._of_residual[0][:, 0]
+
+    @property
+    def amounts(self) -> Array:
+        """Estimated amounts (g, a)."""
+        return self._of_residual[1][:, :, 0]
 
     @cached_property
     def std(self) -> Array:
         """Standard deviations (g, a) of the amounts."""
-        size = np.linalg.norm(self.directions[0], axis=2)
+        size = np.linalg.norm(self.roots, axis=2)
         return np.asarray(np.where(size > 0, size / self.scale, np.inf))
 
-    def trial(self, place: int) -> PointScore:
-        """The score test at one of the points."""
-        score, amounts = self.found
-        return PointScore(float(score[place]), int(self.directions[1][place]), amounts[place], self.std[place])
+    @property
+    def best(self) -> int:
+        """Index of the largest score; where all are zero, of a point where the effect is identifiable."""
+        return int(np.lexsort((-np.arange(len(self.scores)), self.ranks, self.scores))[-1])
 
     def noise_scores(self) -> Array:
         """The largest score over the grid in each noise draw, (NOISE_DRAWS,)."""
-        null_model, whitened = self.null_model, self.whitened
-        draws = null_model.cache.draws(null_model.fit.noise)
-        raw = (
-            self._summed(whitened.noise_inner_products(draws[null_model.index(whitened.choice)]))
-            / self.scale[:, :, None]
-        )
+        null_model, choice = self.null_model, self.whitened.choice
+        products = self.whitened.noise_inner_products(null_model.draws[null_model.index(choice)])
+        raw = self._summed(products) / self.scale[:, :, None]
         if self._null_components.shape[2]:
             raw = raw - self._null_components @ null_model.draws_in_basis
-        score, _ = self._scores(raw)
+        score, _ = self._scored(raw)
         return np.asarray(score.max(axis=0))
 
     def columns(self, place: int) -> Array:
@@ -356,24 +298,24 @@ class ProjectedColumns:
 
     def test(self, place: int) -> PointTest:
         """The score tests at one of the points, in the noise where their scores come from."""
-        score, known = self.trial(place), np.isfinite(self.scale[place])
-        tested = ScoredColumns.of(self.null_model, self.columns(place), self.whitened.choice)
-        free = tested.columns
+        amounts, rank, present = self.amounts[place], int(self.ranks[place]), np.isfinite(self.scale[place])
+        free, ranges = columns_beside(self.null_model, self.columns(place), self.whitened.choice)
         fitted = np.empty((len(free), 1 + free.shape[1]), order="F")
-        fitted[:, 0], fitted[:, 1:] = free[:, known] @ score.amounts[known], free
-        noise, *each = tested.noise_levels(fitted, free[:, known])
+        fitted[:, 0], fitted[:, 1:] = free[:, present] @ amounts[present], free
+        noise, *each = noise_levels(self.null_model, ranges, fitted, free[:, present])
         power, variance = np.array([x.mean for x in each]), np.array([x.variance_of_log for x in each])
-        alone = self._strongest_alone(place, tested, each) if score.rank > 1 else None
-        return PointTest(score, noise, alone, power, variance)
+        alone = self._strongest_alone(place, free, ranges, each) if rank > 1 else None
+        together = Score(float(self.scores[place]), rank, noise)
+        return PointTest(together, alone, amounts, self.std[place], power, variance)
 
-    def _strongest_alone(self, place: int, tested: ScoredColumns, levels: Sequence[NoiseLevel]) -> AmplitudeTest:
-        """Of a point's projected columns the one of the largest score relative to the noise, of these levels."""
-        free = tested.columns
+    def _strongest_alone(self, place: int, free: Array, ranges: RowRanges, levels: Sequence[NoiseLevel]) -> Score:
+        """Of a point's projected columns (r, a) the one of the largest score relative to the noise, of these levels."""
+        residual = self.null_model.residual[row_index(ranges, self.null_model.fit.noise)]
         length = np.sqrt(np.einsum("ra,ra->a", free, free))
         identifiable = length > RANK_TOLERANCE * self.scale[place]
-        scores = (free.T @ tested.residual / np.where(identifiable, length, np.inf)) ** 2
+        scores = (free.T @ residual / np.where(identifiable, length, np.inf)) ** 2
         strongest = int(np.argmax(scores / np.array([level.mean for level in levels])))
         noise, column = levels[strongest], free[:, [strongest]]
-        if not tested.spectrum_is_known:  # spectrum of the residual without this one column
-            (noise,) = tested.noise_levels(column, column)
-        return AmplitudeTest(float(scores[strongest]), noise, int(identifiable.sum()))
+        if not self.null_model.spectrum_is_known:  # spectrum of the residual without this one column
+            (noise,) = noise_levels(self.null_model, ranges, column, column)
+        return Score(float(scores[strongest]), 1, noise, int(identifiable.sum()))

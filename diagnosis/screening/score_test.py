@@ -6,18 +6,25 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.progress import CountCallback
-from diagnosis.screening.grid_search import GridSearch, refine_onsets, search_domain
-from diagnosis.screening.null_model import NullModel, ScreeningCache
+from diagnosis.screening.grid_search import grid_points, projected_columns, refine_onsets, search_domain
+from diagnosis.screening.null_model import ScreeningCache
+from diagnosis.screening.projection import PointTest, ProjectedColumns
 from diagnosis.screening.whitened_sensitivity import GridPoint
 from estimation.fit import Fit, refit
 from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.model_response import missing_inputs
-from estimation.multiplicity import bonferroni_level, holm_adjusted
+from estimation.multiplicity import (
+    bonferroni_level,
+    effective_number_of_frequencies,
+    effective_number_of_tests,
+    holm_adjusted,
+)
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
@@ -63,7 +70,7 @@ class DrawnMotion:
     @cached_property
     def largest_power(self) -> float:
         """Upper limit of any score: the whitened chi-square of the residual itself."""
-        residuals = (NullModel.of(fit, self.cache).residual for fit in self.fits)
+        residuals = (self.cache.null_model(fit).residual for fit in self.fits)
         return max(float(rows @ rows) for rows in residuals)
 
 
@@ -87,18 +94,25 @@ CLEARLY_SIGNIFICANT = 1e-6
 """P-value by a limit of the motion's noise that needs no better one, whatever the number of effects."""
 
 
+def _undetectable(_level: float) -> Mapping[str, float]:
+    return {}
+
+
 @dataclass(frozen=True, eq=False)
 class ScoreTest:
-    """Score test of one effect given a fit.
+    """Score test of one effect given a fit, at the best point of its search domain.
 
     statistic   drop of the whitened chi-square by its amplitudes' linear estimate (0 when not excited)
     p_value     corrected for the effective number of grid points tested, not for the number of effects
     start       initial values of the exact refit
-    amounts     estimated changes of the amplitudes from nominal, with their std
-    limits      computes `detectable`
+    amounts     estimated changes of the amplitudes from nominal, with their std; of the value itself if nominal is
+                infinite: such an amplitude acts by its inverse, the amount a at the grid value v means v / a
+    limits      changes of the amplitudes that a test at a level of significance detects with 80 % power
+    level       that level, of each point tested
     point       grid point of the best score, None when not excited
     reason      why it is not excited, empty when it is
     searched    effective number of grid points tested
+    test        the tests at that point, None when not excited
     """
 
     effect: Effect
@@ -106,10 +120,12 @@ class ScoreTest:
     p_value: float
     start: NuisanceValues
     amounts: Mapping[str, tuple[float, float]]
-    limits: Callable[[], Mapping[str, float]] = field(default=dict, repr=False)
+    limits: Callable[[float], Mapping[str, float]] = field(default=_undetectable, repr=False)
+    level: float = LEVELS.effect
     point: GridPoint | None = None
     reason: str = ""
     searched: float = 1.0
+    test: PointTest | None = None
 
     @property
     def excited(self) -> bool:
@@ -119,7 +135,15 @@ class ScoreTest:
     @cached_property
     def detectable(self) -> Mapping[str, float]:
         """Changes of the amplitudes that are detected with 80 % power; computed when asked for, as it takes long."""
-        return self.limits()
+        return self.limits(self.level)
+
+    def share_of(self, excess: float | None) -> float | None:
+        """Share of an excess of chi-square that the effect would remove; None where there is none, or it is unknown."""
+        return min(1.0, self.statistic / excess) if excess and self.excited else None
+
+    def p_value_beyond(self, from_motion: float) -> float:
+        """P-value of what is beyond the score that the motion's noise gives by itself."""
+        return 1.0 if self.test is None else min(1.0, self.searched * self.test.p_value(from_motion))
 
 
 def screen(
@@ -137,10 +161,17 @@ def screen(
     """
     count = len(effects) if candidates is None else candidates
     cache = ScreeningCache() if cache is None else cache
-    searches = run_searches(absent_effects(fit, effects), cache, announce)
-    motion = _scores_of_motion([s for s in searches if isinstance(s, GridSearch)], fit, cache)
-    found = [_score_test(s, count, motion) if isinstance(s, GridSearch) else s for s in searches]
-    return sorted(found, key=lambda s: (s.p_value, -s.statistic))
+    tests = run_searches(absent_effects(fit, effects), cache, announce)
+    motion = _scores_of_motion(tests, fit, cache)
+    corrected = [
+        replace(
+            test,
+            p_value=test.p_value_beyond(motion[test.effect.id]) if test.effect.id in motion else test.p_value,
+            level=bonferroni_level(count) / test.searched,
+        )
+        for test in tests
+    ]
+    return sorted(corrected, key=lambda s: (s.p_value, -s.statistic))
 
 
 def absent_effects(fit: Fit, effects: Sequence[Effect]) -> list[tuple[Fit, Effect]]:
@@ -151,15 +182,15 @@ def absent_effects(fit: Fit, effects: Sequence[Effect]) -> list[tuple[Fit, Effec
 
 def run_searches(
     wanted: Sequence[tuple[Fit, Effect]], cache: ScreeningCache, announce: CountCallback | None = None
-) -> list[GridSearch | ScoreTest]:
-    """Grid searches of effects, each given a fit; no search is made twice."""
-    return cache.results(wanted, lambda key: _search(NullModel.of(key[0], cache), key[1]), announce)
+) -> list[ScoreTest]:
+    """Score tests of effects, each given a fit, as if the motion had no noise; none is made twice."""
+    return cache.results(wanted, lambda key: search(key[0], key[1], cache), announce)
 
 
 def refit_initial_values(fit: Fit, screening: ScoreTest, cache: ScreeningCache | None = None) -> NuisanceValues:
     """Initial values of the exact refit with a screened effect, its onset times refined."""
-    null_model = NullModel.of(fit, ScreeningCache() if cache is None else cache)
-    return refine_onsets(null_model, screening.effect, screening.start)
+    cache = ScreeningCache() if cache is None else cache
+    return refine_onsets(cache.null_model(fit), screening.effect, screening.start)
 
 
 def adjusted_p_values(score_tests: Sequence[ScoreTest]) -> dict[str, float]:
@@ -174,9 +205,8 @@ def significant_effects(score_tests: Sequence[ScoreTest]) -> list[ScoreTest]:
     return [s for s in score_tests if s.excited and adjusted[s.effect.id] < LEVELS.effect]
 
 
-def _search(null_model: NullModel, new: Effect) -> GridSearch | ScoreTest:
-    """The grid search of an effect, or a score test that says why there is none."""
-    fit = null_model.fit
+def search(fit: Fit, new: Effect, cache: ScreeningCache) -> ScoreTest:
+    """The score test of an effect at the best point of its search domain, or why there is none."""
     model = fit.model + new
     effect = model.effects[-1]
     alone = compiled_prediction(model.base + effect).model
@@ -187,16 +217,78 @@ def _search(null_model: NullModel, new: Effect) -> GridSearch | ScoreTest:
     if not numbers or not everywhere:
         first = next(i for i, absent in enumerate(missing) if absent)
         return _not_excited(effect, f"no {_quantities(missing[first])} in {fit.recordings[first].name}")
+    null_model = cache.null_model(fit)
     grid = effect.nuisance_grid(search_domain(null_model, numbers[0], effect))
     if not grid:
         return _not_excited(effect, "the recording has no position")
-    return GridSearch.over(null_model, model, effect, grid)
+    return _best_of(projected_columns(null_model, model, effect, grid, cache), effect, grid_points(model, effect, grid))
+
+
+def _best_of(projected: ProjectedColumns, effect: Effect, grid: Sequence[GridPoint]) -> ScoreTest:
+    """The score test at the best point of an effect's grid."""
+    if not projected.gram.any():
+        return _not_excited(effect, "not excited by this motion")
+    place = projected.best
+    test, point = projected.test(place), grid[place]
+    if not test.together.rank:
+        return _not_excited(effect, "collinear with other parameters of the model in this motion")
+    searched = 1.0
+    if len(grid) > 1:
+        searched = effective_number_of_tests(projected.noise_scores(), test.together.rank)
+    fit = projected.null_model.fit
+    if effect.has_role(Role.FREQUENCY, fit.model.space):  # at least as many as over all frequencies
+        samples = max(r.samples for r in fit.recordings)
+        searched = max(searched, effective_number_of_frequencies(test.together.value, samples))
+    return ScoreTest(
+        effect=effect,
+        statistic=test.together.value,
+        p_value=min(1.0, searched * test.p_value()),
+        start=point.start(test.amounts),
+        amounts=_amounts(point, test),
+        limits=partial(_detectable, test, grid, place, projected.std),
+        point=point,
+        searched=searched,
+        test=test,
+    )
+
+
+def _amounts(point: GridPoint, test: PointTest) -> dict[str, tuple[float, float]]:
+    """Estimate and std of each amplitude, as `ScoreTest.amounts`."""
+    amounts = {}
+    for p, amount, std in zip(point.amplitudes, test.amounts, test.std, strict=True):
+        unit = point.unit_of(p)
+        if isfinite(p.nominal):
+            amounts[p.name] = (float(amount * unit), float(std * abs(unit)) if isfinite(std) else inf)
+        else:
+            amounts[p.name] = (unit, float(abs(unit) * std))
+    return amounts
+
+
+def _detectable(
+    test: PointTest, grid: Sequence[GridPoint], place: int, std: NDArray[np.float64], level: float
+) -> Mapping[str, float]:
+    """Change of each amplitude from nominal that the test at the best place of a grid detects with 80 % power.
+
+    Where the nominal value is infinite, the effect decreases with the value: the value within the grid range, from
+    the grid point whose own noncentrality is nearest. `std` (g, a) are those of the amounts at each point.
+    """
+    needed = np.sqrt(test.power * test.detectable_noncentrality(level)) * std
+    detectable = {}
+    for i, p in enumerate(grid[place].amplitudes):
+        if isfinite(p.nominal):
+            detectable[p.name] = float(needed[place, i] * abs(grid[place].unit_of(p)))
+            continue
+        sizes = np.array([point.unit_of(p) for point in grid])
+        amount = np.maximum(np.where(needed[:, i] > 0, needed[:, i], np.inf), 1e-300)
+        near = int(np.argmin(np.abs(np.log(amount))))
+        detectable[p.name] = float(np.clip(sizes[near] / amount[near], sizes.min(), sizes.max()))
+    return detectable
 
 
 def _quantities(names: Sequence[str]) -> str:
     """What signals are: joint angles for q1, q2 and their derivatives."""
-    known = ("joint angles" if re.fullmatch(r"d*q\d+", name) else name for name in names)
-    return ", ".join(dict.fromkeys(known))
+    quantities = ("joint angles" if re.fullmatch(r"d*q\d+", name) else name for name in names)
+    return ", ".join(dict.fromkeys(quantities))
 
 
 def _missing_inputs(alone: WrenchModel, effect: Effect, recording: Recording, noise: RecordingNoise) -> tuple[str, ...]:
@@ -219,44 +311,22 @@ def _not_excited(effect: Effect, reason: str) -> ScoreTest:
     return ScoreTest(effect, 0.0, 1.0, {}, {}, reason=reason)
 
 
-def _score_test(search: GridSearch, candidates: int, motion: Mapping[str, float]) -> ScoreTest:
-    """`motion` are scores that the noise of the motion gives by itself, by effect; zero where there is none."""
-    best, effect = search.best, search.effect
-    if best.rank == 0:
-        return _not_excited(effect, search.unidentifiable_reason)
-    level = bonferroni_level(candidates) / search.number_of_tests
-    return ScoreTest(
-        effect=effect,
-        statistic=best.score,
-        p_value=search.p_value(motion.get(effect.id, 0.0)),
-        start=search.start,
-        amounts=search.amounts(),
-        limits=partial(search.detectable, level),
-        point=search.point,
-        searched=search.number_of_tests,
-    )
-
-
-def _scores_of_motion(searches: Sequence[GridSearch], fit: Fit, cache: ScreeningCache) -> dict[str, float]:
+def _scores_of_motion(tests: Sequence[ScoreTest], fit: Fit, cache: ScreeningCache) -> dict[str, float]:
     """Score that the noise of the motion alone gives each significant effect, by its id.
 
     The limit that holds for every effect is tried first, as it costs nothing.
     """
-    significant = [s for s in searches if s.best.rank and s.p_value() < LEVELS.effect]
+    significant = [s for s in tests if s.p_value < LEVELS.effect]
     motion = cache.drawn_motion(fit, lambda: DrawnMotion.of(fit, cache)) if significant else None
     if motion is None:
         return {}
     scores = {s.effect.id: motion.largest_power for s in significant}
-    unclear = [s.effect for s in significant if s.p_value(motion.largest_power) >= CLEARLY_SIGNIFICANT]
+    unclear = [s.effect for s in significant if s.p_value_beyond(motion.largest_power) >= CLEARLY_SIGNIFICANT]
     wanted = [(drawn, effect) for effect in unclear for drawn in motion.fits]
     again = dict(zip(wanted, run_searches(wanted, motion.cache), strict=True))
     for effect in unclear:
-        scores[effect.id] = max(_largest_score(again[drawn, effect]) for drawn in motion.fits)
+        scores[effect.id] = max(again[drawn, effect].statistic for drawn in motion.fits)
     return scores
-
-
-def _largest_score(search: GridSearch | ScoreTest) -> float:
-    return search.best.score if isinstance(search, GridSearch) else search.statistic
 
 
 # Initial values of a nonlinear fit, by screening each effect in turn.
@@ -269,12 +339,12 @@ def model_initial_values(model: WrenchModel, recordings: Sequence[Recording]) ->
     its score test given those before it, and everything before it where it was fitted: far from there, effects that
     are not linear have other minima. An effect that the recordings do not excite is skipped.
     """
-    case = with_gravity_direction(model, recordings)
-    model, several = case.model, case.recordings
+    directed = with_gravity_direction(model, recordings)
+    model, several = directed.model, directed.recordings
     searched = [e for e in model.effects if _needs_search(e, model)]
     if not searched:
         return {}
-    found: NuisanceValues = {}
+    values: NuisanceValues = {}
     fitted = refit(with_decided_convention(model.base, several), several)
     for effect in model.effects:
         cache = ScreeningCache()
@@ -282,9 +352,9 @@ def model_initial_values(model: WrenchModel, recordings: Sequence[Recording]) ->
         if not screening.excited:
             continue
         if effect in searched:
-            found |= refit_initial_values(fitted, screening, cache)
-        fitted = _refit_with(fitted, effect, found) if effect not in model.effects[-1:] else fitted
-    return {**fitted.values, **found}
+            values |= refit_initial_values(fitted, screening, cache)
+        fitted = _refit_with(fitted, effect, values) if effect not in model.effects[-1:] else fitted
+    return {**fitted.values, **values}
 
 
 def _needs_search(effect: Effect, model: WrenchModel) -> bool:

@@ -89,26 +89,26 @@ class Suspects(Tabular):
         """
         import pandas as pd
 
-        known = self.table.to_frame()
+        frame = self.table.to_frame()
         sizes = pd.DataFrame([self._size(test) for test in self.tests], columns=SIZE_COLUMNS)
-        return pd.concat([known.iloc[:, :4], sizes, known.iloc[:, -1:]], axis=1)
+        return pd.concat([frame.iloc[:, :4], sizes, frame.iloc[:, -1:]], axis=1)
 
     def _size(self, test: ScoreTest) -> tuple[str, float, float, float, str]:
         """Name, size, std, detectable change and unit of the most significant amplitude."""
         if not test.amounts:
             return "", nan, nan, nan, ""
         (name, (size, std)), *_ = self._ranked(test)
-        found = self._qualified(test)[name]
-        if isinf(found.nominal):
+        parameter = self._qualified(test)[name]
+        if isinf(parameter.nominal):
             size, std = size if self._significant(test) else nan, nan
-        return _own_name(name), size, std, test.detectable.get(name, nan), found.unit
+        return _short_name(name), size, std, test.detectable.get(name, nan), parameter.unit
 
     def remarks(self) -> list[str]:
         """What to do with it."""
         if not self.ids:
             return ["no effect is significant at 1 % (family-wise)"]
-        found = [f"significant at 1 % (family-wise): {', '.join(self.ids)}; one true effect makes several look so"]
-        return found + [f"{' and '.join(tie)} have the same score here: fit each, and compare" for tie in self.ties]
+        first = f"significant at 1 % (family-wise): {', '.join(self.ids)}; one true effect makes several look so"
+        return [first] + [f"{' and '.join(tie)} have the same score here: fit each, and compare" for tie in self.ties]
 
     @property
     def ties(self) -> list[tuple[str, ...]]:
@@ -119,11 +119,11 @@ class Suspects(Tabular):
 
     def share(self, test: ScoreTest) -> float | None:
         """Share of the excess chi-square that the effect would remove; None where there is no excess to share."""
-        return min(1.0, test.statistic / self.excess) if self.excess and test.excited else None
+        return test.share_of(self.excess)
 
     def _amounts(self, test: ScoreTest) -> str:
-        found = [self._amount(test, name) for name, _ in self._ranked(test)[:MOST_AMOUNTS]]
-        return ", ".join(found) + ", .." * (len(test.amounts) > MOST_AMOUNTS)
+        listed = [self._amount(test, name) for name, _ in self._ranked(test)[:MOST_AMOUNTS]]
+        return ", ".join(listed) + ", .." * (len(test.amounts) > MOST_AMOUNTS)
 
     def _amount(self, test: ScoreTest, name: str) -> str:
         """An amplitude in words.
@@ -131,16 +131,18 @@ class Suspects(Tabular):
         One that is nominally infinite is a point of the search, no estimate with a std; where it is not significant it
         is above what is detectable.
         """
-        found, (size, std) = self._qualified(test)[name], test.amounts[name]
-        if not isinf(found.nominal):
-            return f"{_own_name(name)} = {estimate_text(size, std, found.unit)}"
+        parameter, (size, std) = self._qualified(test)[name], test.amounts[name]
+        if not isinf(parameter.nominal):
+            return f"{_short_name(name)} = {estimate_text(size, std, parameter.unit)}"
         if self._significant(test):
-            return f"{_own_name(name)} = {_number(size, found.unit)}"
-        return f"{_own_name(name)} > {_number(test.detectable[name], found.unit)}" if name in test.detectable else ""
+            return f"{_short_name(name)} = {_number(size, parameter.unit)}"
+        if name not in test.detectable:
+            return ""
+        return f"{_short_name(name)} > {_number(test.detectable[name], parameter.unit)}"
 
     def _detectable(self, test: ScoreTest) -> str:
-        found, known = list(test.detectable.items())[:MOST_AMOUNTS], self._qualified(test)
-        return ", ".join(f"{_own_name(name)} {_number(v, format_unit(known[name].unit))}" for name, v in found)
+        listed, parameters = list(test.detectable.items())[:MOST_AMOUNTS], self._qualified(test)
+        return ", ".join(f"{_short_name(name)} {_number(v, format_unit(parameters[name].unit))}" for name, v in listed)
 
     def _ranked(self, test: ScoreTest) -> list[tuple[str, tuple[float, float]]]:
         """The amplitudes, the most significant first."""
@@ -156,7 +158,7 @@ class Suspects(Tabular):
         return self.p_values.get(test.effect.id, 1.0) < LEVELS.effect
 
 
-def _own_name(name: str) -> str:
+def _short_name(name: str) -> str:
     """The name of a parameter without its effect."""
     return name.split(".", 1)[1]
 

@@ -9,7 +9,8 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.screening.null_model import NullModel, RowChoice, RowSet
+from diagnosis.screening.null_model import RowChoice, RowSet, row_ranges
+from estimation.fit import Fit
 from estimation.model_response import ModelResponse, model_response, motion_record, signals_are_periodic
 from estimation.noise.whitening import FourierLineWhitener, Whitener
 from estimation.parameter_layout import ParameterLayout, parameter_layout
@@ -36,37 +37,35 @@ MAX_EXACT_POINTS = 8
 
 
 def whitened_sensitivities(
-    null_model: NullModel,
+    fit: Fit,
     model: WrenchModel,
     grid: Sequence[NuisanceValues],
     amplitudes: Sequence[str],
     choice: RowChoice,
 ) -> Array:
     """Whitened derivatives (r, g, a) in a amplitudes of the last effect at their nominal values, in the chosen rows."""
-    fit = null_model.fit
     unknowns = parameter_layout(model, fit.recordings)
-    parts = [
-        _recording_sensitivities(null_model, unknowns, number, grid, amplitudes, rows)
+    each = [
+        _recording_sensitivities(fit, unknowns, number, grid, amplitudes, rows)
         for number, rows in enumerate(choice)
         if rows is not RowSet.NONE
     ]
-    if not parts:
+    if not each:
         return np.zeros((0, len(grid), len(amplitudes)))
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return each[0] if len(each) == 1 else np.concatenate(each)
 
 
 def _recording_sensitivities(
-    null_model: NullModel,
+    fit: Fit,
     unknowns: ParameterLayout,
     number: int,
     grid: Sequence[NuisanceValues],
     amplitudes: Sequence[str],
     rows: RowSet,
 ) -> Array:
-    fit = null_model.fit
-    own, recording, whitener = unknowns.models[number], fit.recordings[number], fit.noise[number].whitener
+    model, recording, whitener = unknowns.models[number], fit.recordings[number], fit.noise[number].whitener
     theta = np.tile(unknowns.values_of(number, fit.values), (len(grid), 1))
-    place = {p.name: i for i, p in enumerate(own.parameters)}
+    place = {p.name: i for i, p in enumerate(model.parameters)}
     for point, values in zip(theta, grid, strict=True):
         for name, value in values.items():
             point[place[name]] = value
@@ -74,13 +73,13 @@ def _recording_sensitivities(
     samples = recording.samples_per_repeat if rows is RowSet.EXCITED else recording.samples
     numbers = samples * len(recording.channels) * len(which)
     if numbers * len(theta) <= MAX_ELEMENTS:
-        return _whitened_derivatives(own, recording, whitener, theta, which, rows)
+        return _whitened_derivatives(model, recording, whitener, theta, which, rows)
     first, last = rows.within(whitener)
-    found = np.empty((last - first, len(theta), len(which)), order="F")
+    columns = np.empty((last - first, len(theta), len(which)), order="F")
     for start in range(0, len(theta), at_once := max(1, BATCH_ELEMENTS // numbers)):
-        part = slice(start, start + at_once)
-        found[:, part] = _whitened_derivatives(own, recording, whitener, theta[part], which, rows)
-    return found
+        batch = slice(start, start + at_once)
+        columns[:, batch] = _whitened_derivatives(model, recording, whitener, theta[batch], which, rows)
+    return columns
 
 
 def _whitened_derivatives(
@@ -94,20 +93,20 @@ def _whitened_derivatives(
         or not prediction.linearised
         or (clipped and len(theta) <= MAX_EXACT_POINTS)
     ):
-        found = np.zeros((last - first, len(theta), len(which)))
+        columns = np.zeros((last - first, len(theta), len(which)))
         for place, row in enumerate(theta):
             reached = whitener.nonzero_rows(model_response(model, recording, row))[first:, 1:]
-            found[: len(reached), place] = reached[: last - first, list(which)]
-        return found
-    parts = [summand.whitened(rows, whitener) for summand in sensitivity_series(model, recording, theta, which)]
-    for part in parts[1:]:
-        parts[0] += part
-    return parts[0] if parts else np.zeros((last - first, len(theta), len(which)))
+            columns[: len(reached), place] = reached[: last - first, list(which)]
+        return columns
+    summands = [summand.whitened(rows, whitener) for summand in sensitivity_series(model, recording, theta, which)]
+    for summand in summands[1:]:
+        summands[0] += summand
+    return summands[0] if summands else np.zeros((last - first, len(theta), len(which)))
 
 
 @dataclass(frozen=True, eq=False)
-class SensitivitySummand:
-    """A summand (n, p, g, a) of a reading's derivatives, over one repeat (`periodic`) or the whole record.
+class ReadingSummand:
+    """A summand (n, p, ...) of readings or their derivatives, over one repeat (`periodic`) or the whole record.
 
     `unfiltered` is the record whose transfer function is still to be applied to it, None where there is none.
     """
@@ -121,7 +120,7 @@ class SensitivitySummand:
         return self.series if self.unfiltered is None else through_transfer_function(self.unfiltered, self.series)
 
     def whitened(self, rows: RowSet, whitener: Whitener) -> Array:
-        """Whitened, in some rows (r, g, a); on Fourier lines a transfer function is a factor of each line."""
+        """Whitened, in some rows (r, ...); on Fourier lines a transfer function is a factor of each line."""
         after = whitener if self.unfiltered is None else _whitener_with_transfer(self.unfiltered, whitener)
         if after is None:
             return rows.whitened(whitener, self.read(), periodic=self.periodic)
@@ -139,7 +138,7 @@ def _whitener_with_transfer(record: MotionRecord, whitener: Whitener) -> Whitene
 
 def sensitivity_series(
     model: WrenchModel, recording: Recording, theta: Array, which: tuple[int, ...]
-) -> Iterator[SensitivitySummand]:
+) -> Iterator[ReadingSummand]:
     """Summands of the reading's derivatives in some parameters, at g parameter vectors theta (g, k).
 
     For models without deflection, in parameters that are not of the transfer function.
@@ -161,20 +160,20 @@ def sensitivity_series(
         if passed and prediction.play is not None:
             load = emitted.value(recording.motion.model_signals, theta[0], samples)  # amplitudes nominal: equal for all
             slopes = PlayedRecord.of(load, record).through(slopes)
-        summand = SensitivitySummand(slopes, periodic, record if passed and prediction.has_transfer_function else None)
+        summand = ReadingSummand(slopes, periodic, record if passed and prediction.has_transfer_function else None)
         yield summand if outside is None else _zero_where_clipped(summand, outside, recording, whole=not repeats)
 
 
 def _zero_where_clipped(
-    summand: SensitivitySummand, outside: NDArray[np.bool_], recording: Recording, *, whole: bool
-) -> SensitivitySummand:
+    summand: ReadingSummand, outside: NDArray[np.bool_], recording: Recording, *, whole: bool
+) -> ReadingSummand:
     """A summand with zeros where readings (n, p) are clipped; tiled to the `whole` record where clipping is not
     periodic."""
     slopes, periodic = summand.read(), summand.periodic
     if periodic and whole:
         slopes, periodic = np.tile(slopes, (recording.repeats, 1, 1, 1)), False
     slopes[outside[: len(slopes)]] = 0.0
-    return SensitivitySummand(slopes, periodic)
+    return ReadingSummand(slopes, periodic)
 
 
 def _clipped(model: WrenchModel, recording: Recording, theta: Array) -> NDArray[np.bool_]:
@@ -236,11 +235,11 @@ class GridPoint:
 
         An amplitude with an infinite nominal value starts at the point's value.
         """
-        found = dict(self.values)
+        start = dict(self.values)
         for p, amount in zip(self.amplitudes, amounts, strict=True):
             if isfinite(p.nominal):
-                found[p.name] = float(np.clip(p.nominal + amount * self.unit_of(p), *p.bounds))
-        return found
+                start[p.name] = float(np.clip(p.nominal + amount * self.unit_of(p), *p.bounds))
+        return start
 
     def lowest(self) -> float:
         """Lower bound of a single amplitude's amount; -inf where there are several amplitudes."""
@@ -252,7 +251,7 @@ class GridPoint:
         return float(min((bound - p.nominal) / self.unit_of(p) for bound in p.bounds))
 
 
-def score_columns(null_model: NullModel, model: WrenchModel, grid: Sequence[GridPoint], choice: RowChoice) -> Array:
+def score_columns(fit: Fit, model: WrenchModel, grid: Sequence[GridPoint], choice: RowChoice) -> Array:
     """Score columns (r, g, a) of the last effect's a amplitudes at g points, in the chosen rows of each recording.
 
     Finite differences for amplitudes that the points name, derivatives for the others.
@@ -260,23 +259,23 @@ def score_columns(null_model: NullModel, model: WrenchModel, grid: Sequence[Grid
     amplitudes = grid[0].amplitudes
     named = {p.name for p in grid[0].named}
     differentiated = [i for i, p in enumerate(amplitudes) if p.name not in named]
-    found: Array | None = None
+    derivatives: Array | None = None
     if differentiated:
         plain = model if len(grid) <= MAX_EXACT_POINTS else without_deflection(model)
         values, names = [p.nuisances for p in grid], [amplitudes[i].name for i in differentiated]
-        found = whitened_sensitivities(null_model, plain, values, names, choice)
+        derivatives = whitened_sensitivities(fit, plain, values, names, choice)
         if not named:
-            return found
-    ranges = [rows.within(n.whitener) for rows, n in zip(choice, null_model.fit.noise, strict=True)]
+            return derivatives
+    ranges = row_ranges(choice, fit.noise)
     columns = np.zeros((sum(last - first for first, last in ranges), len(grid), len(amplitudes)))
-    if found is not None:
-        columns[:, :, differentiated] = found
-    unknowns, start = parameter_layout(model, null_model.fit.recordings), 0
-    for number, (noise, (first, last)) in enumerate(zip(null_model.fit.noise, ranges, strict=True)):
-        own = slice(start, start + last - first)
-        start = own.stop
-        for g, i, difference in response_differences(null_model, unknowns, number, grid) if last > first else ():
-            columns[own, g, i] = difference.whitened(noise.whitener, choice[number])
+    if derivatives is not None:
+        columns[:, :, differentiated] = derivatives
+    unknowns, start = parameter_layout(model, fit.recordings), 0
+    for number, (noise, (first, last)) in enumerate(zip(fit.noise, ranges, strict=True)):
+        rows = slice(start, start + last - first)
+        start = rows.stop
+        for g, i, summands in response_differences(fit, unknowns, number, grid) if last > first else ():
+            columns[rows, g, i] = sum(summand.whitened(choice[number], noise.whitener) for summand in summands)
     return columns
 
 
@@ -285,34 +284,14 @@ def without_deflection(model: WrenchModel) -> WrenchModel:
     return replace(model, effects=tuple(e for e in model.effects if e.stage is not Stage.DEFLECTION))
 
 
-@dataclass(frozen=True, eq=False)
-class ResponseDifference:
-    """Difference of two predicted readings (n, p): `periodic` part over one repeat plus one over the `whole` record."""
-
-    periodic: Array
-    whole: Array | None
-
-    @classmethod
-    def of(cls, first: ModelResponse, second: ModelResponse) -> ResponseDifference:
-        """First response minus second, of one recording."""
-        parts = [sign * r.whole[0] for sign, r in ((1, first), (-1, second)) if r.whole is not None]
-        whole = np.asarray(sum(parts)) if parts else None
-        return cls(first.periodic[0] - second.periodic[0], whole)
-
-    def whitened(self, whitener: Whitener, rows: RowSet) -> Array:
-        """The difference whitened, in some rows (r,)."""
-        found = rows.whitened(whitener, self.periodic, periodic=True)
-        return found if self.whole is None else found + rows.whitened(whitener, self.whole, periodic=False)
-
-
 def response_differences(
-    null_model: NullModel, unknowns: ParameterLayout, number: int, grid: Sequence[GridPoint]
-) -> Iterator[tuple[int, int, ResponseDifference]]:
+    fit: Fit, unknowns: ParameterLayout, number: int, grid: Sequence[GridPoint]
+) -> Iterator[tuple[int, int, list[ReadingSummand]]]:
     """Change of a recording's prediction by the last effect, per grid point and for each amplitude named there alone.
 
-    Yields point index, amplitude index and difference; nothing for a recording without the effect.
+    Yields point index, amplitude index and summands (n, p); nothing for a recording without the effect.
     """
-    fit, model = null_model.fit, unknowns.models[number]
+    model = unknowns.models[number]
     if not set(grid[0].values) & {p.name for p in model.parameters}:
         return
     recording = fit.recordings[number]
@@ -321,10 +300,17 @@ def response_differences(
         for i, amplitude in enumerate(point.amplitudes):
             if amplitude.name not in point.values:
                 continue
-            known = {**fit.values, **point.nuisances, amplitude.name: point.values[amplitude.name]}
-            theta = unknowns.values_of(number, known)
+            values = {**fit.values, **point.nuisances, amplitude.name: point.values[amplitude.name]}
+            theta = unknowns.values_of(number, values)
             try:
                 after = model_response(model, recording, theta, derivative=False, tolerance=SCREENED)
             except InputError:
                 continue  # a spring too soft to carry the tool: no equilibrium
-            yield g, i, ResponseDifference.of(after, before)
+            yield g, i, _difference(after, before)
+
+
+def _difference(first: ModelResponse, second: ModelResponse) -> list[ReadingSummand]:
+    """First response minus second, of one recording: what repeats, and the rest where there is any."""
+    rest = [sign * r.whole[0] for sign, r in ((1, first), (-1, second)) if r.whole is not None]
+    summands = [ReadingSummand(first.periodic[0] - second.periodic[0], periodic=True)]
+    return summands + ([ReadingSummand(np.asarray(sum(rest)), periodic=False)] if rest else [])

@@ -1,10 +1,12 @@
-"""Aliases of an added effect: best fits of other effects in its place to the noise-free prediction of the model."""
+"""What else could be there: upper limits of absent effects, aliases of added ones, and alternatives to given ones.
+
+An alias is the best fit of another effect in the place of an added one to the noise-free prediction of the model.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from typing import Any
 
@@ -13,153 +15,27 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.grid_search import affected_rows
 from diagnosis.screening.null_model import NullModel, ScreeningCache
-from diagnosis.screening.projection import ProjectedColumns, WhitenedColumns
+from diagnosis.screening.projection import ProjectedColumns
 from diagnosis.screening.score_test import ScoreTest, absent_effects, run_searches, significant_effects
 from diagnosis.screening.whitened_sensitivity import GridPoint, response_differences, score_columns, sensitivity_series
-from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch, refit_effects
-from estimation.fit import Fit, Problem, initial_values, refit
+from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch
+from estimation.fit import Fit, initial_values
+from estimation.least_squares.problem import Problem
 from estimation.model_response import model_response
 from estimation.parameter_layout import ParameterLayout, parameter_layout
-from modeling.chain.effect import Effect, GridSuperposition
-from modeling.chain.model import WrenchModel
+from modeling.chain.effect import Effect
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
 from modeling.rival_fit import RivalFit, error_probability, fit_rival
 from modeling.significance import LEVELS
 
-# What the search has refitted with an effect that the final model lacks, and why no more.
-
-
-BASE = "the base model"
-"""Name of the set without effects."""
-
-
-class FinalRefit(Enum):
-    """Exact refit of the final model with one more effect, judged by the search's criterion."""
-
-    NONE = "not refitted"
-    UNCONVERGED = "not converged, and no better so far"
-    NOT_SIGNIFICANT = "not significant"
-    SIGNIFICANT = "significant"
-
-
-@dataclass(frozen=True, kw_only=True)
-class EffectRefits:
-    """What the search has refitted with an effect that the final model lacks. Sets are named by their effects.
-
-    final        the refit of the final model with it
-    smallest     the smallest set that it was refitted in, empty where it was refitted in none
-    explains     whether a set that it was refitted in explains the residual: lack of fit is not significant
-    final_is_base  whether the final model has no added effect
-    chosen       the set that the search chose, before acceptance
-    left_out     whether it was in that set, and was left out as within tolerance
-    unsolved     a set with it that has no solution, empty where there is none
-    unconverged  the set from which the search did not go on, as its refit has not converged; empty where it did
-    passed_over  whether others had larger scores, to which the refits beside one set were limited
-    ended_adequate  whether the chosen set explains the residual, and its extensions were not looked for
-    final_extended  whether the extensions of the final model were looked for, be it in another noise
-    """
-
-    final: FinalRefit = FinalRefit.NONE
-    smallest: str = ""
-    explains: bool = False
-    final_is_base: bool = False
-    chosen: str = BASE
-    left_out: bool = False
-    unsolved: str = ""
-    unconverged: str = ""
-    passed_over: bool = False
-    ended_adequate: bool = False
-    final_extended: bool = False
-
-    @property
-    def explains_nothing(self) -> bool:
-        """Whether it was refitted, explains the residual in no set, and neither does any set that was accepted."""
-        return bool(self.smallest) and not self.explains and self.final_is_base
-
-    @property
-    def place(self) -> str:
-        """That it was significant where it was refitted beside the final model; else the smallest of other sets."""
-        if self.final is FinalRefit.SIGNIFICANT:
-            return ", although it is significant after the exact refit"
-        return f" (the smallest: {self.smallest}; not beside the final model)"
-
-    @property
-    def early_end(self) -> str:
-        """That the search ended without convergence; empty where it did not."""
-        return f"; the search ended at {self.unconverged}, whose refit has not converged" if self.unconverged else ""
-
-    @property
-    def limited(self) -> str:
-        """That the number of refits kept it from being tried beside other sets; empty where it did not."""
-        if not self.passed_over:
-            return ""
-        return f"; beside other sets, of which each has at most {MAX_REFITS} refits, others had larger scores"
-
-    @property
-    def later(self) -> str:
-        """Where it is significant, as it was beside none of the sets whose extensions were looked for."""
-        if self.final_extended:
-            return ": it is in the noise of the final model only"
-        return ": it is beside the final model only; go on from that one by --given"
-
-
-def effect_refits(
-    selection: SubsetSearch, final: CandidateModel, effect_id: str, beside: FinalRefit = FinalRefit.NONE
-) -> EffectRefits:
-    """What the search has refitted with an effect, of which the refit `beside` the final model is judged already."""
-    record = selection.record
-    refitted = record.refits_with(effect_id)
-    return EffectRefits(
-        final=beside,
-        smallest=_name(refitted[0].ids) if refitted else "",
-        explains=any(c.adequate for c in refitted),
-        final_is_base=not final.ids,
-        chosen=_name(selection.chosen.ids),
-        left_out=effect_id in selection.chosen.ids,
-        unsolved=min((_name(ids) for ids in record.unsolved if effect_id in ids), default=""),
-        unconverged=_unconverged(selection, final),
-        passed_over=any(effect_id in ids for ids in record.passed_over),
-        ended_adequate=selection.chosen.adequate and selection.chosen.ids not in record.extended,
-        final_extended=final.ids in record.extended,
-    )
-
-
-def refit_beside(selection: SubsetSearch, final: CandidateModel, effect_id: str) -> CandidateModel | None:
-    """The final model with one more effect, if the search has refitted it."""
-    wanted = final.ids | {effect_id}
-    return next((c for c in selection.record.refits_with(effect_id) if c.ids == wanted), None)
-
-
-def judge_refit(larger: CandidateModel, final: CandidateModel, effect_id: str) -> FinalRefit:
-    """Whether the refit with one more effect is significantly better, as backward elimination judges it.
-
-    Both are in one noise: in that of the larger set where each has a noise of its own.
-    """
-    smaller = final
-    if larger.fit.noise is not final.fit.noise:
-        smaller = refit_effects(larger, [e for e in larger.added if e.id != effect_id])
-    if larger.criterion < smaller.criterion:
-        return FinalRefit.SIGNIFICANT
-    return FinalRefit.NOT_SIGNIFICANT if larger.fit.converged else FinalRefit.UNCONVERGED
-
-
-def _unconverged(selection: SubsetSearch, final: CandidateModel) -> str:
-    """The set from which the search did not go on as its refit has not converged: the final one, or where it ended."""
-    record = selection.record
-    if not final.fit.converged and final.ids not in record.extended:
-        return _name(final.ids)
-    return "" if record.unconverged is None else _name(record.unconverged)
-
-
-def _name(ids: Iterable[str]) -> str:
-    return " + ".join(sorted(ids)) or BASE
-
-
 # Upper 95 % limit of an absent effect's contribution to each channel.
 
 
 Array = NDArray[np.float64]
+
+LIMIT_STD = 1.96
+"""Standard deviations beyond an estimate: the upper end of a two-sided interval of 95 %, as others have (`LEVELS`)."""
 
 
 def contribution_upper_limit(
@@ -173,21 +49,20 @@ def contribution_upper_limit(
     point = screening.point
     if point is None:
         raise ValueError("an effect that is not excited has no upper limit")
-    null_model = NullModel.of(fitted, ScreeningCache() if cache is None else cache)
+    null_model = (ScreeningCache() if cache is None else cache).null_model(fitted)
     model = fitted.model + screening.effect
     unknowns = parameter_layout(model, fitted.recordings)
     number = next(i for i, m in enumerate(unknowns.models) if screening.effect.id in [e.id for e in m.effects])
-    choice = affected_rows(null_model, model, tested=False)
-    whitened = WhitenedColumns(score_columns(null_model, model, [point], choice), choice)
-    projected = ProjectedColumns(null_model, whitened, GridSuperposition.plain([{}]), -np.inf)
-    directions = projected.directions[0][0] / projected.scale[0][:, None]
-    columns = projected.columns(0)
-    standardised = directions.T @ columns.T @ null_model.rows_of(choice).residual
+    choice = affected_rows(fitted, model, tested=False)
+    projected = ProjectedColumns.of_point(null_model, score_columns(fitted, model, [point], choice), choice)
+    directions = projected.roots[0] / projected.scale[0][:, None]
+    columns, (residual, _) = projected.columns(0), null_model.rows_of(choice)
+    standardised = directions.T @ columns.T @ residual
     raw = _unwhitened_columns(null_model, unknowns, number, point, null_model.spread(columns, choice))
     gram = np.stack([raw[:, c].T @ raw[:, c] for c in range(raw.shape[1])]) / len(raw)
     power = np.einsum("ab,cad,db->cb", directions, gram, directions, optimize=True)
     present = np.linalg.norm(directions, axis=0) > 0
-    limit = np.sqrt((power * np.where(present, np.abs(standardised) + 1.96, 0.0) ** 2).sum(axis=1))
+    limit = np.sqrt((power * np.where(present, np.abs(standardised) + LIMIT_STD, 0.0) ** 2).sum(axis=1))
     return {c: float(v) for c, v in zip(fitted.recordings[number].channels, limit, strict=True)}
 
 
@@ -203,43 +78,41 @@ def _unwhitened_columns(
     theta = unknowns.values_of(number, {**fitted.values, **point.nuisances})
     collinear = null_model.directions.amounts(columns[null_model.reached])[fitted.layout.index[number]]
     every = list(range(len(point.amplitudes)))
-    parts = [(-part @ collinear, every, periodic) for part, periodic in null_model.derivatives(number)]
-    parts += _effect_derivatives(null_model, unknowns, number, point, theta)
-    once, channels = parts[0][0].shape[:2]
-    repeats = 1 if all(periodic for _, _, periodic in parts) else recording.repeats
+    summands = [(-series @ collinear, every, periodic) for series, periodic in null_model.derivatives[number]]
+    summands += _effect_derivatives(fitted, unknowns, number, point, theta)
+    once, channels = summands[0][0].shape[:2]
+    repeats = 1 if all(periodic for _, _, periodic in summands) else recording.repeats
     raw = np.zeros((len(every), channels, repeats, once))
-    for part, places, periodic in parts:
-        for place, series in zip(places, part.transpose(2, 1, 0), strict=True):
+    for summand, places, periodic in summands:
+        for place, series in zip(places, summand.transpose(2, 1, 0), strict=True):
             raw[place] += series[:, None] if periodic else series.reshape(channels, repeats, once)
     return raw.reshape(len(every), channels, -1).transpose(2, 1, 0)
 
 
 def _effect_derivatives(
-    null_model: NullModel, unknowns: ParameterLayout, number: int, point: GridPoint, theta: Array
+    fit: Fit, unknowns: ParameterLayout, number: int, point: GridPoint, theta: Array
 ) -> list[tuple[Array, list[int], bool]]:
     """Summands (n, p, c) of an effect's derivatives or finite differences in a recording.
 
     With each the indices of its amplitudes, and whether it is over one repeat (True) or the whole record (False).
     """
-    recording, own = null_model.fit.recordings[number], unknowns.models[number]
-    place = {p.name: i for i, p in enumerate(own.parameters)}
+    recording, model = fit.recordings[number], unknowns.models[number]
+    place = {p.name: i for i, p in enumerate(model.parameters)}
     differentiated = [i for i, p in enumerate(point.amplitudes) if p not in point.named]
     which = tuple(place[point.amplitudes[i].name] for i in differentiated)
-    prediction = compiled_prediction(own)
-    found: list[tuple[Array, list[int], bool]] = []
+    prediction = compiled_prediction(model)
+    summands: list[tuple[Array, list[int], bool]] = []
     if which and (prediction.deflection is not None or set(which) & set(prediction.transfer_parameters)):
-        response = model_response(own, recording, theta)
+        response = model_response(model, recording, theta)
         periodic = response.whole is None
         derivative = response.periodic[1] if periodic else response.derivative
-        found.append((derivative[:, :, list(which)], differentiated, periodic))
+        summands.append((derivative[:, :, list(which)], differentiated, periodic))
     elif which:
-        for summand in sensitivity_series(own, recording, theta[None], which):
-            found.append((summand.read()[:, :, 0], differentiated, summand.periodic))
-    for _, amplitude, difference in response_differences(null_model, unknowns, number, [point]):
-        found.append((difference.periodic[:, :, None], [amplitude], True))
-        if difference.whole is not None:
-            found.append((difference.whole[:, :, None], [amplitude], False))
-    return found
+        for summand in sensitivity_series(model, recording, theta[None], which):
+            summands.append((summand.read()[:, :, 0], differentiated, summand.periodic))
+    for _, amplitude, difference in response_differences(fit, unknowns, number, [point]):
+        summands += [(summand.series[:, :, None], [amplitude], summand.periodic) for summand in difference]
+    return summands
 
 
 def channel_tolerance(base: Fit) -> tuple[dict[str, float], bool]:
@@ -314,54 +187,28 @@ class AliasProblem(Problem):
 
     def fitted(self, start: Array) -> RivalFit:
         """The fit within the physical bounds; stopped early where it stays far above `LEVELS.confusable`."""
-        found = self.minimise(start, far=GIVE_UP_FACTOR * LEVELS.confusable)
-        return RivalFit(found.theta, found.cost, found.converged)
+        minimum = self.minimise(start, far=GIVE_UP_FACTOR * LEVELS.confusable)
+        return RivalFit(minimum.theta, minimum.cost, minimum.converged)
 
 
-@dataclass(frozen=True, eq=False)
-class AliasCandidate:
-    """A screened effect in the `place` (id) of an added one; `without` is the fit with the other added effects.
-
-    free  whether no parameter of the screened effect is fixed: the added one is at a point beside the tip axis, where
-          an effect on the axis could not be as good
-    """
-
-    place: str
-    without: Fit
-    screening: ScoreTest
-    free: bool
-
-    @property
-    def model(self) -> WrenchModel:
-        """The model with the screened effect in that place."""
-        model, effect = self.without.model, self.screening.effect
-        return model + (effect.unrestricted(model.space) if self.free else effect)
-
-
-def alias_candidates(
+def aliases_of_added(
     selection: SubsetSearch, candidate: CandidateModel, effects: Sequence[Effect]
-) -> list[AliasCandidate]:
-    """For each of a candidate's effects, the other effects that are significant in its place."""
-    cache = candidate.cache
-    places = candidate.without_each((selection.base, *selection.tried))
+) -> dict[str, list[Alias]]:
+    """The other effects that are significant in the place of each of a candidate's, by its id, the closest first."""
+    places = candidate.without_each((selection.base, *selection.tried.values()))
     others = {i: [e for e in effects if e.id != i] for i in places}
-    run_searches([key for i, without in places.items() for key in absent_effects(without.fit, others[i])], cache)
-    model = candidate.fit.model
-    free = {e.id: e != e.restricted(model.space) for e in model.effects}
-    return [
-        AliasCandidate(i, without.fit, s, free[i])
-        for i, without in places.items()
-        for s in most_significant(without.screened(others[i]))
-    ]
-
-
-def aliases(alternatives: Sequence[AliasCandidate], fitted: Sequence[Alias | None]) -> dict[str, list[Alias]]:
-    """Alternatives to each of a candidate's effects by id, the closest first; without those that were not `fitted`."""
-    found: dict[str, list[Alias]] = {}
-    for alternative, alias in zip(alternatives, fitted, strict=True):
+    run_searches([k for i, without in places.items() for k in absent_effects(without.fit, others[i])], candidate.cache)
+    significant = [(i, s) for i, without in places.items() for s in most_significant(without.screened(others[i]))]
+    free = {e.id: e != e.restricted(candidate.fit.model.space) for e in candidate.fit.model.effects}
+    measured, residual = candidate.fit.problem.measured, candidate.null_model.whitened_residual
+    each = np.split(residual, np.cumsum([len(m) for m in measured])[:-1])
+    prediction = tuple(m - r for m, r in zip(measured, each, strict=True))
+    aliases: dict[str, list[Alias]] = {}
+    for place, screening in significant:
+        alias = _alias(prediction, residual, places[place].fit, screening, free=free[place])
         if alias is not None:
-            found.setdefault(alternative.place, []).append(alias)
-    return {i: sorted(of, key=lambda r: r.noncentrality) for i, of in found.items()}
+            aliases.setdefault(place, []).append(alias)
+    return {i: sorted(several, key=lambda r: r.noncentrality) for i, several in aliases.items()}
 
 
 def most_significant(screenings: Sequence[ScoreTest]) -> list[ScoreTest]:
@@ -369,29 +216,18 @@ def most_significant(screenings: Sequence[ScoreTest]) -> list[ScoreTest]:
     return sorted(significant_effects(screenings), key=lambda s: -s.statistic)[:MAX_ALIASES]
 
 
-@dataclass(frozen=True, eq=False)
-class WhitenedModel:
-    """Whitened noise-free prediction of a candidate, (rows,) of each recording, and its whitened residual (rows,)."""
+def _alias(
+    prediction: tuple[Array, ...], residual: Array, without: Fit, screening: ScoreTest, *, free: bool
+) -> Alias | None:
+    """A screened effect beside a fit `without` another, fitted to the whitened prediction (rows,) of each recording.
 
-    prediction: tuple[Array, ...]
-    residual: Array
-
-    @classmethod
-    def of(cls, candidate: CandidateModel) -> WhitenedModel:
-        """Of a candidate, from the null model of its score tests."""
-        measured, residual = candidate.fit.problem.measured, candidate.null_model.whitened_residual
-        parts = np.split(residual, np.cumsum([len(m) for m in measured])[:-1])
-        return cls(tuple(m - r for m, r in zip(measured, parts, strict=True)), residual)
-
-
-def alias_of(target: WhitenedModel, alternative: AliasCandidate) -> Alias | None:
-    """The alternative fitted to a whitened prediction; None where it has no solution at the score test's values.
-
-    Its excess is of the same values: the residual of the readings is orthogonal to what the two models share.
+    With its fixed parameters `free` where the other effect is at a point beside the tip axis: an effect on the axis
+    could not be as good. None where it has no solution at the score test's values. Its excess is of the same values:
+    the `residual` (rows,) of the readings is orthogonal to what the two models share.
     """
-    without, screening = alternative.without, alternative.screening
-    unknowns = parameter_layout(alternative.model, without.recordings)
-    problem = AliasProblem(unknowns, without.recordings, without.noise, target.prediction)
+    effect = screening.effect.unrestricted(without.model.space) if free else screening.effect
+    unknowns = parameter_layout(without.model + effect, without.recordings)
+    problem = AliasProblem(unknowns, without.recordings, without.noise, prediction)
     try:
         best = fit_rival(problem, [initial_values(unknowns, {**without.values, **screening.start})])
     except InputError:
@@ -399,7 +235,7 @@ def alias_of(target: WhitenedModel, alternative: AliasCandidate) -> Alias | None
     if not np.isfinite(best.noncentrality):
         return None
     difference = problem.residual(best.theta)
-    excess = float(difference @ difference + 2 * (target.residual @ difference))
+    excess = float(difference @ difference + 2 * (residual @ difference))
     return Alias(screening.effect, best.noncentrality, excess, best.converged)
 
 
@@ -435,8 +271,8 @@ def given_alternatives(final: CandidateModel, candidates: Sequence[Effect]) -> t
 
     Those that are significant without it are refitted exactly, all in the noise of the final model.
     """
-    found = [_best(final, given, candidates) for given in final.given]
-    return tuple(best for best in found if best is not None and best.gain > -LEVELS.confusable)
+    best_of_each = [_best(final, given, candidates) for given in final.given]
+    return tuple(best for best in best_of_each if best is not None and best.gain > -LEVELS.confusable)
 
 
 def _best(final: CandidateModel, given: Effect, candidates: Sequence[Effect]) -> GivenAlternative | None:

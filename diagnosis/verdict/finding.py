@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,21 +13,8 @@ from numpy.typing import NDArray
 from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.screening.score_test import ScoreTest, adjusted_p_values, screen, significant_effects
 from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch
-from diagnosis.verdict.aliasing import (
-    Alias,
-    EffectRefits,
-    FinalRefit,
-    WhitenedModel,
-    alias_candidates,
-    alias_of,
-    aliases,
-    contribution_upper_limit,
-    effect_refits,
-    judge_refit,
-    refit_beside,
-    within_tolerance,
-)
-from diagnosis.verdict.selection_step import SelectionStep
+from diagnosis.verdict.aliasing import Alias, aliases_of_added, contribution_upper_limit, within_tolerance
+from diagnosis.verdict.selection_step import EffectRefits, FinalRefit, SelectionStep, effect_refits
 from diagnosis.verdict_rule import EffectVerdict, VerdictRule, judge
 from estimation.least_squares.estimates import Estimate, estimates_data, parameter_table
 from estimation.multiplicity import chi2_sf
@@ -103,6 +90,11 @@ class EffectEvidence:
     one_run: bool = False
     adjusted_p_value: float = 1.0
     refits: EffectRefits = field(default_factory=EffectRefits)
+
+    @property
+    def id(self) -> str:
+        """The effect's id."""
+        return self.screening.effect.id
 
     @property
     def significant(self) -> bool:
@@ -281,114 +273,52 @@ class Finding(Tabular):
         return plain
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """Evidence for the verdicts on the effects.
-
-    aliases     of each added effect, the closest first
-    limits      of each effect not added: upper 95 % limit of its contribution to each channel, RMS
-    rejections  why an effect was not accepted, by id
-    refits      what the search has refitted with each effect that is significant and not added
-    """
-
-    aliases: Mapping[str, list[Alias]]
-    limits: Mapping[str, Mapping[str, float]]
-    rejections: Mapping[str, str]
-    refits: Mapping[str, EffectRefits]
-
-
-def gather_evidence(
-    selection: SubsetSearch, final: CandidateModel, effects: Sequence[Effect], rejections: Mapping[str, str]
-) -> Evidence:
-    """Aliases of the final model's effects; limits and refits of those that it lacks."""
-    alternatives = alias_candidates(selection, final, effects)
-    significant = [s.effect.id for s in significant_effects(final.screened(effects))]
-    beside = {i: larger for i in significant if (larger := refit_beside(selection, final, i)) is not None}
-    limited = [
-        s
-        for s in final.screened(effects)
-        if s.excited and s.effect.id not in rejections and beyond_range(s, final.fit.model.space) is None
-    ]
-    target = WhitenedModel.of(final)
-    fitted = [alias_of(target, alternative) for alternative in alternatives]
-    limits = {s.effect.id: contribution_upper_limit(final.fit, s, final.cache) for s in limited}
-    judged = {i: judge_refit(larger, final, i) for i, larger in beside.items()}
-    refits = {i: effect_refits(selection, final, i, judged.get(i, FinalRefit.NONE)) for i in significant}
-    return Evidence(aliases(alternatives, fitted), limits, rejections, refits)
-
-
 def judge_effects(
     selection: SubsetSearch,
     final: CandidateModel,
     steps: Sequence[SelectionStep],
     power: Array,
-    evidence: Evidence,
+    rejections: Mapping[str, str],
     candidates: Sequence[Effect],
     tolerance: Mapping[str, float],
     rules: Sequence[EffectRule] = EFFECT_RULES,
 ) -> tuple[Finding, ...]:
     """Findings on every candidate effect, the added ones first; the first of the rules that applies decides.
 
-    `power` is the systematic power after each step (`explainable_power_by_step`).
+    `power` is the systematic power after each step (`explainable_power_by_step`), `rejections` says why an effect was
+    not accepted, by id.
     """
     fit, space = steps[-1].fit, final.fit.model.space
+    aliases, screenings = aliases_of_added(selection, final, candidates), final.screened(candidates)
+    close = {i: [a for a in several if a.noncentrality < LEVELS.confusable] for i, several in aliases.items()}
     removed = np.clip((power[:-1] - power[1:]) / max(power[0], 1e-300), 0.0, 1.0)
-    close = {i: [a for a in of if a.noncentrality < LEVELS.confusable] for i, of in evidence.aliases.items()}
+    unknown_excess = noise_from_residual(final.fit) or selection.base.adequate  # the former fits that noise
+    excess = None if unknown_excess else selection.base.excess
     added = [
         _finding(
             rules,
-            EffectEvidence(screening=screening, space=space, added=True),
-            p_value=min(1.0, final.candidates * screening.p_value),
+            evidence,
+            p_value=min(1.0, final.candidates * evidence.screening.p_value),
             error_removed=float(share),
-            confusable_with=tuple(a.effect.id for a in close.get(screening.effect.id, ())),
-            parameters={p.name.split(".", 1)[1]: fit.parameters[p.name] for p in screening.effect.qualified(space)},
-            closest=next(iter(evidence.aliases.get(screening.effect.id, ())), None),
+            confusable_with=tuple(a.effect.id for a in close.get(evidence.id, ())),
+            parameters={p.name: fit.parameters[p.name] for p in evidence.screening.effect.qualified(space)},
+            closest=next(iter(aliases.get(evidence.id, ())), None),
         )
-        for screening, share in zip(_score_tests_of_added(final, steps), removed, strict=True)
+        for evidence, share in zip(_evidence_on_added(final, steps), removed, strict=True)
     ]
-    confusable = {a.effect.id: (added_id, a) for added_id, of in close.items() for a in of}
-    separated = {a.effect.id: (added_id, a) for added_id, of in evidence.aliases.items() for a in of if a.separated}
-    screenings = final.screened(candidates)
     adjusted = adjusted_p_values(screenings)
-    unknown_excess = noise_from_residual(final.fit) or selection.base.adequate  # the former fits that noise
-    excess = None if unknown_excess else selection.base.excess
-    one_run = all(recording.repeats == 1 for recording in fit.recordings)
-    others = []
-    for screening in screenings:
-        effect_id = screening.effect.id
-        alias, limit = confusable.get(effect_id), evidence.limits.get(effect_id)
-        known = EffectEvidence(
-            screening=screening,
-            space=space,
-            alias=alias,
-            replacement=separated.get(effect_id),
-            rejection=evidence.rejections.get(effect_id),
-            negligible=limit is not None and within_tolerance(limit, tolerance),
-            one_run=one_run,
-            adjusted_p_value=adjusted.get(effect_id, 1.0),
-            refits=evidence.refits.get(effect_id, EffectRefits()),
+    absent = [
+        _finding(
+            rules,
+            evidence,
+            p_value=adjusted.get(evidence.id),
+            error_removed=evidence.screening.share_of(excess),
+            confusable_with=() if evidence.alias is None else (evidence.alias[0],),
+            parameters=_amounts(evidence.screening, space),
         )
-        others.append(
-            _finding(
-                rules,
-                known,
-                p_value=adjusted.get(effect_id),
-                error_removed=min(1.0, screening.statistic / excess) if excess and screening.excited else None,
-                confusable_with=() if alias is None else (alias[0],),
-                parameters=_amounts(screening, space),
-            )
-        )
-    return (*added, *others)
-
-
-def _score_tests_of_added(final: CandidateModel, steps: Sequence[SelectionStep]) -> list[ScoreTest]:
-    """The score test of each added effect, given those added before it."""
-    found = []
-    for before, step in pairwise(steps):
-        effect = next(e for e in final.added if e.id == step.effect)
-        (tested,) = screen(before.tested, [effect], candidates=final.candidates, cache=final.cache)
-        found.append(replace(tested, effect=effect))
-    return found
+        for evidence in _evidence_on_absent(selection, final, screenings, aliases, rejections, tolerance)
+    ]
+    return (*added, *absent)
 
 
 def _finding(
@@ -401,14 +331,70 @@ def _finding(
     parameters: Mapping[str, Estimate],
     closest: Alias | None = None,
 ) -> Finding:
-    effect, (verdict, reason) = evidence.screening.effect, judge(rules, evidence)
-    detectable = {n.removeprefix(f"{effect.id}."): v for n, v in evidence.screening.detectable.items()}
+    """The finding on an effect, by the first rule that applies to its evidence."""
+    verdict, reason = judge(rules, evidence)
+    effect, detectable = evidence.screening.effect, _by_short_name(evidence.screening.detectable)
+    parameters = _by_short_name(parameters)
     return Finding(effect, verdict, p_value, error_removed, detectable, confusable_with, reason, parameters, closest)
 
 
 def _amounts(screening: ScoreTest, space: Space) -> dict[str, Estimate]:
     units = {p.name: p.unit for p in screening.effect.qualified(space)}
-    return {
-        name.split(".", 1)[1]: Estimate(name, value, std, units[name])
-        for name, (value, std) in screening.amounts.items()
+    return {name: Estimate(name, value, std, units[name]) for name, (value, std) in screening.amounts.items()}
+
+
+def _evidence_on_added(final: CandidateModel, steps: Sequence[SelectionStep]) -> list[EffectEvidence]:
+    """Evidence on each added effect: its score test given those added before it."""
+    evidence = []
+    for before, step in pairwise(steps):
+        effect = next(e for e in final.added if e.id == step.effect)
+        (test,) = screen(before.tested, [effect], candidates=final.candidates, cache=final.cache)
+        evidence.append(EffectEvidence(screening=replace(test, effect=effect), space=final.fit.model.space, added=True))
+    return evidence
+
+
+def _evidence_on_absent(
+    selection: SubsetSearch,
+    final: CandidateModel,
+    screenings: Sequence[ScoreTest],
+    aliases: Mapping[str, Sequence[Alias]],
+    rejections: Mapping[str, str],
+    tolerance: Mapping[str, float],
+) -> list[EffectEvidence]:
+    """Evidence on each effect that the final model lacks, by its score test given that model."""
+    space, adjusted = final.fit.model.space, adjusted_p_values(screenings)
+    alias: dict[str, tuple[str, Alias]] = {}
+    separated: dict[str, tuple[str, Alias]] = {}
+    for added, several in aliases.items():
+        alias |= {a.effect.id: (added, a) for a in several if a.noncentrality < LEVELS.confusable}
+        separated |= {a.effect.id: (added, a) for a in several if a.separated}
+    limits = {
+        s.effect.id: contribution_upper_limit(final.fit, s, final.cache)
+        for s in screenings
+        if s.excited and s.effect.id not in rejections and beyond_range(s, space) is None
     }
+    significant = {s.effect.id for s in significant_effects(screenings)}
+    one_run = all(recording.repeats == 1 for recording in final.fit.recordings)
+    evidence = []
+    for screening in screenings:
+        i = screening.effect.id
+        evidence.append(EffectEvidence(
+            screening=screening,
+            space=space,
+            alias=alias.get(i),
+            replacement=separated.get(i),
+            rejection=rejections.get(i),
+            negligible=i in limits and within_tolerance(limits[i], tolerance),
+            one_run=one_run,
+            adjusted_p_value=adjusted.get(i, 1.0),
+            refits=effect_refits(selection, final, i) if i in significant else EffectRefits(),
+        ))  # fmt: skip
+    return evidence
+
+
+Named = TypeVar("Named")
+
+
+def _by_short_name(values: Mapping[str, Named]) -> dict[str, Named]:
+    """What is given by the full name of an effect's parameter, by its name within the effect."""
+    return {name.split(".", 1)[1]: value for name, value in values.items()}

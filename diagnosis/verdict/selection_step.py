@@ -1,9 +1,11 @@
-"""Selection steps: models with 0..n effects compared on training and held-out recordings."""
+"""Selection steps: models with 0..n effects compared on training and held-out recordings; and what the search has
+refitted beside them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from diagnosis.comparison.compared_step import ComparedFit
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.slow_residual import Part, SlowResidual, removed_share
 from diagnosis.held_out import HeldOut
-from diagnosis.subset_search import CandidateModel, SubsetSearch
+from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch, refit_effects
 from estimation.fit import Fit
 from modeling.noise import NoiseSource
 
@@ -67,7 +69,7 @@ def selection_steps(
         models.append(final if count == len(effects) else selection.refitted(final, effects[:count]))
     steps = []
     for added, model in zip((None, *(effect.id for effect in effects)), models, strict=True):
-        validation = tuple(h.prediction(model.reported_fit).comparison for h in held_out)
+        validation = tuple(h.comparison(model.reported_fit) for h in held_out)
         steps.append(SelectionStep(added, model.reported_fit, model.fit, model.reported, validation))
     return tuple(steps)
 
@@ -104,9 +106,9 @@ def _single_run_power(steps: Sequence[SelectionStep], final: CandidateModel, num
     if last.noise.source is NoiseSource.RIG:
         return _relative_to_noise(last, [{c: v - last.noise_floor[c] ** 2 for c, v in p.items()} for p in power])
     removed = _relative_to_noise(last, [{c: v - power[-1][c] for c, v in p.items()} for p in power])
-    found, rows = final.comparisons[number].cross_validated_gain, final.fit.noise[number].whitener.rows
-    assert found is not None, "the noise of a run that states none is estimated from its residual"
-    unexplained = found.gain * len(final.fit.model.channels) / rows
+    terms, rows = final.comparisons[number].cross_validated_gain, final.fit.noise[number].whitener.rows
+    assert terms is not None, "the noise of a run that states none is estimated from its residual"
+    unexplained = terms.gain * len(final.fit.model.channels) / rows
     return removed + max(unexplained, _slow_power(last))
 
 
@@ -125,3 +127,123 @@ def _slow_power(last: Comparison) -> float:
 def _relative_to_noise(last: Comparison, powers: Sequence[Mapping[str, float]]) -> Array:
     """The positive parts of the powers relative to the last step's noise power, summed over the channels."""
     return np.array([sum(max(v, 0.0) / max(last.noise_floor[c], 1e-300) ** 2 for c, v in p.items()) for p in powers])
+
+
+# What the search has refitted with an effect that the final model lacks, and why no more.
+
+
+BASE = "the base model"
+"""Name of the set without effects."""
+
+
+class FinalRefit(Enum):
+    """Exact refit of the final model with one more effect, judged by the search's criterion."""
+
+    NONE = "not refitted"
+    UNCONVERGED = "not converged, and no better so far"
+    NOT_SIGNIFICANT = "not significant"
+    SIGNIFICANT = "significant"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectRefits:
+    """What the search has refitted with an effect that the final model lacks. Sets are named by their effects.
+
+    final        the refit of the final model with it
+    smallest     the smallest set that it was refitted in, empty where it was refitted in none
+    explains     whether a set that it was refitted in explains the residual: lack of fit is not significant
+    final_is_base  whether the final model has no added effect
+    chosen       the set that the search chose, before acceptance
+    left_out     whether it was in that set, and was left out as within tolerance
+    unsolved     a set with it that has no solution, empty where there is none
+    unconverged  the set from which the search did not go on, as its refit has not converged; empty where it did
+    passed_over  whether others had larger scores, to which the refits beside one set were limited
+    ended_adequate  whether the chosen set explains the residual, and its extensions were not looked for
+    final_extended  whether the extensions of the final model were looked for, be it in another noise
+    """
+
+    final: FinalRefit = FinalRefit.NONE
+    smallest: str = ""
+    explains: bool = False
+    final_is_base: bool = False
+    chosen: str = BASE
+    left_out: bool = False
+    unsolved: str = ""
+    unconverged: str = ""
+    passed_over: bool = False
+    ended_adequate: bool = False
+    final_extended: bool = False
+
+    @property
+    def explains_nothing(self) -> bool:
+        """Whether it was refitted, explains the residual in no set, and neither does any set that was accepted."""
+        return bool(self.smallest) and not self.explains and self.final_is_base
+
+    @property
+    def place(self) -> str:
+        """That it was significant where it was refitted beside the final model; else the smallest of other sets."""
+        if self.final is FinalRefit.SIGNIFICANT:
+            return ", although it is significant after the exact refit"
+        return f" (the smallest: {self.smallest}; not beside the final model)"
+
+    @property
+    def early_end(self) -> str:
+        """That the search ended without convergence; empty where it did not."""
+        return f"; the search ended at {self.unconverged}, whose refit has not converged" if self.unconverged else ""
+
+    @property
+    def limited(self) -> str:
+        """That the number of refits kept it from being tried beside other sets; empty where it did not."""
+        if not self.passed_over:
+            return ""
+        return f"; beside other sets, of which each has at most {MAX_REFITS} refits, others had larger scores"
+
+    @property
+    def later(self) -> str:
+        """Where it is significant, as it was beside none of the sets whose extensions were looked for."""
+        if self.final_extended:
+            return ": it is in the noise of the final model only"
+        return ": it is beside the final model only; go on from that one by --given"
+
+
+def effect_refits(selection: SubsetSearch, final: CandidateModel, effect_id: str) -> EffectRefits:
+    """What the search has refitted with an effect that the final model lacks."""
+    refitted = selection.refits_with(effect_id)
+    beside = next((c for c in refitted if c.ids == final.ids | {effect_id}), None)
+    return EffectRefits(
+        final=FinalRefit.NONE if beside is None else judge_refit(beside, final, effect_id),
+        smallest=_name(refitted[0].ids) if refitted else "",
+        explains=any(c.adequate for c in refitted),
+        final_is_base=not final.ids,
+        chosen=_name(selection.chosen.ids),
+        left_out=effect_id in selection.chosen.ids,
+        unsolved=min((_name(ids) for ids in selection.unsolved if effect_id in ids), default=""),
+        unconverged=_unconverged(selection, final),
+        passed_over=any(effect_id in ids for ids in selection.passed_over),
+        ended_adequate=selection.chosen.adequate and selection.chosen.ids not in selection.extended,
+        final_extended=final.ids in selection.extended,
+    )
+
+
+def judge_refit(larger: CandidateModel, final: CandidateModel, effect_id: str) -> FinalRefit:
+    """Whether the refit with one more effect is significantly better, as backward elimination judges it.
+
+    Both are in one noise: in that of the larger set where each has a noise of its own.
+    """
+    smaller = final
+    if larger.fit.noise is not final.fit.noise:
+        smaller = refit_effects(larger, [e for e in larger.added if e.id != effect_id])
+    if larger.criterion < smaller.criterion:
+        return FinalRefit.SIGNIFICANT
+    return FinalRefit.NOT_SIGNIFICANT if larger.fit.converged else FinalRefit.UNCONVERGED
+
+
+def _unconverged(selection: SubsetSearch, final: CandidateModel) -> str:
+    """The set from which the search did not go on as its refit has not converged: the final one, or where it ended."""
+    if not final.fit.converged and final.ids not in selection.extended:
+        return _name(final.ids)
+    return "" if selection.unconverged is None else _name(selection.unconverged)
+
+
+def _name(ids: Iterable[str]) -> str:
+    return " + ".join(sorted(ids)) or BASE

@@ -138,8 +138,8 @@ def worst_channel(comparison: Comparison) -> str | None:
         spectrum = ResidualSpectrum.of(comparison.residual, comparison.recording.wrench - comparison.residual)
         channels = comparison.recording.channels
         size, floor = (
-            dict(zip(channels, np.sqrt(part).tolist(), strict=True))
-            for part in (spectrum.variance, spectrum.upper_noise)
+            dict(zip(channels, np.sqrt(variance).tolist(), strict=True))
+            for variance in (spectrum.variance, spectrum.upper_noise)
         )
     return max(size, key=lambda c: size[c] / max(floor[c], 1e-300))
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from diagnosis.comparison.compared_step import (
-    ComparedStep,
+    ComparedFit,
     RecordingErrors,
     recording_errors,
     systematic_error,
@@ -122,14 +122,14 @@ MARKERS = "osD^vPX"
 
 
 def error_reduction_figure(
-    steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]
+    steps: Sequence[ComparedFit], names: Sequence[str], tolerance: Mapping[str, float]
 ) -> Figure:
     """A panel for each channel: error over noise floor, logarithmic, for every recording; tolerance shaded."""
     return matplotlib_figure(error_reduction_chart(steps, names, tolerance))
 
 
 def error_reduction_chart(
-    steps: Sequence[ComparedStep],
+    steps: Sequence[ComparedFit],
     names: Sequence[str],
     tolerance: Mapping[str, float],
     channel: str | None = None,
@@ -212,7 +212,7 @@ def _notes(errors: RecordingErrors, channel: str) -> list[str]:
 
 
 def error_reduction_image(
-    steps: Sequence[ComparedStep], names: Sequence[str], tolerance: Mapping[str, float]
+    steps: Sequence[ComparedFit], names: Sequence[str], tolerance: Mapping[str, float]
 ) -> SvgImage:
     """Figure of the errors of all recordings after each step, per channel."""
     sizes = [f"{n} {format_number(_largest_error_ratio(s), 2)}" for n, s in zip(names, steps, strict=True)]
@@ -220,7 +220,7 @@ def error_reduction_image(
     return SvgImage(lambda: error_reduction_figure(steps, names, tolerance), alt)
 
 
-def _largest_error_ratio(step: ComparedStep) -> float:
+def _largest_error_ratio(step: ComparedFit) -> float:
     comparison = step.training[0]
     return max(v / max(comparison.noise_floor[c], 1e-300) for c, v in systematic_error(comparison).items())
 
