@@ -29,8 +29,8 @@ from scipy.optimize import least_squares
 
 from benchmarks.measure import rounds
 from benchmarks.row import Row, table
-from estimation.fit import Fit, Problem, fit
-from estimation.least_squares.problem import LinearisedRows
+from estimation.fit import Fit, fit
+from estimation.least_squares.problem import LinearisedRows, Problem
 from estimation.recordings.reading import read
 from modeling import effects
 from modeling.chain.model import planar
@@ -123,7 +123,7 @@ class Task:
 
 def refitted(task: Task, start: Array) -> Solution:
     """End and evaluations of the refit."""
-    problem = CountedProblem(task.fitted.layout, task.fitted.recordings, task.fitted.noise)
+    problem = CountedProblem(task.fitted.layout, task.fitted.problem.data)
     return problem.minimise(start).theta, len(problem.calls)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 
@@ -16,7 +16,8 @@ from diagnosis.comparison.validation import half_splits
 from diagnosis.held_out import HeldOut, with_disturbances
 from diagnosis.subset_search import CandidateModel
 from diagnosis.verdict_rule import VerdictRule, judge
-from estimation.fit import Fit, refit
+from estimation.fit import Fit, solved
+from estimation.least_squares.problem import Problem
 from estimation.least_squares.square_root_information import orthonormal_basis
 from estimation.model_response import model_response
 from estimation.multiplicity import chi2_isf, chi2_sf
@@ -62,13 +63,10 @@ def _fit_pairs(candidate: CandidateModel, held_out: Sequence[HeldOut]) -> list[t
     pairs = []
     for other in held_out:
         start = {**trained.values, **other.start}
-        alone = refit(model + other.disturbances, (other.recording,), noise=(other.noise,), start=start)
+        alone = solved(Problem.of(model + other.disturbances, [other.recording], [other.noise]), start)
         pairs.append((trained, alone, f"on {other.recording.name}"))
     if not pairs or noise_from_residual(trained):
-        first, second = (
-            refit(trained.model, trained.recordings, noise=noise, start=trained.values)
-            for noise in half_splits(trained)
-        )
+        first, second = (trained.in_noise(noise) for noise in half_splits(trained))
         pairs.append((first, second, "between two halves of the data"))
     return pairs
 
@@ -253,7 +251,7 @@ class AcceptanceEvidence:
 
         def costs(way: tuple[Fit, Sequence[RecordingNoise], Sequence[RecordingNoise]]) -> tuple[float, float]:
             whole, trained_on, tested_on = way
-            half = refit(whole.model, whole.recordings, noise=trained_on, start=whole.values)
+            half = whole.in_noise(trained_on)
             return _cost(half, trained_on), _cost(half, tested_on)
 
         both_ways = np.array([costs(way) for way in ways]).reshape(2, 2, 2).sum(axis=1)
@@ -298,7 +296,7 @@ class AcceptanceEvidence:
 
 def _cost(fitted: Fit, noise: Sequence[RecordingNoise]) -> float:
     """Whitened chi-square of a fit in the rows of a noise."""
-    return replace(fitted.problem, noise=tuple(noise)).chi_square(fitted.theta)
+    return fitted.problem.in_noise(noise).chi_square(fitted.theta)
 
 
 def _excited_cost(fitted: Fit) -> float:

@@ -37,22 +37,13 @@ from diagnosis.verdict.selection_step import (
 )
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual, unknown_tool_reason
 from diagnosis.verdict_rule import RecordVerdict, VerdictRule, judge
+from estimation.case import Case
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
-from estimation.fit import (
-    Fit,
-    check_channels,
-    initial_noise,
-    noise_without_transients,
-    recordings_of,
-    refit,
-    require_positive_fitted_mass,
-)
-from estimation.gravity.gravity_direction import with_fitted_tilt, with_gravity_direction
+from estimation.fit import Fit, noise_without_transients, recordings_of, refit, require_positive_fitted_mass
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
 from estimation.recordings.recording import Recording, require_different_readings
-from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
 from modeling.effects import catalogue
@@ -351,37 +342,37 @@ def diagnose(
     >>> [(f.effect.id, f.verdict.value) for f in found.findings]
     [('viscous_drag', 'supported'), ('sensor_lag', 'negligible')]
     """
-    from threadpoolctl import threadpool_limits
-
     require_model(model, "diagnose")
     training, others = recordings_of(recordings, "diagnose"), recordings_of(validate, "validate")
     require_different_readings((*training, *others), "diagnose")
     candidates = None if effects is None else effects_of(effects)
-    with threadpool_limits(1):  # tall, thin matrices: multithreaded linear algebra only slows down
-        return _diagnosed(model, training, others, candidates, effect_rules, progress)
+    case = Case.of(model, training, others)
+    return diagnose_case(case, effects=candidates, effect_rules=effect_rules, progress=progress)
+
+
+def diagnose_case(
+    case: Case,
+    *,
+    effects: Sequence[Effect] | None = None,
+    effect_rules: Sequence[EffectRule] = EFFECT_RULES,
+    progress: Progress = silent,
+) -> Diagnosis:
+    """`diagnose` of a case, on one thread of linear algebra: its matrices are tall and thin, and threads only slow."""
+    from threadpoolctl import threadpool_limits  # the libraries of linear algebra have to be loaded before
+
+    with threadpool_limits(1):
+        return _diagnosed(case, effects, effect_rules, progress)
 
 
 def _diagnosed(
-    model: WrenchModel,
-    training: tuple[Recording, ...],
-    others: tuple[Recording, ...],
-    effects: tuple[Effect, ...] | None,
-    effect_rules: Sequence[EffectRule],
-    progress: Progress,
+    case: Case, effects: Sequence[Effect] | None, effect_rules: Sequence[EffectRule], progress: Progress
 ) -> Diagnosis:
-    """`diagnose` of arguments that were checked, on one thread of linear algebra."""
-    cache = ScreeningCache()
-    check_channels(model, training)
-    case = with_gravity_direction(model, (*training, *others))
-    training, others = case.recordings[: len(training)], case.recordings[len(training) :]
-    model = with_decided_convention(case.model, case.recordings)
+    cache, model = ScreeningCache(), case.model
     given = {effect.id for effect in model.effects}
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
-    start = model_initial_values(model, training) if model.effects else {}
-    base = refit(model, training, start=start)
-    noise = initial_noise(model, others) if others else ()
-    held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
+    base = refit(case, start=model_initial_values(case) if model.effects else {})
+    held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
     selection = _selected(base, candidates, progress, cache)
     progress("check the selected effects on held-out data")
     chosen = _without_negligible(selection.chosen, *channel_tolerance(base))
@@ -414,7 +405,7 @@ def _diagnosed(
     final.cache.forget()
     return Diagnosis(
         final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
-        gravity=None if case.found is None else with_fitted_tilt(case.found, final.fit.model, steps[-1].fit.values),
+        gravity=case.with_fitted_gravity(final.fit.model, steps[-1].fit.values).gravity,
         given_alternatives=alternatives, rows_left_out=rows,
     )  # fmt: skip
 
@@ -427,8 +418,7 @@ def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, cache
         return selection
     cache.forget()
     progress("re-estimate the noise, and repeat the search")
-    again = refit(base.model, base.recordings, noise=noise, start=base.values)
-    return search_subsets(again, candidates, progress, cache.in_other_noise())
+    return search_subsets(base.in_noise(noise), candidates, progress, cache.in_other_noise())
 
 
 def _without_negligible(candidate: CandidateModel, tolerance: Mapping[str, float], stated: bool) -> CandidateModel:

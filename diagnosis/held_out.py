@@ -59,7 +59,8 @@ class HeldOut:
 
     def non_excited_fit(self, fit: Fit) -> Fit:
         """The validation fit restricted to the non-excited lines, where there are any."""
-        return replace(self.validation_fit(fit), noise=(non_excited_noise(self.noise) or self.noise,))
+        carried = self.validation_fit(fit)
+        return replace(carried, problem=carried.problem.in_noise([non_excited_noise(self.noise) or self.noise]))
 
     def reestimated(self, fit: Fit) -> HeldOut:
         """The recording with its disturbances and its noise without them re-estimated, given a fit."""

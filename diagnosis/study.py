@@ -23,21 +23,17 @@ from diagnosis.progress import Progress, count_progress, silent
 from diagnosis.screening.null_model import ScreeningCache
 from diagnosis.screening.score_test import model_initial_values, screen
 from diagnosis.screening.suspects import Suspects
-from diagnosis.subset_search import CandidateModel, refit_with_effect
+from diagnosis.subset_search import CandidateModel, refit_in_own_noise, refit_with_effect
 from diagnosis.verdict.aliasing import channel_tolerance
 from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe_residual, unknown_tool_reason
+from estimation.case import Case
 from estimation.fit import (
     Fit,
-    check_channels,
-    fit,
-    initial_noise,
+    fit_case,
     recordings_of,
-    reestimated_noise,
-    refit,
     require_recording,
     with_ordinary_estimate,
 )
-from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.reading.log_reading import read
 from estimation.recordings.recording import Recording, require_different_readings
 from modeling.chain.effect import Effect, effects_of
@@ -265,9 +261,7 @@ class Study(Tabular):
     def drop(self, effect: str | Effect) -> StudyStep:
         """Drop an effect and refit; InputError when the model lacks it."""
         effect_id, before = effect if isinstance(effect, str) else effect.id, self.fit
-        after = refit(before.model.without(effect_id), before.recordings, noise=before.noise, start=before.values)
-        if noise_from_residual(before):
-            after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
+        after = refit_in_own_noise(before, before.model.without(effect_id), before.values)
         return self._append(f"- {effect_id}", after)
 
     def undo(self) -> StudyStep:
@@ -421,13 +415,15 @@ def study(
     known = rig if isinstance(rig, Rig) else None
     several, others = _recordings(recordings, known), _recordings(validate, known)
     require_different_readings((*several, *others), "study")
-    check_channels(given := _model(rig, several), several)
-    case = with_gravity_direction(given, (*several, *others))
-    given, several, others = case.model, case.recordings[: len(several)], case.recordings[len(several) :]
-    fitted = fit(given, several, start=model_initial_values(given, several) if given.effects else None)
-    noise = initial_noise(fitted.model, others) if others else ()
-    held_out = [HeldOut(r, n) for r, n in zip(others, noise, strict=True)]
-    return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects_of(effects), progress)
+    candidates = None if effects is None else effects_of(effects)
+    return study_case(Case.of(_model(rig, several), several, others), effects=candidates, progress=progress)
+
+
+def study_case(case: Case, *, effects: Sequence[Effect] | None = None, progress: Progress = silent) -> Study:
+    """`study` of a case."""
+    fitted = fit_case(case, start=model_initial_values(case) if case.model.effects else None)
+    held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
+    return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects, progress)
 
 
 def _require_order(model: object, recordings: object) -> None:

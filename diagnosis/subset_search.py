@@ -23,7 +23,7 @@ from diagnosis.screening.score_test import (
     significant_effects,
 )
 from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
-from estimation.fit import Fit, reestimated_noise, refit, with_ordinary_estimate
+from estimation.fit import Fit, reestimated_noise, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi2_sf, chi_square_penalty
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
@@ -59,10 +59,8 @@ def effect_with_offsets(fit: Fit, effect: Effect, cache: ScreeningCache) -> Effe
 
 def refit_in_own_noise(before: Fit, model: WrenchModel, start: dict[str, float]) -> Fit:
     """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual."""
-    after = refit(model, before.recordings, noise=before.noise, start=start)
-    if noise_from_residual(before):
-        after = refit(after.model, after.recordings, noise=reestimated_noise(after), start=after.values)
-    return after
+    after = before.refitted(model, start)
+    return after.in_noise(reestimated_noise(after)) if noise_from_residual(before) else after
 
 
 def _fixed_names(effect: Effect, model: WrenchModel) -> tuple[str, ...]:
@@ -153,7 +151,7 @@ class CandidateModel:
 
     def without_each(self, tried: Iterable[CandidateModel] = ()) -> dict[str, CandidateModel]:
         """The candidate without each of its effects in turn, by effect id; refitted unless `tried`."""
-        in_same_noise = {c.ids: c for c in tried if c.fit.noise is self.fit.noise}
+        in_same_noise = {c.ids: c for c in tried if c.fit.is_in_noise_of(self.fit)}
         return {e.id: in_same_noise.get(self.ids - {e.id}) or self.without(e.id) for e in self.added}
 
     def screened(self, effects: Sequence[Effect], announce: CountCallback | None = None) -> list[ScoreTest]:
@@ -246,9 +244,9 @@ class SubsetSearch:
     def refitted(self, candidate: CandidateModel, effects: Sequence[Effect]) -> CandidateModel:
         """The candidate with another set of effects: the tried one if in the same noise, else refitted."""
         tried = {self.base.ids: self.base, **self.tried}.get(frozenset(e.id for e in effects))
-        return (
-            tried if tried is not None and tried.fit.noise is candidate.fit.noise else refit_effects(candidate, effects)
-        )
+        if tried is not None and tried.fit.is_in_noise_of(candidate.fit):
+            return tried
+        return refit_effects(candidate, effects)
 
 
 def search_subsets(
@@ -421,7 +419,7 @@ def refit_effects(
     before = candidate.fit
     model = before.model.base + candidate.given + effects
     start = {**before.values, **(start or {})}
-    after = refit(model, before.recordings, noise=before.noise, start=start, far=far)
+    after = before.refitted(model, start, far=far)
     return CandidateModel(after, candidate.candidates, candidate.cache, candidate.given)
 
 

@@ -32,8 +32,8 @@ from modeling.rig import Rig
 Array = NDArray[np.float64]
 
 BASE_FIT_ROUNDING = 1e-6
-"""Relative size of singular values that the first fit of the rigid tool takes for zero: its columns are of very
-different sizes, and a poorly excited parameter must not make the residual, from which the noise is estimated, larger."""
+"""Relative size of singular values that the first fit of the rigid tool takes for zero: its columns differ much in
+size, and a poorly excited parameter must not make the residual larger, from which the noise is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +128,9 @@ def prepared(recording: Recording, model: WrenchModel) -> Recording:
 
 def _with_decided_motion(recording: Recording, model: WrenchModel) -> Recording:
     """The recording with the motion of each repeat only where its readings show that it was not the mean motion."""
-    if recording.own_motion is None or readings_follow_repeats(model.base, recording):
+    if recording.moved_as_measured is not None or recording.own_motion is None:
         return recording
-    return replace(recording, mean_motion=True)
+    return replace(recording, moved_as_measured=readings_follow_repeats(model.base, recording))
 
 
 # ------------------------------------------------------------------------------------------- gravity's direction

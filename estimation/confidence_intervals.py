@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, fixed_parameters
+from estimation.least_squares.problem import Solution
 from estimation.least_squares.square_root_information import orthonormal_basis
 from estimation.multiplicity import inverse_trigamma, student_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth_power_spectra
@@ -19,9 +19,6 @@ from estimation.recordings.recording import Recording
 from modeling.noise import NoiseSource
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
-
-if TYPE_CHECKING:
-    from estimation.fit import Fit
 
 Array = NDArray[np.float64]
 
@@ -43,7 +40,7 @@ class Intervals(Tabular):
     freedom  (k,) effective degrees of freedom of std
     """
 
-    fit: Fit
+    fit: Solution
     level: float
     std: Array
     freedom: Array
@@ -79,12 +76,12 @@ class Intervals(Tabular):
         return Table.of((name, value, std, Column("freedom", format=".3g"), *ends, unit), rows)
 
 
-def intervals(fit: Fit, *, level: float = LEVELS.confidence, pull: Array | None = None) -> Intervals:
+def intervals(fit: Solution, *, level: float = LEVELS.confidence, pull: Array | None = None) -> Intervals:
     """Confidence intervals with nominal coverage, though the noise was estimated from the same recordings.
 
     Parameters
     ----------
-    fit : Fit
+    fit : Fit or Solution
         A fit to whole recordings, with their noise.
     level : float, optional
         Two-sided confidence level, by default 0.95.
@@ -155,7 +152,7 @@ class VarianceContribution:
 
 
 def _variance_contributions(
-    fit: Fit, residual: Array, derivative: Array, pull: Array, coloured: Collection[NoiseSource]
+    fit: Solution, residual: Array, derivative: Array, pull: Array, coloured: Collection[NoiseSource]
 ) -> Iterator[VarianceContribution]:
     """Of each recording; the spectrum is estimated of runs whose noise is of a `coloured` source."""
     basis = orthonormal_basis(derivative)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimation.case import Case, prepared
 from estimation.least_squares.estimates import Estimates, require_positive_mass, unknown_attribute
-from estimation.least_squares.problem import LinearisedRows, Problem
+from estimation.least_squares.problem import LinearisedRows, Problem, Solution
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.model_response import ModelResponse, model_response, predicted_readings
 from estimation.noise.recording_noise import RecordingNoise
@@ -22,7 +22,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of
 from modeling.noise import NoiseModel, NoiseSource
-from modeling.parameter import Parameter, Role
+from modeling.parameter import Role
 from modeling.significance import LEVELS
 from modeling.table import Table
 
@@ -46,50 +46,16 @@ MIN_POWER_RATIO = 1.1
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(Estimates):
-    """A problem with its estimate: a model's parameters estimated from recordings in their noise.
+class Fit(Solution, Estimates):
+    """A model's parameters estimated from recordings in their noise.
 
-    theta       (k,) unknowns in the order of `layout.parameters`
-    covariance  (k, k) from the whitened derivative, valid for the noise it was whitened with
-    identifiable  (k,) whether a parameter is identifiable
-    converged   whether the iteration converged
     constrained the minimum within constraints, None without any
     ordinary    the least squares that theta comes from, with their own covariance, where the std is told in a colour
                 of the noise that the weights do not have
     """
 
-    problem: Problem
-    theta: Array
-    covariance: Array
-    identifiable: NDArray[np.bool_]
-    converged: bool = True
     constrained: ConstrainedMinimum | None = None
-    ordinary: Fit | None = None
-
-    @property
-    def model(self) -> WrenchModel:
-        """The model."""
-        return self.problem.model
-
-    @property
-    def recordings(self) -> tuple[Recording, ...]:
-        """The recordings."""
-        return self.problem.recordings
-
-    @property
-    def noise(self) -> tuple[RecordingNoise, ...]:
-        """The noise of each recording."""
-        return self.problem.noise
-
-    @property
-    def layout(self) -> ParameterLayout:
-        """The unknowns."""
-        return self.problem.layout
-
-    @property
-    def unknowns(self) -> tuple[Parameter, ...]:
-        """The model's parameters, then the biases of the further recordings."""
-        return self.layout.parameters
+    ordinary: Solution | None = None
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -107,6 +73,10 @@ class Fit(Estimates):
     def in_noise(self, noise: Sequence[RecordingNoise], *, constraints: Constraints | None = None) -> Fit:
         """The same model fitted to the same recordings in other noise, from these estimates."""
         return solved(self.problem.in_noise(noise), self.values, constraints=constraints)
+
+    def is_in_noise_of(self, other: Fit) -> bool:
+        """Whether another fit is to the same recordings in the same noise, so that their chi-squares compare."""
+        return self.problem.data is other.problem.data
 
     def identifies(self, effect: Effect) -> bool:
         """Whether an amplitude of one of its model's effects is identifiable."""
@@ -210,10 +180,14 @@ class Fit(Estimates):
             Readings in N and N m, one row a sample: the index is the time in s, of static poses their number.
         """
         require_recording(recording, "predict")
-        number = next((i for i, r in enumerate(self.recordings) if r is recording), None)
+        number = None if recording is None else self.number_of(recording)
         if recording is None or number is not None:
             return reading_frame(self.recordings[number or 0], self.predicted_readings(number or 0))
         return predicted_frame(self.model, self.values, recording)
+
+    def number_of(self, recording: Recording) -> int | None:
+        """Number of a recording among those of the fit; None of another."""
+        return next((i for i, own in enumerate(self.recordings) if own.is_reading_of(recording)), None)
 
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
@@ -397,13 +371,19 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
     near-integrated noise leaves a larger one.
     """
     from estimation.noise.noise_estimation import with_floor_of  # spectra: slow to import
-    from estimation.ordinary_estimate import covariance_in_noise, ordinary_fit
+    from estimation.ordinary_estimate import covariance_in_noise, ordinary_estimate
 
-    ordinary = ordinary_fit(fitted)
+    ordinary = ordinary_estimate(fitted, fitted.residuals)
     if ordinary is None:
         return with_coloured_std(fitted)
-    covariance = covariance_in_noise(ordinary)
-    estimated = replace(ordinary, problem=fitted.problem, covariance=covariance, ordinary=ordinary)
+    estimated = replace(
+        fitted,
+        theta=ordinary.theta,
+        covariance=covariance_in_noise(ordinary),
+        identifiable=ordinary.identifiable,
+        converged=ordinary.converged,
+        ordinary=ordinary,
+    )
     parts = zip(fitted.noise, fitted.recordings, estimated.residuals, strict=True)
     noise = tuple(with_floor_of(own, recording, r) for own, recording, r in parts)
     return replace(estimated, problem=fitted.problem.in_noise(noise))

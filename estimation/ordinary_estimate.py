@@ -8,20 +8,18 @@ as much. Weights that depend on the channel alone keep it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
 from estimation.confidence_intervals import intervals
+from estimation.least_squares.problem import Solution
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
 from modeling.noise import NoiseModel, NoiseSource, block_means
-
-if TYPE_CHECKING:
-    from estimation.fit import Fit
 
 Array = NDArray[np.float64]
 
@@ -29,27 +27,21 @@ SMALLEST_SHARE = 1e-4
 """Of a residual's variance, that the upper half of its spectrum counts for at the least: rounded readings have none."""
 
 
-def ordinary_fit(fitted: Fit) -> Fit | None:
-    """A fit's parameters by least squares, in which white noise weighs each channel of a run.
+def ordinary_estimate(fitted: Solution, residuals: Sequence[Array]) -> Solution | None:
+    """Parameters by least squares, in which white noise weighs each channel of a run, from a whitened solution.
 
-    Each channel is weighted by the noise of its upper frequencies alone. None without noise from a residual.
+    Each channel is weighted by the noise of the upper frequencies alone of its residual (n, p). None where no noise is
+    taken from a residual.
     """
-    noise = tuple(_by_channel(n, residual) for n, residual in zip(fitted.noise, fitted.residuals, strict=True))
+    noise = tuple(_by_channel(n, residual) for n, residual in zip(fitted.noise, residuals, strict=True))
     if all(new is old for new, old in zip(noise, fitted.noise, strict=True)):
         return None
     problem = fitted.problem.in_noise(noise)
     minimum = problem.minimise(fitted.theta)
-    return replace(
-        fitted,
-        problem=problem,
-        theta=minimum.theta,
-        covariance=minimum.covariance,
-        identifiable=minimum.identifiable,
-        converged=minimum.converged,
-    )
+    return Solution(problem, minimum.theta, minimum.covariance, minimum.identifiable, minimum.converged)
 
 
-def covariance_in_noise(fitted: Fit) -> Array:
+def covariance_in_noise(fitted: Solution) -> Array:
     """Covariance (k, k) with the std that the residual's own spectrum gives."""
     std, stated = intervals(fitted).std, np.sqrt(np.maximum(np.diag(fitted.covariance), 1e-300))
     ratio = np.where(np.isfinite(stated) & (std > 0), std / stated, 1.0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.coverage import LAG, NOISES, Setting
 from estimation.bootstrap import Agreement, Bootstrap, bootstrap
-from estimation.fit import Fit, Problem, fit
+from estimation.fit import Fit, fit
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.errors import InputError
@@ -45,7 +45,7 @@ def test_an_estimate_per_repeat_is_that_of_a_recording_of_this_repeat_alone(nois
     std = np.sqrt(np.diag(estimated.covariance))
     for r in (0, 3, 7):
         run = recording.wrench.reshape(8, 60, 3)[r]
-        alone = Problem(estimated.layout, (recording.with_readings(np.tile(run, (8, 1))),), estimated.noise)
+        alone = estimated.problem.of_recordings([recording.with_readings(np.tile(run, (8, 1)))])
         refitted = alone.minimise(np.zeros(6)).theta
         np.testing.assert_allclose((per_repeat(found)[r] - refitted) / std, 0, atol=1e-6)  # rounding times condition
     np.testing.assert_allclose((per_repeat(found).mean(axis=0) - estimated.theta) / std, 0, atol=1e-6)

@@ -22,7 +22,7 @@ DRAGGED = planar() + effects.viscous_drag()
 
 
 def unknowns(model: WrenchModel) -> ParameterLayout:
-    return ParameterLayout(model.parameters, (model,), (np.arange(len(model.parameters)),))
+    return ParameterLayout(model, model.parameters, (model,), (np.arange(len(model.parameters)),))
 
 
 def region(model: WrenchModel, bounds: dict[str, object], *, physical: bool = False) -> FeasibleRegion:

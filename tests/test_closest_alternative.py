@@ -9,7 +9,6 @@ import pytest
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.subset_search import CandidateModel
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.fit import refit
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
@@ -65,7 +64,7 @@ def test_the_excess_is_that_of_an_exact_refit(delay: float) -> None:
     last = found.fit
     model = last.model.without(finding.effect.id) + closest.effect
     start = {**last.values, **dict.fromkeys((p.name for p in closest.effect.qualified(model.space)), delay)}
-    other = refit(model, last.recordings, noise=last.noise, start=start)
+    other = last.refitted(model, start)
     exact = CandidateModel(other, 1).cost - CandidateModel(last, 1).cost
     # Both at the same values but for what the noise moves them: a few units of chi-square for the parameters shared.
     assert closest.excess == pytest.approx(exact, rel=0.05, abs=1.0)

@@ -617,12 +617,10 @@ def test_an_ascii_terminal_gets_text() -> None:
 
 
 def test_an_interrupt_is_quiet(run: Runner, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    from truewrench.files.case_files import Case
-
-    def interrupted(*_args: Any, **_options: Any) -> Case:
+    def interrupted(*_args: Any, **_options: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Case, "read", interrupted)
+    monkeypatch.setattr("truewrench.commands.fit.read_case", interrupted)
     assert run("fit", bench.training) == Outcome(130, "", "")
 
 

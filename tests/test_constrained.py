@@ -52,7 +52,9 @@ class Straight:
 
     @property
     def layout(self) -> ParameterLayout:
-        return ParameterLayout(self.model.parameters, (self.model,), (np.arange(len(self.model.parameters)),))
+        return ParameterLayout(
+            self.model, self.model.parameters, (self.model,), (np.arange(len(self.model.parameters)),)
+        )
 
     def information(self, theta: Array) -> SquareRootInformation:
         return SquareRootInformation.of(self.A, self.b - self.A @ theta)

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation.fit import Problem, initial_noise, initial_values
+from estimation.case import initial_noise
+from estimation.fit import initial_values
 from estimation.least_squares.bounds import Bounds
 from estimation.least_squares.constrained_minimum import ConstrainedMinimum, ConstraintInterpretation
 from estimation.least_squares.constrained_minimum import minimise_constrained as constrained
 from estimation.least_squares.constraints import Constraints
-from estimation.parameter_layout import parameter_layout
+from estimation.least_squares.problem import Problem
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
@@ -54,8 +55,7 @@ def recorded(*hidden: simulated.HiddenEffect, seed: int, limit: float = 1.2, sig
 
 def posed_of(recording: Recording, *added: Effect) -> Problem:
     model = planar() + added
-    unknowns = parameter_layout(model, (recording,))
-    return Problem(unknowns, (recording,), initial_noise(model, (recording,)))
+    return Problem.of(model, [recording], initial_noise(model, (recording,)))
 
 
 def solved_of(posed: Problem, constraints: Constraints) -> ConstrainedMinimum:

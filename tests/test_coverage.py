@@ -16,6 +16,7 @@ from scipy.special import polygamma
 from scipy.stats import binomtest, norm, t
 
 from benchmarks.coverage import NOISES, Coverage, LeastSquares, Setting, Silence, covered, share_interval
+from estimation.case import Case
 from estimation.confidence_intervals import (
     MAX_DEGREES_OF_FREEDOM,
     MIN_DEGREES_OF_FREEDOM,
@@ -116,7 +117,7 @@ def test_a_stated_std_leaves_the_colour_to_the_readings() -> None:
         recording = Setting(repeats=1, samples=600, stated=stated).drawn(NOISES[noise], 1)
         std[stated, noise] = fit(planar(), recording).intervals().std
         if (stated, noise) == (True, "white"):
-            white = np.sqrt(np.diag(refit(planar(), (recording,)).covariance))
+            white = np.sqrt(np.diag(refit(Case.of(planar(), [recording])).covariance))
     assert (std[True, "white"] <= 1.15 * np.maximum(white, std[False, "white"])).all()
     ratio = std[True, "AR 0.95"] / std[False, "AR 0.95"]
     assert ratio.min() > 0.5
@@ -141,7 +142,7 @@ def test_no_interval_of_a_stated_std_is_narrower_than_of_white_noise() -> None:
     for seed in range(20):
         recording = setting.drawn(NOISES["white"] if seed else Silence(), seed)
         found = fit(planar(), recording)
-        white = np.sqrt(np.diag(refit(planar(), (recording,)).covariance))
+        white = np.sqrt(np.diag(refit(Case.of(planar(), [recording])).covariance))
         assert (found.intervals().std >= (1 - 1e-6) * white).all()
 
 

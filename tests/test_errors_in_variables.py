@@ -72,7 +72,7 @@ def test_the_corrected_chi_square_has_the_mean_of_the_true_motion(away: float) -
     fitted = fit(RUN.model, readings)
     theta, noise = theta_of(RUN) * (1 + away), InputNoise.stated(LOGGED)
     one = CorrectedScoreProblem.of(fitted, noise)
-    several = [replace(one.problem, recordings=(_moved(readings, seed),)) for seed in range(DRAWS)]
+    several = [one.problem.of_recordings([_moved(readings, seed)]) for seed in range(DRAWS)]
     costs = np.array([replace(one, problem=problem).expand(theta).cost for problem in several])
     plain = np.array([np.sum(problem.evaluate(theta)[0] ** 2) for problem in several])
     residual = one.problem.measured[0] - fitted.noise[0].whitener.series(_prediction(RUN.model, readings, theta))

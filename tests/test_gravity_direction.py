@@ -20,21 +20,16 @@ from diagnosis.diagnosis import diagnose
 from diagnosis.screening.score_test import model_initial_values
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.candidate_poses import CandidatePoses
+from estimation.case import Case, prepared
 from estimation.contact.contact_wrench import compensate
 from estimation.fit import Fit, fit
-from estimation.gravity.gravity_direction import (
-    MountedCase,
-    mounted_recording,
-    with_fitted_tilt,
-    with_gravity_direction,
-)
+from estimation.gravity.gravity_direction import with_fitted_tilt
 from estimation.gravity.gravity_estimate import WeightMoments
 from estimation.reading.log_reading import imported
 from estimation.reading.motion_evidence import motion_evidence
 from estimation.recordings.reading import from_columns
 from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
-from estimation.recordings.sign_convention import with_decided_convention
 from estimation.streaming.long_log import read_chunks
 from modeling.chain.model import ALIGNED_MOUNTING, planar, spatial
 from modeling.effects import cable_spring, gravity_tilt, viscous_drag
@@ -112,9 +107,9 @@ def angle(first: Sequence[float], second: Sequence[float]) -> float:
     return float(np.rad2deg(np.arccos(np.clip(np.dot(first, second), -1, 1))))
 
 
-def decided(case: MountedCase) -> Direction:
-    assert case.found is not None
-    return case.found.direction
+def decided(case: Case) -> Direction:
+    assert case.gravity is not None
+    return case.gravity.direction
 
 
 # ------------------------------------------------------------------------------------ by the data
@@ -136,10 +131,10 @@ def test_poses_weigh_a_tool_on_any_base(seed: int) -> None:
 def test_a_stated_sign_decides_what_poses_cannot() -> None:
     for convention, sign in ((Convention.ON_TOOL, 1), (Convention.ON_SENSOR, -1)):
         rig = Rig(sensor=SensorDescription(convention=convention))
-        case = with_gravity_direction(spatial(rig), [poses((0.0, 1.0, 0.0), rig=rig)])
+        case = Case.of(spatial(rig), [poses((0.0, 1.0, 0.0), rig=rig)])
         assert decided(case) == (0.0, float(sign), 0.0)
-        assert case.found is not None
-        assert not case.found.decided
+        assert case.gravity is not None
+        assert not case.gravity.decided
 
 
 @pytest.mark.parametrize("hidden", [(), ("viscous_drag",)], ids=["alone", "drag"])
@@ -161,10 +156,10 @@ def test_effects_of_the_model_correct_the_direction(seed: int) -> None:
     """A drag of 0.3 N of 12 turns the first estimate by a degree; stated as corrected, no tilt is left."""
     down = random_direction(seed + 20)
     recording = run(MountedTool(down=down), seed, ("viscous_drag",))
-    case = with_gravity_direction(spatial(), [recording])
-    assert case.found is not None
+    case = Case.of(spatial(), [recording])
+    assert case.gravity is not None
     fitted = fit(case.model + viscous_drag(), case.recordings)
-    corrected = with_fitted_tilt(case.found, fitted.model, fitted.values).direction
+    corrected = with_fitted_tilt(case.gravity, fitted.model, fitted.values).direction
     assert angle(corrected, down) < min(0.1, angle(decided(case), down))
     again = fit(spatial(Rig(gravity_direction=corrected)) + viscous_drag() + gravity_tilt(), recording)
     assert all(within(again, f"gravity_tilt.{name}", 0.0) for name in ("tilt_x", "tilt_y"))
@@ -172,19 +167,21 @@ def test_effects_of_the_model_correct_the_direction(seed: int) -> None:
 
 def test_a_planar_direction_is_corrected_as_well() -> None:
     down = random_direction(23, axes=2)
-    case = with_gravity_direction(planar(Rig(link_lengths=LINKS)), [run(MountedArm(down=down), 2)])
-    assert case.found is not None
+    case = Case.of(planar(Rig(link_lengths=LINKS)), [run(MountedArm(down=down), 2)])
+    assert case.gravity is not None
     fitted = fit(case.model, case.recordings)
-    assert angle(with_fitted_tilt(case.found, fitted.model, fitted.values).direction, down) < 0.2
+    assert angle(with_fitted_tilt(case.gravity, fitted.model, fitted.values).direction, down) < 0.2
 
 
 def test_a_base_along_an_axis_is_taken_as_that_axis() -> None:
     down = (1.0, 0.0, 0.0)
-    case = with_gravity_direction(spatial(), [run(MountedTool(down=down), 1)])
+    case = Case.of(spatial(), [run(MountedTool(down=down), 1)])
     assert decided(case) == down
     assert not case.model.effects
-    assert case.found is not None
-    assert case.found.sentence.startswith("Gravity points along x of the base: with its direction free the mass is 1.2")
+    assert case.gravity is not None
+    assert case.gravity.sentence.startswith(
+        "Gravity points along x of the base: with its direction free the mass is 1.2"
+    )
 
 
 @pytest.mark.parametrize("name", ["cable_spring", "gravity_tilt", "sensor_crosstalk", "joint_offset", "contact_event"])
@@ -193,7 +190,7 @@ def test_none_is_found_where_the_base_stands_upright(name: str, seed: int) -> No
     for tool in (MountedArm(), *(() if name == "joint_offset" else (MountedTool(),))):
         recording = run(tool, seed, [name], repeats=1)
         model = planar(recording.rig) if isinstance(tool, MountedArm) else spatial()
-        assert with_gravity_direction(model, [recording]).found is None
+        assert Case.of(model, [recording]).gravity is None
 
 
 def pulled(tool: MountedTool | MountedArm, seed: int, k: float, anchor: tuple[float, float, float]) -> Recording:
@@ -224,7 +221,7 @@ def test_a_cable_on_a_level_base_is_not_taken_for_gravity(
     assert data.model.gravity_direction is None
     assert frame_sentences(data)[0].startswith("Gravity is taken as down, though it may point along (")
     better = data.model + cable_spring()
-    fitted = fit(better, recording, start=model_initial_values(better, [recording]))
+    fitted = fit(better, recording, start=model_initial_values(Case.of(better, [recording])))
     assert [effect.id for effect in fitted.model.effects] == ["cable_spring"]
     assert within(fitted, "m", tool.mass)
     assert within(fitted, "cable_spring.k", k)
@@ -242,7 +239,7 @@ def test_reading_names_the_cable_beside_the_direction() -> None:
 def test_a_cable_is_not_taken_for_a_sensor_mounted_turned() -> None:
     """Where it pulls more than the tool weighs: gravity stated, the forces alone suggest a turn by 140 degrees."""
     recording = pulled(MountedTool(), 1, 10.0, (0.6, 0.3, 1.5))
-    model = with_decided_convention(spatial(Rig(gravity_direction=(0.0, 0.0, -1.0))), [recording])
+    model = Case.of(spatial(Rig(gravity_direction=(0.0, 0.0, -1.0))), [recording]).model
     assert model.mounting == ALIGNED_MOUNTING
     assert model.convention is Convention.ON_TOOL
 
@@ -251,7 +248,7 @@ def test_a_cable_is_not_taken_for_a_sensor_mounted_turned() -> None:
 def test_a_cable_hides_no_base_that_stands_otherwise(seed: int) -> None:
     """Though a cable explains a part of it: that of the tether moves the direction by its share of the weight."""
     down = random_direction(seed + 20)
-    case = with_gravity_direction(spatial(), [run(MountedTool(down=down), seed, ("cable_spring",))])
+    case = Case.of(spatial(), [run(MountedTool(down=down), seed, ("cable_spring",))])
     assert angle(decided(case), down) < 5
 
 
@@ -270,8 +267,8 @@ def test_a_planar_arm_on_the_ceiling_or_a_wall(down: Direction) -> None:
 
 def test_what_is_stated_is_not_decided() -> None:
     rig = Rig(gravity_direction=(0.0, 0.0, -1.0))
-    case = with_gravity_direction(spatial(rig), [poses((1.0, 0.0, 0.0), rig=rig)])
-    assert case.found is None
+    case = Case.of(spatial(rig), [poses((1.0, 0.0, 0.0), rig=rig)])
+    assert case.gravity is None
     assert case.model.gravity_direction == rig.gravity_direction
 
 
@@ -364,7 +361,7 @@ def test_a_mounted_recording_is_not_differentiated_again() -> None:
     down = (0.6, 0.0, 0.8)
     recording = run(MountedTool(down=down), 3, (), repeats=1)
     assert recording.signals
-    mounted = mounted_recording(recording, down)
+    mounted = prepared(recording, spatial(Rig(gravity_direction=down)))
     assert mounted.motion.recorded is recording.motion.recorded
     assert mounted.motion.recorded.derivatives
     stated = run(MountedTool(down=down), 3, (), repeats=1).moved(rig=Rig(gravity_direction=down))

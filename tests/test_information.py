@@ -26,11 +26,10 @@ from design.information import (
 from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries, random_periodic_trajectory
 from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Trajectory
-from estimation.fit import Problem
+from estimation.least_squares.problem import Problem
 from estimation.model_response import model_response, predicted_readings
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener
-from estimation.parameter_layout import parameter_layout
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
@@ -194,7 +193,7 @@ def test_information_is_that_of_the_fit() -> None:
     theta, recording = vector(model, values(*model.effects)), recorded(1)
     whitener = AutoregressiveWhitener(SAMPLES, NoiseModel.white(STD))
     noise = RecordingNoise(STD, whitener, NoiseSource.RIG, np.zeros(whitener.rows))
-    root = Problem(parameter_layout(model, (recording,)), (recording,), (noise,)).information(theta).root
+    root = Problem.of(model, [recording], [noise]).information(theta).root
     found = Experiment.of(model, ARM, theta, noise=NoiseModel.of_rig(RIG, model.channels)).information(
         motion(), SAMPLES
     )

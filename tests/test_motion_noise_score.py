@@ -46,8 +46,8 @@ def test_what_depends_on_an_auxiliary_signal_is_judged_at_drawn_motions() -> Non
     assert drawn is not None
     for drawn_recording in (draw.recordings[0] for draw in drawn.fits):
         assert drawn_recording.auxiliary == recording.auxiliary == ("temperature",)
-        temperature = (r.motion.model_signals["temperature"] for r in (drawn_recording, recording))
-        np.testing.assert_array_equal(*temperature)
+        drawn_temperature = drawn_recording.motion.model_signals["temperature"]
+        np.testing.assert_array_equal(drawn_temperature, recording.motion.model_signals["temperature"])
     (search,) = run_searches([(drawn.fits[0], thermal.restricted(rigid.model.space))], ScreeningCache())
     assert search.excited  # else an input is missing
 
@@ -95,7 +95,7 @@ def test_all_fits_to_the_same_recordings_are_judged_at_the_same_motions() -> Non
 
 def test_motions_are_drawn_of_recordings_that_nothing_was_derived_from_yet() -> None:
     found = fitted(0)
-    fresh = replace(found, recordings=tuple(replace(r) for r in found.recordings))
+    fresh = replace(found, problem=found.problem.of_recordings([r.moved(derivatives={}) for r in found.recordings]))
     drawn, again = DrawnMotion.of(found), DrawnMotion.of(fresh)
     assert drawn is not None
     assert again is not None

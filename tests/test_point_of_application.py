@@ -23,6 +23,7 @@ from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening.null_model import ScreeningCache
 from diagnosis.subset_search import with_offsets_tested
 from diagnosis.verdict_rule import RecordVerdict
+from estimation.case import Case
 from estimation.fit import Fit, fit, refit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
@@ -154,10 +155,10 @@ def test_x_and_y_that_another_effect_explains_return_to_the_axis() -> None:
     recording = recorded(hidden("viscous_drag", 0.0, 0.0), lag, seed=21)
     base = spatial(SIX_AXES)
     start = {"viscous_drag.c": 0.3, "viscous_drag.d": 0.12}
-    lacking = refit(base + effects.viscous_drag(on_axis=True), (recording,), start=start)
+    lacking = refit(Case.of(base + effects.viscous_drag(on_axis=True), [recording]), start=start)
     moved = with_offsets_tested(lacking, ScreeningCache())
     assert moved.model.effects == (effects.viscous_drag(),)
-    whole = refit(moved.model + effects.sensor_lag(), (recording,), noise=moved.noise, start=moved.values)
+    whole = moved.refitted(moved.model + effects.sensor_lag())
     found = with_offsets_tested(whole, ScreeningCache())
     assert found.model.effects == (effects.viscous_drag(on_axis=True), effects.sensor_lag())
     assert found.values["viscous_drag.x"] == found.values["viscous_drag.y"] == 0.0
@@ -178,7 +179,7 @@ def test_a_point_on_the_axis_is_freed_as_often_as_the_level_says() -> None:
     freed = 0
     for _ in range(TRIALS):
         drawn = replace(recording, wrench=exact + np.array(RIG.noise) * rng.standard_normal(exact.shape))
-        fitted = refit(true.model, (drawn,), start=true.values)
+        fitted = refit(Case.of(true.model, [drawn]), start=true.values)
         freed += with_offsets_tested(fitted, ScreeningCache()).model != true.model
     assert freed <= FALSE_ALARMS_AT_MOST
 

@@ -19,7 +19,8 @@ from scipy.signal import butter, lfilter
 
 import truewrench as tw
 from benchmarks.robot_motions import NearlyRepeated
-from estimation.model_response import decided_own_motion, model_response
+from estimation.case import prepared
+from estimation.model_response import model_response
 from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import difference_of, is_separated
@@ -143,7 +144,7 @@ def test_slow_noise_of_an_encoder_is_not_taken_for_motion(step: float) -> None:
     recording = recorded(frame.assign(**{n: frame[n] + step * walk[:, i] for i, n in enumerate(names)}), SpatialRig())
     assert recording.own_motion is not None
     fit = tw.fit(tw.spatial(), recording)
-    assert decided_own_motion(fit.model.base, recording) is None
+    assert prepared(recording, fit.model).own_motion is None
     np.testing.assert_allclose(fit.noise[0].floor, SpatialRig().noise, rtol=FLOOR_TOLERANCE)
 
 
@@ -214,7 +215,7 @@ def test_readings_that_are_late_follow_a_motion_that_creeps() -> None:
     frame = simulate(rig, motion, hidden=(hidden,), repeats=1, samples_per_period=REPEATS * SAMPLES, seed=4)
     recording = recorded(frame.assign(repeat=np.arange(len(frame)) // SAMPLES), rig)
     model = model_of(rig) + tw.effects.named("time_delay")
-    assert decided_own_motion(model.base, recording) is not None
+    assert prepared(recording, model).own_motion is not None
     fit = tw.fit(model, recording)
     np.testing.assert_allclose(fit.noise[0].floor, rig.noise, rtol=FLOOR_TOLERANCE)
     delay = fit.parameters["time_delay.delay"]

@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimation.case import Case
 from estimation.fit import fit
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from estimation.recordings.sign_convention import (
-    SignDecision,
-    decide_convention,
-    in_sensor_frame,
-    with_decided_convention,
-)
+from estimation.recordings.sign_convention import SignDecision, decide_convention, in_sensor_frame
 from modeling.chain.model import QUARTER_TURNS, spatial
 from modeling.errors import InputError
 from modeling.rig import Convention
@@ -43,7 +39,7 @@ def poses(*, sign: float, turn: np.ndarray, seed: int = 3, count: int = 20) -> R
 def test_any_quarter_turn_and_either_sign_are_decided(sign: float, number: int) -> None:
     """The noise of 10 mN is a thousandth of the weight: the decision cannot fail, and mass comes back within 1 %."""
     turn = np.array(QUARTER_TURNS[number])
-    model = with_decided_convention(spatial(), [poses(sign=sign, turn=turn)])
+    model = Case.of(spatial(), [poses(sign=sign, turn=turn)]).model
     assert model.convention is (Convention.ON_TOOL if sign > 0 else Convention.ON_SENSOR)
     assert model.mounting == QUARTER_TURNS[number]
     values = fit(model, poses(sign=sign, turn=turn)).values
@@ -56,7 +52,7 @@ def test_a_small_turn_is_left_to_the_effect_and_reported() -> None:
     turn = Rotation.from_rotvec([0.0, 0.0, 0.2]).as_matrix()
     recording = poses(sign=-1.0, turn=turn)
     assert np.allclose(decide_convention([recording], GRAVITY).mounting, turn, atol=0.01)
-    assert with_decided_convention(spatial(), [recording]).mounting == QUARTER_TURNS[0]
+    assert Case.of(spatial(), [recording]).model.mounting == QUARTER_TURNS[0]
 
 
 def test_fit_decides_by_itself() -> None:
@@ -68,7 +64,7 @@ def test_poses_in_a_plane_do_not_decide() -> None:
     turns = Rotation.from_rotvec(np.outer(np.linspace(0, 3, 20), [0.0, 1.0, 0.0]))
     flat = whole.moved(columns=dict(zip(("qx", "qy", "qz", "qw"), turns.as_quat().T, strict=True)))
     with pytest.raises(InputError, match="does not span three directions"):
-        with_decided_convention(spatial(), [flat])
+        Case.of(spatial(), [flat])
 
 
 def test_a_negative_mass_is_refused() -> None:

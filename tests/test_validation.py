@@ -20,7 +20,8 @@ from diagnosis.comparison.validation import PartiallyFixedProblem, ValidationFit
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.held_out import HeldOut, disturbances_of, with_disturbances
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.fit import Fit, fit, initial_noise
+from estimation.case import initial_noise
+from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.reading import from_columns
@@ -245,7 +246,7 @@ def test_derivative_is_taken_to_the_free_unknowns_alone(drifting: bool) -> None:
     other = replace(held_out(recorded("other.csv", 501, DRIFT)), disturbances=(DriftEffect(),) if drifting else ())
     carried = other.validation_fit(trained())
     free = np.array([name.startswith(("bias_fx", "bias_drift.fy")) for name in carried.values])
-    problem = PartiallyFixedProblem(carried.layout, carried.recordings, carried.noise, free)
+    problem = PartiallyFixedProblem.of_unknowns(carried.problem, free)
     found, whole = problem.evaluate(carried.theta), carried.problem.evaluate(carried.theta)
     assert (free.sum() > 1) == drifting
     np.testing.assert_allclose(found[0], whole[0], rtol=0, atol=1e-9)

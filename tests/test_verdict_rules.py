@@ -17,7 +17,7 @@ from diagnosis.verdict.aliasing import Alias
 from diagnosis.verdict.finding import EFFECT_RULES, EffectEvidence
 from diagnosis.verdict.selection_step import EffectRefits, FinalRefit
 from diagnosis.verdict_rule import EffectVerdict, RecordVerdict, VerdictRule, judge
-from estimation.fit import fit, refit
+from estimation.fit import fit
 from estimation.multiplicity import holm_adjusted
 from estimation.recordings.reading import from_columns
 from modeling.chain.model import planar
@@ -368,7 +368,7 @@ def test_an_event_that_lasts_as_long_as_the_record_is_not_accepted() -> None:
     frame = simulate(PlanarRig(), PlanarRig().random_motion(seed=1), repeats=4, samples_per_period=100, seed=2)
     base = fit(planar(rig), from_columns({c: frame[c].to_numpy() for c in frame.columns}, rig=rig))
     start = {**base.values, "contact_event.start": -10.0, "contact_event.end": 100.0}
-    push = refit(base.model + named("contact_event"), base.recordings, noise=base.noise, start=start)
+    push = base.refitted(base.model + named("contact_event"), start)
     candidate = CandidateModel(push, 1)
     assert candidate.adequate
     assert not push.identifies(candidate.added[0])

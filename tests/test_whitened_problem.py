@@ -11,10 +11,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimation.fit import initial_noise
+from estimation.case import initial_noise
 from estimation.least_squares.problem import Problem
 from estimation.noise.recording_noise import RecordingNoise
-from estimation.parameter_layout import parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.space import Space
 from tests.effects.cases import CASES, Case
@@ -38,7 +37,7 @@ def noisy(space: Space, repeats: int) -> tuple[Case, Recording, tuple[RecordingN
 def test_residual_is_that_of_the_linearised_rows(case: Case, repeats: int) -> None:
     _, recording, noise = noisy(case.space, repeats)
     several = (recording, replace(recording, name="other", wrench=-recording.wrench))
-    problem = Problem(parameter_layout(case.model, several), several, (*noise, *noise))
+    problem = Problem.of(case.model, several, (*noise, *noise))
     theta = np.array(
         [
             {p.name: v for p, v in zip(case.model.parameters, case.theta, strict=True)}.get(p.name, 0.3)

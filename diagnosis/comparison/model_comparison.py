@@ -352,8 +352,9 @@ def compare(
         return compare_models(named, several)
     if not isinstance(recording, Recording | None):
         return compare_models(_named([fit]), recording)
-    if recording is None or recording in fit.recordings:
-        return comparison_of(fit, 0 if recording is None else fit.recordings.index(recording))
+    number = 0 if recording is None else fit.number_of(recording)
+    if recording is None or number is not None:
+        return comparison_of(fit, number or 0)
     return comparison_of(validation_fit(fit, recording), 0)
 
 
@@ -422,8 +423,8 @@ def _on_recording(models: Sequence[EstimatedModel], recording: Recording) -> lis
 
 def _own_prediction(model: EstimatedModel, recording: Recording) -> ModelOnRecording | None:
     """The fit's own prediction of a recording that it used; None of another."""
-    numbers = [i for i, r in enumerate(model.recordings) if r is recording] if isinstance(model, Fit) else []
-    return ModelOnRecording(model, numbers[0], True, True) if isinstance(model, Fit) and numbers else None
+    number = model.number_of(recording) if isinstance(model, Fit) else None
+    return ModelOnRecording(model, number, True, True) if isinstance(model, Fit) and number is not None else None
 
 
 def _common_noise(predicted: Sequence[ModelOnRecording]) -> RecordingNoise:
@@ -440,7 +441,7 @@ def _noise_of(fit: Fit) -> RecordingNoise:
 def _in_noise(prediction: ModelOnRecording, noise: RecordingNoise) -> ModelOnRecording:
     noises = list(prediction.fit.noise)
     noises[prediction.number] = noise
-    return replace(prediction, fit=replace(prediction.fit, noise=tuple(noises)))
+    return replace(prediction, fit=replace(prediction.fit, problem=prediction.fit.problem.in_noise(noises)))
 
 
 def equal_error_p_value(first: ComparedModel, second: ComparedModel) -> float:

@@ -9,15 +9,15 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.fit import Fit, initial_noise, initial_values
-from estimation.gravity.gravity_direction import mounted_recording
+from estimation.case import initial_noise, prepared
+from estimation.fit import Fit, initial_values
 from estimation.least_squares.estimates import Estimate, Estimates, fixed_parameters
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
 from estimation.least_squares.problem import Problem
 from estimation.least_squares.square_root_information import ColumnSpace
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
-from estimation.parameter_layout import ParameterLayout, parameter_layout
+from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
@@ -121,6 +121,11 @@ class PartiallyFixedProblem(Problem):
 
     free: NDArray[np.bool_]
 
+    @classmethod
+    def of_unknowns(cls, problem: Problem, free: NDArray[np.bool_]) -> PartiallyFixedProblem:
+        """A problem in these of its unknowns alone."""
+        return cls(problem.layout, problem.data, free)
+
     @property
     def fixed(self) -> NDArray[np.bool_]:
         """All unknowns but those that are free."""
@@ -196,11 +201,12 @@ def validation_fit(
     values `start` on the non-excited lines, where there are any: on the excited lines they would absorb systematic
     error of the fit.
     """
-    recording = mounted_recording(recording, fit.model.gravity_direction)
+    recording = prepared(recording, fit.model)
     shared = fit.model.without_recording_specific
     model = shared + disturbances
     noise = noise if noise is not None else initial_noise(shared, (recording,))[0]
-    unknowns = parameter_layout(model, (recording,))
+    problem = Problem.of(model, [recording], [noise])
+    unknowns = problem.layout
     values = {p.name: fit.parameters[p.name].value for p in shared.parameters}
     theta = initial_values(unknowns, {**values, **(start or {})})
     biases = _mask_of(unknowns, model.biases)
@@ -208,14 +214,14 @@ def validation_fit(
     covariance, estimable = np.zeros((len(theta), len(theta))), np.zeros(len(theta), dtype=bool)
     if disturbances:
         rest = (non_excited_noise(noise) or noise,)
-        disturbed = PartiallyFixedProblem(unknowns, (recording,), rest, biases | added).minimise(theta)
+        disturbed = PartiallyFixedProblem.of_unknowns(problem.in_noise(rest), biases | added).minimise(theta)
         theta, estimable = disturbed.theta, disturbed.identifiable & added
         covariance = disturbed.covariance * np.outer(added, added)
-    biased = PartiallyFixedProblem(unknowns, (recording,), (noise,), biases).minimise(theta)
+    biased = PartiallyFixedProblem.of_unknowns(problem, biases).minimise(theta)
     covariance, estimable = covariance + biased.covariance, estimable | biased.identifiable
     errors, unknown = _errors(fit, unknowns, ~(biases | added))
     return ValidationFit(
-        model, (recording,), (noise,), unknowns, biased.theta, covariance, estimable,
+        problem, biased.theta, covariance, estimable,
         errors=errors, free=np.column_stack([np.eye(len(theta))[:, biases | added], unknown]),
     )  # fmt: skip
 

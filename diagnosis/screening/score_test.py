@@ -16,8 +16,8 @@ from diagnosis.screening.grid_search import grid_points, projected_columns, refi
 from diagnosis.screening.null_model import ScreeningCache
 from diagnosis.screening.projection import PointTest, ProjectedColumns
 from diagnosis.screening.whitened_sensitivity import GridPoint
+from estimation.case import Case
 from estimation.fit import Fit, refit
-from estimation.gravity.gravity_direction import with_gravity_direction
 from estimation.model_response import missing_inputs
 from estimation.multiplicity import (
     bonferroni_level,
@@ -28,7 +28,6 @@ from estimation.multiplicity import (
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.recordings.recording import Recording
-from estimation.recordings.sign_convention import with_decided_convention
 from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
@@ -87,7 +86,8 @@ def _drawn_motions(recordings: Sequence[Recording], noisy: Sequence[bool]) -> li
 def _at_motion(fit: Fit, motion: Sequence[Recording]) -> Fit:
     """The fit to what it predicts for its own recordings, as readings at another motion."""
     readings = [fit.predicted_readings(number) for number in range(len(fit.recordings))]
-    return replace(fit, recordings=tuple(r.with_readings(w) for r, w in zip(motion, readings, strict=True)))
+    drawn = [r.with_readings(w) for r, w in zip(motion, readings, strict=True)]
+    return replace(fit, problem=fit.problem.of_recordings(drawn))
 
 
 CLEARLY_SIGNIFICANT = 1e-6
@@ -332,20 +332,19 @@ def _scores_of_motion(tests: Sequence[ScoreTest], fit: Fit, cache: ScreeningCach
 # Initial values of a nonlinear fit, by screening each effect in turn.
 
 
-def model_initial_values(model: WrenchModel, recordings: Sequence[Recording]) -> NuisanceValues:
-    """Initial values by name for fitting a model to recordings; {} where the nominal values suffice.
+def model_initial_values(case: Case) -> NuisanceValues:
+    """Initial values by name for fitting a case; {} where the nominal values suffice.
 
     The effects are added to the rigid tool one after the other, in the model's order; each starts at the best point of
     its score test given those before it, and everything before it where it was fitted: far from there, effects that
     are not linear have other minima. An effect that the recordings do not excite is skipped.
     """
-    directed = with_gravity_direction(model, recordings)
-    model, several = directed.model, directed.recordings
+    model = case.model
     searched = [e for e in model.effects if _needs_search(e, model)]
     if not searched:
         return {}
     values: NuisanceValues = {}
-    fitted = refit(with_decided_convention(model.base, several), several)
+    fitted = refit(replace(case, model=model.base))
     for effect in model.effects:
         cache = ScreeningCache()
         (screening,) = screen(fitted, [effect], cache=cache)
@@ -362,4 +361,4 @@ def _needs_search(effect: Effect, model: WrenchModel) -> bool:
 
 
 def _refit_with(fitted: Fit, effect: Effect, start: NuisanceValues) -> Fit:
-    return refit(fitted.model + effect, fitted.recordings, noise=fitted.noise, start={**fitted.values, **start})
+    return fitted.refitted(fitted.model + effect, {**fitted.values, **start})

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -180,7 +179,7 @@ class AliasProblem(Problem):
 
     target: tuple[Array, ...] = ()
 
-    @cached_property
+    @property
     def measured(self) -> tuple[Array, ...]:
         """The whitened prediction to be fitted."""
         return self.target
@@ -227,7 +226,7 @@ def _alias(
     """
     effect = screening.effect.unrestricted(without.model.space) if free else screening.effect
     unknowns = parameter_layout(without.model + effect, without.recordings)
-    problem = AliasProblem(unknowns, without.recordings, without.noise, prediction)
+    problem = AliasProblem(unknowns, without.problem.data, prediction)
     try:
         best = fit_rival(problem, [initial_values(unknowns, {**without.values, **screening.start})])
     except InputError:
@@ -279,7 +278,7 @@ def _best(final: CandidateModel, given: Effect, candidates: Sequence[Effect]) ->
     before = final.fit
     rest = tuple(e for e in final.given if e.id != given.id)
     without = CandidateModel(
-        refit(before.model.without(given.id), before.recordings, noise=before.noise, start=before.values),
+        before.refitted(before.model.without(given.id)),
         final.candidates, final.cache, rest,
     )  # fmt: skip
     tests = most_significant(without.screened(candidates))[:MAX_REFITS]
@@ -295,8 +294,7 @@ def _refitted(without: CandidateModel, test: ScoreTest) -> CandidateModel | None
     """With the effect, in the same noise; None where the score test's initial values have no solution."""
     before = without.fit
     try:
-        after = refit(before.model + test.effect, before.recordings, noise=before.noise,
-                      start={**before.values, **test.start})  # fmt: skip
+        after = before.refitted(before.model + test.effect, {**before.values, **test.start})
     except InputError:
         return None
     return CandidateModel(after, without.candidates, without.cache, without.given)

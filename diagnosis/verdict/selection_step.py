@@ -231,7 +231,7 @@ def judge_refit(larger: CandidateModel, final: CandidateModel, effect_id: str) -
     Both are in one noise: in that of the larger set where each has a noise of its own.
     """
     smaller = final
-    if larger.fit.noise is not final.fit.noise:
+    if not larger.fit.is_in_noise_of(final.fit):
         smaller = refit_effects(larger, [e for e in larger.added if e.id != effect_id])
     if larger.criterion < smaller.criterion:
         return FinalRefit.SIGNIFICANT

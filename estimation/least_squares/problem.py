@@ -17,6 +17,7 @@ from estimation.noise.recording_noise import RecordingNoise
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
+from modeling.parameter import Parameter
 
 Array = NDArray[np.float64]
 
@@ -194,6 +195,48 @@ class Problem:
         """The least-squares minimum within the parameters' bounds; `far` as `levenberg_marquardt` takes it."""
         low, high = (np.array([p.bounds[i] for p in self.layout.parameters]) for i in (0, 1))
         return levenberg_marquardt(self.information, start, (low, high), far, self.chi_square)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A problem with its estimate.
+
+    theta         (k,) unknowns in the order of `layout.parameters`
+    covariance    (k, k) from the whitened derivative, valid for the noise it was whitened with
+    identifiable  (k,) whether a parameter is identifiable
+    converged     whether the iteration converged
+    """
+
+    problem: Problem
+    theta: Array
+    covariance: Array
+    identifiable: NDArray[np.bool_]
+    converged: bool = True
+
+    @property
+    def model(self) -> WrenchModel:
+        """The model."""
+        return self.problem.model
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings."""
+        return self.problem.recordings
+
+    @property
+    def noise(self) -> tuple[RecordingNoise, ...]:
+        """The noise of each recording."""
+        return self.problem.noise
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """The unknowns."""
+        return self.problem.layout
+
+    @property
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The model's parameters, then the biases of the further recordings."""
+        return self.layout.parameters
 
 
 def _joined(parts: Sequence[Array]) -> Array:

@@ -67,9 +67,9 @@ class Recording(Tabular):
         How a log became this recording; by default none, as for a file with the columns of a recording.
     whole : WholeLog, optional
         The log with the rows outside the repeats that were cut; by default none, as where all rows are used.
-    mean_motion : bool, optional
-        Whether a model is given the mean motion of the repeats although they differ beyond noise: the readings do not
-        show that each repeat moved in its own way (`estimation.case.prepared`). By default False.
+    moved_as_measured : bool, optional
+        Whether the readings show that each repeat moved in its own way, where the repeats differ beyond noise; by
+        default None, as before that is decided (`estimation.case.prepared`). If not, a model takes the mean motion.
 
     Examples
     --------
@@ -87,7 +87,7 @@ class Recording(Tabular):
     motion: Motion
     reading: ReadingReport | None = None
     whole: WholeLog | None = None
-    mean_motion: bool = False
+    moved_as_measured: bool | None = None
 
     def __repr__(self) -> str:
         length = "poses at rest" if self.dt is None else f"samples at {1 / self.dt:.6g} Hz"
@@ -206,8 +206,12 @@ class Recording(Tabular):
 
     @property
     def own_motion(self) -> Motion | None:
-        """The motion of each repeat; None where the repeats are equal within noise, or taken to be."""
-        return None if self.mean_motion else self.motion.of_each_repeat
+        """The motion of each repeat; None where the repeats are equal within noise, or not shown to have moved so."""
+        return None if self.moved_as_measured is False else self.motion.of_each_repeat
+
+    def is_reading_of(self, other: Recording) -> bool:
+        """Whether it has the same readings as another, which may stand on a base that is decided."""
+        return self.wrench is other.wrench
 
     def averaged(self, series: Array) -> Array:
         """Series (n, k) averaged over the repeats, the average repeated to n samples."""
