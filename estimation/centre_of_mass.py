@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.least_squares.estimates import EstimatedModel
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
 from modeling.compiled.cache import source_digest
@@ -19,19 +20,6 @@ from modeling.space import Space
 from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
 
 Array = NDArray[np.float64]
-
-
-class Estimated(Protocol):
-    """A model with its parameters estimated: a fit, or a model file."""
-
-    @property
-    def model(self) -> WrenchModel: ...
-    @property
-    def theta(self) -> Array: ...
-    @property
-    def covariance(self) -> Array: ...
-    @property
-    def identifiable(self) -> NDArray[np.bool_]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +55,7 @@ class CentreOfMass(Tabular):
     shown: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, fitted: Estimated) -> CentreOfMass:
+    def of(cls, fitted: EstimatedModel) -> CentreOfMass:
         """Of the model's body, changed by its effects, at the values estimated; without a load that it took up."""
         model = fitted.model
         size = len(model.parameters)  # the model's parameters come first

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.comparison.comparison import MEASURES, Comparison, comparison_of, size_columns
-from diagnosis.comparison.validation import EstimatedModel, validation_fit
+from diagnosis.comparison.validation import validation_fit
 from estimation.fit import Fit, reestimated_noise, require_recording
 from estimation.fit_column_space import rows_of_recordings
-from estimation.least_squares.estimates import Estimate
+from estimation.least_squares.estimates import Estimate, EstimatedModel
 from estimation.multiplicity import chi2_sf, holm_adjusted, normal_cdf
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.recordings.recording import Recording, readings_digest

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.case import initial_noise, prepared
 from estimation.fit import Fit, initial_values
-from estimation.least_squares.estimates import Estimate, Estimates, fixed_parameters
+from estimation.least_squares.estimates import EstimatedModel, Estimates, fixed_parameters
 from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
 from estimation.least_squares.problem import Problem
 from estimation.least_squares.square_root_information import ColumnSpace
@@ -20,7 +19,6 @@ from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhiten
 from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
-from modeling.chain.model import WrenchModel
 from modeling.parameter import Parameter
 
 # Splits of the whitened rows: halves for cross-validation, and the non-excited lines.
@@ -92,27 +90,6 @@ def non_excited_noise(noise: RecordingNoise) -> RecordingNoise | None:
         log_power_variance=noise.log_power_variance[rows],
         frequency=lines,
     )
-
-
-@runtime_checkable
-class EstimatedModel(Protocol):
-    """A model with estimated parameters: a fit, or one from a model file."""
-
-    @property
-    def model(self) -> WrenchModel:
-        """The model."""
-
-    @property
-    def parameters(self) -> Mapping[str, Estimate]:
-        """Every parameter of the model by name, with std and unit."""
-
-    @property
-    def covariance(self) -> Array:
-        """Their covariance (k, k), in that order."""
-
-    @property
-    def identifiable(self) -> NDArray[np.bool_]:
-        """Which of them (k,) are identifiable."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from estimation.contact.contact_detection import (
     detect_contacts,
 )
 from estimation.fit import Fit, require_recording
-from estimation.least_squares.estimates import fixed_parameters
+from estimation.least_squares.estimates import EstimatedModel, fixed_parameters
 from estimation.model_response import model_response
 from estimation.multiplicity import chi2_sf
 from estimation.recordings.recording import Recording
@@ -493,18 +493,13 @@ class ContactWrench(Tabular):
         return super().printed() if self.intervals else ["no contact found"]
 
 
-class SavedModel(Protocol):
-    """What a model file gives."""
-
-    @property
-    def calibration(self) -> CalibratedModel:
-        """The calibrated model in it."""
-
-
-def _calibration(fitted: Fit | StreamedFit | CalibratedModel | SavedModel) -> CalibratedModel:
+def _calibration(fitted: EstimatedModel | CalibratedModel) -> CalibratedModel:
     if isinstance(fitted, CalibratedModel):
         return fitted
-    return CalibratedModel.of(fitted) if isinstance(fitted, Fit | StreamedFit) else fitted.calibration
+    if isinstance(fitted, Fit | StreamedFit):
+        return CalibratedModel.of(fitted)
+    saved: CalibratedModel = fitted.calibration  # type: ignore[attr-defined]  # a model file's: `_require_order`
+    return saved
 
 
 def _require_order(fitted: object, recording: object) -> None:
@@ -518,7 +513,7 @@ def _require_order(fitted: object, recording: object) -> None:
 
 
 def compensate(
-    fitted: Fit | StreamedFit | CalibratedModel | SavedModel,
+    fitted: EstimatedModel | CalibratedModel,
     recording: Recording,
     *,
     keep_zero: bool = False,

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular, Value
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from modeling.chain.model import WrenchModel
 
 
 # Attributes that fits of lmfit, SciPy, scikit-learn and statsmodels have, and what holds the same here.
@@ -102,17 +104,35 @@ def fixed_parameters(parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
     return np.array([p.fixed for p in parameters])
 
 
-class HasParameters(Protocol):
-    """What has estimates by name."""
+@runtime_checkable
+class EstimatedModel(Protocol):
+    """A model with its parameters estimated: the face of a fit, of a streamed fit and of a model file."""
 
     @property
-    def parameters(self) -> Mapping[str, Estimate]: ...
+    def model(self) -> WrenchModel:
+        """The model."""
+
+    @property
+    def parameters(self) -> Mapping[str, Estimate]:
+        """Every parameter by name, with std and unit; of a fit the biases of further recordings after the model's."""
+
+    @property
+    def theta(self) -> Array:
+        """Their values (k,), in that order."""
+
+    @property
+    def covariance(self) -> Array:
+        """Their covariance (k, k)."""
+
+    @property
+    def identifiable(self) -> NDArray[np.bool_]:
+        """Which of them (k,) are identifiable."""
 
 
 class NamedEstimates:
     """Estimates by parameter name, as `fit["m"]`; iteration, `in` and `len` are over the names, as of a mapping."""
 
-    def __getitem__(self: HasParameters, name: str) -> Estimate:
+    def __getitem__(self: EstimatedModel, name: str) -> Estimate:
         """The estimate of that full name; InputError, with what was meant, for none.
 
         `mlx` is not `com_offset.mlx`: the short name is ambiguous as soon as another effect has such a parameter.
@@ -122,17 +142,17 @@ class NamedEstimates:
             raise InputError(what=f"no parameter is called {quoted(name)}", where="fit", remedy=remedy)
         return self.parameters[name]
 
-    def __iter__(self: HasParameters) -> Iterator[str]:
+    def __iter__(self: EstimatedModel) -> Iterator[str]:
         return iter(self.parameters)
 
-    def __contains__(self: HasParameters, name: object) -> bool:
+    def __contains__(self: EstimatedModel, name: object) -> bool:
         return name in self.parameters
 
-    def __len__(self: HasParameters) -> int:
+    def __len__(self: EstimatedModel) -> int:
         return len(self.parameters)
 
     @property
-    def values(self: HasParameters) -> dict[str, float]:
+    def values(self: EstimatedModel) -> dict[str, float]:
         """The value of every parameter by name."""
         return {name: estimate.value for name, estimate in self.parameters.items()}
 
