@@ -1,4 +1,4 @@
-"""What ARCHITECTURE.md says: the files are there, and what it says can be added can be added from outside the tree."""
+"""What ARCHITECTURE.md says, and the decisions: the files are there, and what can be added can be from outside."""
 
 from __future__ import annotations
 
@@ -26,13 +26,15 @@ from truewrench import simulated_rig
 from truewrench.simulated_rig import PlanarRig, simulate
 
 ROOT = Path(__file__).parents[1]
-MAP = (ROOT / "ARCHITECTURE.md").read_text()
+MAP = ROOT / "ARCHITECTURE.md"
+DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 
 
-def test_every_file_that_the_map_names_is_there() -> None:
+@pytest.mark.parametrize("page", [MAP, *DECISIONS], ids=lambda page: page.stem)
+def test_every_file_that_a_page_names_is_there(page: Path) -> None:
     """Names without a folder belong to the folder named before them."""
-    folder, missing = ROOT, []
-    for name in re.findall(r"`([\w/*]+(?:\.py|/))`", MAP):
+    folder, missing, text = ROOT, [], page.read_text()
+    for name in re.findall(r"`([\w/*]+(?:\.py|/))`", text):
         place = (ROOT / name) if "/" in name else folder / name
         if "*" in name:
             assert list(ROOT.glob(name)), name
@@ -41,7 +43,7 @@ def test_every_file_that_the_map_names_is_there() -> None:
         if not place.exists():
             missing.append(name)
     assert missing == []
-    assert len(re.findall(r"`[\w/]+\.py`", MAP)) > 30
+    assert page.stem == "index" or len(re.findall(r"`[\w/]+\.py`", text)) > (30 if page == MAP else 1)
 
 
 @dataclass(frozen=True)
