@@ -23,8 +23,6 @@ from modeling.chain.model import planar
 from modeling.effects import CATALOGUE, catalogue
 from modeling.rig import Rig
 from truewrench.command_line import COMMANDS
-from truewrench.effect_description import SKETCHES, parameter_meaning
-from truewrench.effect_description.effect_words import PROVOCATIONS
 from truewrench.simulated_rig import HIDDEN_EFFECTS
 
 ROOT = Path(__file__).parents[1]
@@ -82,9 +80,7 @@ def test_results_in_the_reference_exist() -> None:
 
 
 def test_every_effect_can_be_described_and_simulated() -> None:
-    """The page shows a sketch, its parameters in words, what provokes it, and pictures of a rig that hides it."""
-    assert set(IDS) == set(PROVOCATIONS)
-    assert set(IDS) <= set(SKETCHES)
+    """The page shows how the effect is seen and provoked, and pictures of a rig that hides it."""
     assert set(IDS) <= set(HIDDEN_EFFECTS)
     model = planar(Rig(link_lengths=(1.0, 0.97, 0.4)))
     for effect in catalogue():
@@ -94,7 +90,6 @@ def test_every_effect_can_be_described_and_simulated() -> None:
             assert target in LABELS
         for space, table in page["parameters"]:  # type: ignore[attr-defined]
             assert table.count("\n") >= 2, space
-        assert all(parameter_meaning(effect, p.name) for s in effect.spaces for p in effect.parameters(s))
 
 
 def test_a_sentence_links_the_effects_that_it_names() -> None:
