@@ -113,12 +113,16 @@ def _code(page: Path) -> list[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_cells_are_python(page: Path) -> None:
-    """And a page with cells has the heading that makes the builder execute them."""
+    """What they import is there; and a page with cells has the heading that makes the builder execute them."""
     text = page.read_text(encoding="utf-8")
     cells = re.findall(r"^```\{code-cell\}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     assert bool(cells) == (EXECUTED in text)
     for cell in cells:
-        ast.parse("\n".join(line for line in cell.splitlines() if not line.startswith(":")))
+        tree = ast.parse("\n".join(line for line in cell.splitlines() if not line.startswith(":")))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                module = import_module(str(node.module))
+                assert all(hasattr(module, alias.name) for alias in node.names), node.module
 
 
 def test_the_rig_file_of_the_formats_is_one() -> None:
