@@ -166,9 +166,9 @@ class Effect(ABC):
 
     def applied(self, chain: Chain) -> Chain:
         """The chain with this effect in it, in terms of its qualified parameters' symbols; fixed ones are numbers."""
-        own, full = self.parameters(chain.space), self.qualified(chain.space)
+        short, full = self.parameters(chain.space), self.qualified(chain.space)
         values = (_number(p.nominal) if p.fixed else p.symbol for p in full)
-        return self.perturb(chain, {p.name: value for p, value in zip(own, values, strict=True)})
+        return self.perturb(chain, {p.name: value for p, value in zip(short, values, strict=True)})
 
 
 def _number(value: float) -> sp.Expr:
