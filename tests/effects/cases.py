@@ -59,8 +59,10 @@ def amounts_of(effect: Effect, parameters: Sequence[Parameter]) -> dict[str, flo
     sizes = {}
     for number, parameter in enumerate(parameters):
         name = parameter.name.rpartition(".")[2]
-        by_name = effect.amounts.get(name)
-        sizes[name] = effect.amounts[parameter.unit] * (1 + number / 10) if by_name is None else by_name
+        by_name, by_unit = effect.amounts.get(name), effect.amounts.get(parameter.unit)
+        amount = by_unit * (1 + number / 10) if by_name is None and by_unit is not None else by_name
+        assert amount is not None, f"say in `amounts` of {effect.id} how much of {name} ({parameter.unit}) shows"
+        sizes[name] = amount
     return sizes
 
 

@@ -133,12 +133,18 @@ def numbered(name: str, values: tuple[float, ...]) -> Amounts:
 
 
 def truth_of(case: Case, hidden: simulated.HiddenEffect) -> Amounts:
-    """The catalogue's parameters of a hidden effect: its fields of their names, and what has others in the rig."""
+    """The catalogue's parameters of a hidden effect: its fields of their names, and what has others in the rig.
+
+    A `force` and a `torque` are those of every channel, where the parameters are named as these.
+    """
     settings: dict[str, object] = {}
     for name, value in vars(hidden).items():
         settings |= dict(numbered(name, value)) if isinstance(value, tuple) else {name: value}
     names = {p.name.rpartition(".")[2] for p in case.own}
     alike = {name: value for name, value in settings.items() if name in names and isinstance(value, float)}
+    force, torque = settings.get("force"), settings.get("torque")
+    if set(case.space.channels) <= names and isinstance(force, float) and isinstance(torque, float):
+        alike |= per_channel(case.space, force, torque)
     return alike | renamed(hidden, case.space)
 
 
@@ -175,8 +181,6 @@ def renamed_of_sensor(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
             return {f"{into}_{out_of}": gain for into, out_of, gain in hidden.leaks}
         case simulated.GainNonlinearity():
             return per_channel(space, hidden.quadratic, 0.0, "_2") | per_channel(space, hidden.cubic, 0.0, "_3")
-        case simulated.SensorHysteresis() | simulated.ThermalDrift():
-            return per_channel(space, hidden.force, hidden.torque)
         case simulated.Saturation():
             largest = np.abs(recorded(space)[0].wrench).max(axis=0)
             levels = zip(space.channels, hidden.share * largest, strict=True)

@@ -45,7 +45,8 @@ def test_parameters_are_named_bounded_and_have_units(case: Case) -> None:
     assert len({p.meaning for p in own}) == len(own)
 
 
-ROLE_UNITS = {Role.ONSET: "s", Role.FREQUENCY: "Hz"}
+ONSETS = ("time", "start", "end")
+"""What an effect calls a time at which something begins or ends; other parameters in seconds are how long it takes."""
 
 
 @every_case
@@ -53,8 +54,8 @@ def test_searched_times_and_frequencies_have_their_roles(case: Case) -> None:
     """Search, noise re-estimation and missing inputs read the role: a time called a shape would never be refined."""
     for parameter in case.effect.parameters(case.space):
         if parameter.nuisance:
-            expected = {unit: role for role, unit in ROLE_UNITS.items()}.get(parameter.unit, Role.SHAPE)
-            assert parameter.role is expected
+            expected = Role.FREQUENCY if parameter.unit == "Hz" else Role.SHAPE
+            assert parameter.role is (Role.ONSET if parameter.name in ONSETS else expected)
         assert case.effect.has_role(parameter.role, case.space)
 
 
