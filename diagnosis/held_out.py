@@ -74,15 +74,6 @@ class HeldOut:
 # Recording-specific disturbances (drift, contact, payload, interference) of a held-out recording.
 
 
-DISTURBANCE_NAMES = {
-    "bias_drift": "drift",
-    "contact_event": "contact",
-    "payload_change": "payload change",
-    "line_interference": "interference",
-}
-"""Name of the disturbance in messages, by effect id."""
-
-
 @dataclass(frozen=True, eq=False)
 class RecordingDisturbance:
     """A recording-specific disturbance of one held-out recording.
@@ -97,7 +88,7 @@ class RecordingDisturbance:
     swing: Mapping[str, float]
 
     def __str__(self) -> str:
-        kind = DISTURBANCE_NAMES.get(self.effect.id, f"effect ({self.effect.title})")
+        kind = self.effect.disturbance or f"effect ({self.effect.title})"
         space = Space(self.recording.dimension)
         sizes = [f"{c} by {s:.2g} {u}" for (c, s), u in zip(self.swing.items(), space.units, strict=True)]
         nuisances = [p.name for p in self.effect.parameters(space) if p.nuisance]

@@ -23,13 +23,15 @@ class Role(Enum):
 class Parameter:
     """One parameter of a model.
 
-    `nominal` is the value at which an effect's parameter leaves the model unchanged. It is the initial value of a fit,
-    unless `start` gives another because a fit cannot start there (an infinite stiffness, a push of zero duration).
-    `bounds` are the physical ones (inclusive), in the same `unit`. `role` decides how it is searched for.
+    `meaning` says in words what it is. `nominal` is the value at which an effect's parameter leaves the model
+    unchanged. It is the initial value of a fit, unless `start` gives another because a fit cannot start there (an
+    infinite stiffness, a push of zero duration). `bounds` are the physical ones (inclusive), in the same `unit`. `role`
+    decides how it is searched for.
     """
 
     name: str
     unit: str
+    meaning: str = ""
     nominal: float = 0.0
     bounds: tuple[float, float] = (-inf, inf)
     role: Role = Role.AMPLITUDE

@@ -57,7 +57,8 @@ def random_signals(names: tuple[str, ...], samples: int, rng: np.random.Generato
 def random_theta(model: WrenchModel, rng: np.random.Generator) -> Array:
     """Parameters of order 1 within their bounds; a push's interval has its end after its start."""
     low, high = (np.array([p.bounds[i] for p in model.parameters]) for i in (0, 1))
-    theta = np.clip(rng.normal(0, 1, len(low)), np.maximum(low, -10), np.minimum(high, 10))
+    drawn = rng.uniform(0.5, 2.0, len(low)) * np.where(low < 0, rng.choice([-1.0, 1.0], len(low)), 1.0)
+    theta = np.clip(drawn, low, high)
     place = {p.name: i for i, p in enumerate(model.parameters)}
     if "contact_event.start" in place:
         theta[[place["contact_event.start"], place["contact_event.end"]]] = np.sort(rng.uniform(0, 10, 2))

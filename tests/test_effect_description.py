@@ -16,7 +16,7 @@ from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue, named
 from modeling.rig import Rig
 from modeling.space import Space
-from truewrench.effect_description import SKETCHES, effect_sketch, parameter_meaning
+from truewrench.effect_description import effect_sketch
 from truewrench.effect_description.effect_equations import effect_equations
 from truewrench.effect_description.effect_sketch import HEIGHT, WIDTH
 from truewrench.effect_description.equation_texts import EquationTexts, equation_texts
@@ -41,10 +41,6 @@ ADDED = [
 
 def case_name(value: object) -> str:
     return value.id if isinstance(value, Effect) else str(getattr(value, "name", value)).lower()
-
-
-def test_every_effect_has_a_sketch_and_no_other() -> None:
-    assert set(SKETCHES) == {effect.id for effect in catalogue()}
 
 
 @pytest.mark.parametrize("effect", catalogue(), ids=case_name)
@@ -76,13 +72,6 @@ def test_no_word_of_a_sketch_is_cut_off(effect: Effect) -> None:
         assert y - size.y0 <= top + height, text.text
 
 
-@pytest.mark.parametrize(("effect", "space"), CASES, ids=case_name)
-def test_every_parameter_has_a_meaning(effect: Effect, space: Space) -> None:
-    meanings = {p.name: parameter_meaning(effect, p.name) for p in effect.parameters(space)}
-    assert all(meanings.values())
-    assert len(set(meanings.values())) == len(meanings)
-
-
 def parameters_of(equation: ElementTree.Element) -> set[str]:
     """Names of the parameters in an equation; of a letter with an index the index."""
     marked = {e.text or "" for e in equation.iter("mi") if "class" in e.attrib}
@@ -96,7 +85,6 @@ def test_equations_are_well_formed_and_have_the_parameters(effect: Effect, space
     texts = EquationTexts() if found is None else EquationTexts(tuple(found.mathml), found.symbols)
     assert equation_texts(effect, MODELS[space]) == texts
     if found is None:  # its equations are too long, or between tool and world: the stated one is shown
-        assert effect.id in ("cable_spring", "bias_drift")
         return
     shown = set().union(*(parameters_of(ElementTree.fromstring(text)) for text in found.mathml))
     free = {p.name for p in effect.parameters(space) if not p.fixed}

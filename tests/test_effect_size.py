@@ -10,7 +10,7 @@ from modeling.chain.model import planar
 from modeling.effects import named
 from tests.test_given_effects import simulated
 from tests.test_hidden_effects import RIG
-from truewrench.effect_description.effect_words import largest_change, size_sentence
+from truewrench.effect_description.effect_size import largest_change, size_sentence
 
 pytest.importorskip("mujoco")
 

@@ -19,7 +19,6 @@ from estimation.robust_fit import robust_fit
 from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.effects import catalogue
 from modeling.errors import InputError
 from modeling.noise import NoiseModel, NoiseSource
 from modeling.rig import Convention, Rig, SensorDescription
@@ -325,12 +324,6 @@ CASES: list[Case] = [  # space, effect, what is hidden, its true amounts, where 
     (SPACE, effects.sensor_lag(), simulated.SensorLag(), {"time_constant": 0.02}, {}),
     (SPACE, effects.time_delay(), simulated.TimeDelay(), {"delay": 0.012}, {}),
 ]
-OWN_SHAPE = {"bias_drift", "saturation"}
-"""Effects that the simulator gives another curve, or a level that the case finds out; others test these."""
-
-
-def test_every_effect_is_refitted() -> None:
-    assert {effect.id for effect in catalogue()} - OWN_SHAPE == {case[1].id for case in CASES}
 
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{case[1].id}-{case[0].name}" for case in CASES])

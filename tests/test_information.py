@@ -43,6 +43,7 @@ from modeling.noise import ColouredNoise, NoiseModel, NoiseSource, StationaryNoi
 from modeling.parameter import Parameter
 from modeling.rig import Limits, Rig, SensorDescription
 from modeling.space import Space
+from tests.effects.cases import amounts_of
 
 Array = NDArray[np.float64]
 
@@ -58,37 +59,18 @@ TOOL = {"bias_fx": 0.5, "bias_tau": -0.1, "m": 1.6, "mlg": 0.2, "I": 0.05}
 STD = np.array([0.8, 1.6, 0.08])
 
 
-GIVEN: dict[str, dict[str, float]] = {
-    "com_offset": {"mlx": 0.02},
-    "gravity_tilt": {"angle": 0.03},
-    "sensor_rotation": {"angle": 0.1},
-    "sensor_crosstalk": {"fx_fy": 0.02, "tau_fx": 0.01},
-    "viscous_drag": {"c": 0.8, "d": 0.2},
-    "quadratic_drag": {"c": 0.5, "d": 0.1},
-    "cable_spring": {"k": 20.0, "anchor_x": 0.5, "anchor_y": -1.0, "length": 0.3, "d": 0.1},
-    "sensor_lag": {"time_constant": 0.04},
-    "time_delay": {"delay": 0.023},
-    "bias_drift": {"fx_1": 0.3},
-    "contact_event": {"start": 1.0, "end": 2.5, "fcx": 3.0, "fcy": -2.0, "tauc": 0.2},
-    "joint_offset": {"offset_1": 0.02, "offset_3": -0.01},
-    "joint_elasticity": {"compliance_1": 1e-3, "compliance_2": 2e-3},
-    "joint_backlash": {"width_2": 0.01},
-    "link_length_error": {"error_2": 0.02, "error_3": -0.01},
-    "coulomb_friction": {"level": 0.2},
-    "payload_change": {"mass": 0.3, "d": 0.1, "time": 1.7},
-    "sensor_gain": {"fy": 1.02, "tau": 0.97},
-    "gain_nonlinearity": {"fx_2": 1e-3, "fy_3": 1e-5, "tau_2": 0.02},
-    "line_interference": {"frequency": 7.3, "fx_sin": 0.2, "tau_cos": 0.05},
-}
-UNDESIGNED = ("thermal_drift", "tip_flexibility", "sensor_hysteresis", "saturation")
-EFFECTS = tuple(e for e in effects.catalogue(Space.PLANE) if e.id not in UNDESIGNED)
+EFFECTS = tuple(
+    e for e in effects.catalogue(Space.PLANE) if e.stage.adds and "temperature" not in (planar(RIG) + e).inputs
+)
+"""Effects that are designed for, or could be if they were not specific to a recording."""
 EVERY = pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: str(e.id))
 LINEAR_DYNAMICS = (effects.sensor_lag(), effects.time_delay())
 PERIODIC = tuple(e for e in EFFECTS if not e.per_recording)
 
 
 def values(*several: Effect) -> dict[str, float]:
-    return TOOL | {f"{e.id}.{name}": value for e in several for name, value in GIVEN[e.id].items()}
+    amounts = {e: amounts_of(e, e.parameters(Space.PLANE)) for e in several}
+    return TOOL | {f"{e.id}.{name}": value for e in several for name, value in amounts[e].items()}
 
 
 def vector(model: WrenchModel, given: Mapping[str, float]) -> Array:

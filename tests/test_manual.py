@@ -23,8 +23,6 @@ from modeling.chain.model import planar
 from modeling.effects import CATALOGUE, catalogue
 from modeling.rig import Rig
 from truewrench.command_line import COMMANDS
-from truewrench.effect_description import SKETCHES, parameter_meaning
-from truewrench.effect_description.effect_words import PROVOCATIONS
 from truewrench.simulated_rig import HIDDEN_EFFECTS
 
 ROOT = Path(__file__).parents[1]
@@ -82,9 +80,7 @@ def test_results_in_the_reference_exist() -> None:
 
 
 def test_every_effect_can_be_described_and_simulated() -> None:
-    """The page shows a sketch, its parameters in words, what provokes it, and pictures of a rig that hides it."""
-    assert set(IDS) == set(PROVOCATIONS)
-    assert set(IDS) <= set(SKETCHES)
+    """The page shows how the effect is seen and provoked, and pictures of a rig that hides it."""
     assert set(IDS) <= set(HIDDEN_EFFECTS)
     model = planar(Rig(link_lengths=(1.0, 0.97, 0.4)))
     for effect in catalogue():
@@ -94,7 +90,6 @@ def test_every_effect_can_be_described_and_simulated() -> None:
             assert target in LABELS
         for space, table in page["parameters"]:  # type: ignore[attr-defined]
             assert table.count("\n") >= 2, space
-        assert all(parameter_meaning(effect, p.name) for s in effect.spaces for p in effect.parameters(s))
 
 
 def test_a_sentence_links_the_effects_that_it_names() -> None:
@@ -118,12 +113,16 @@ def _code(page: Path) -> list[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_cells_are_python(page: Path) -> None:
-    """And a page with cells has the heading that makes the builder execute them."""
+    """What they import is there; and a page with cells has the heading that makes the builder execute them."""
     text = page.read_text(encoding="utf-8")
     cells = re.findall(r"^```\{code-cell\}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     assert bool(cells) == (EXECUTED in text)
     for cell in cells:
-        ast.parse("\n".join(line for line in cell.splitlines() if not line.startswith(":")))
+        tree = ast.parse("\n".join(line for line in cell.splitlines() if not line.startswith(":")))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                module = import_module(str(node.module))
+                assert all(hasattr(module, alias.name) for alias in node.names), node.module
 
 
 def test_the_rig_file_of_the_formats_is_one() -> None:

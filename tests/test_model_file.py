@@ -19,7 +19,7 @@ from estimation.recordings.reading import from_columns
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.effects import catalogue
-from modeling.effects.bias import BiasDrift
+from modeling.effects.disturbances import BiasDrift
 from modeling.effects.loads import ViscousDrag
 from modeling.errors import InputError
 from modeling.noise import NoiseSource

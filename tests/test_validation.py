@@ -30,8 +30,8 @@ from modeling.chain.chain import Chain, Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.stages import Bias
-from modeling.effects import BiasDrift as DriftEffect
 from modeling.effects import named, viscous_drag
+from modeling.effects.disturbances import BiasDrift as DriftEffect
 from modeling.parameter import Parameter
 from modeling.rig import Rig
 from modeling.space import Space, signals

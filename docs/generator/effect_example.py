@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import truewrench as tw
 from modeling.chain.effect import Effect
+from modeling.chain.stages import Stage
 from modeling.errors import InputError
 from modeling.number_format import format_number, format_unit, format_with_std
 from modeling.table import Column, Table
@@ -116,7 +117,7 @@ class EffectExample:
                 found[kind] = first.fit.plot(kind=kind)
             except InputError:
                 continue
-        if self.effect.per_recording or self.effect.needs_repeats or self.effect.id == "thermal_drift":
+        if self.effect.per_recording or self.effect.stage is Stage.BIAS:
             side = LabelledComparison(RIGID_TOOL, MISFIT_COLOUR, first.training[0])
             found = {"nonperiodic": nonperiodic_residual_figure([side]), **found}
         return found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import partial
 from inspect import cleandoc
 from itertools import groupby
 from math import inf
@@ -21,9 +20,8 @@ from modeling.parameter import Parameter
 from modeling.rig import Rig
 from modeling.space import Space
 from modeling.table import Column, Table
-from truewrench.effect_description import effect_sketch, parameter_meaning
+from truewrench.effect_description import effect_sketch
 from truewrench.effect_description.effect_equations import effect_equations
-from truewrench.effect_description.effect_words import PROVOCATIONS
 from truewrench.reports.page_templates import markdown_table, markdown_text
 
 SENSORS = {Space.PLANE: "planar", Space.SPACE: "six axes"}
@@ -72,7 +70,6 @@ def described(effect: Effect, model: WrenchModel) -> dict[str, object]:
         "symbols": "" if equations is None else markdown_text(equations.symbols),
         "docstring": docstring_markdown(cleandoc(type(effect).__doc__ or "")),
         "parameters": [(sentence(SENSORS[s])[:-1], parameter_table(effect, s)) for s in effect.spaces],
-        "provocation": PROVOCATIONS[effect.id],
         "confused": sentence(effect.confused_with),
         "advice": sentence(effect.advice),
     }
@@ -94,17 +91,18 @@ def parameter_table(effect: Effect, space: Space) -> str:
     arm = Rig(link_lengths=(1.0, 1.0, 1.0)).arm
     fixed = {p.name for p in effect.restricted(space).parameters(space) if p.fixed}
     rows = []
-    for (_, unit, bounds), group in groupby(effect.fitting(arm).parameters(space), partial(_kind, effect)):
-        names = [p.name for p in group]
-        meaning = parameter_meaning(effect, names[0]) + (", and so on" if len(names) > 1 else "")
+    for (_, unit, bounds), group in groupby(effect.fitting(arm).parameters(space), _kind):
+        first, *others = group
+        names = [first.name, *(p.name for p in others)]
+        meaning = first.meaning + (", and so on" if others else "")
         note = "; fixed at 0 unless it is significant" if names[0] in fixed else ""
         rows.append((_listed(names), meaning + note, format_unit(unit) or "1", _range(bounds)))
     return markdown_table(Table.of((Column("parameter"), Column("what it is"), Column("unit"), Column("range")), rows))
 
 
-def _kind(effect: Effect, p: Parameter) -> tuple[str, str, tuple[float, float]]:
+def _kind(p: Parameter) -> tuple[str, str, tuple[float, float]]:
     """What alike parameters share: the meaning but for number or channel, unit, bounds."""
-    words = [w for w in parameter_meaning(effect, p.name).split() if w not in CHANNELS and not w.isdigit()]
+    words = [w for w in p.meaning.split() if w not in CHANNELS and not w.isdigit()]
     return " ".join(words), p.unit, p.bounds
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimation.noise.power_spectrum import power_levels, smooth_power_spectra
 from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
-from modeling.effects import BiasDrift
+from modeling.effects.disturbances import BiasDrift
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]

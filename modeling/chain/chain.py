@@ -73,8 +73,7 @@ class Chain:
     @property
     def transfer_function(self) -> sp.Expr:
         """Transfer function in s of all channels, 1 without."""
-        found = [s.transfer_function for s in self.stages if isinstance(s, LinearDynamics)]
-        return found[0] if found else sp.S.One
+        return next((s.transfer_function for s in self.stages if isinstance(s, LinearDynamics)), sp.S.One)
 
     # ------------------------------------------------------------------------------------ the tool's wrench
 

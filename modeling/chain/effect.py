@@ -12,6 +12,7 @@ from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
 from modeling.errors import InputError, kind_of
 from modeling.parameter import Parameter, Role
+from modeling.sketch import Sketch
 from modeling.space import Space
 
 if TYPE_CHECKING:
@@ -68,11 +69,31 @@ class GridSuperposition:
 class Effect(ABC):
     """A physical effect; sensitivity, refit, design, text and code all follow from `perturb`.
 
-    Subclasses state their equation, sign and units in the docstring; `id` is stable, `advice` says what to check on the
-    rig, `confused_with` names effects that it may be aliased with. `per_recording` effects (events, bias drift) are
-    recording-specific disturbances; `needs_repeats` effects are aliased with slow physics in a single run of a motion;
-    `needs_joints` effects act on joints or links, and so change the motion; after the load, effects that `reads_motion`
-    depend on it.
+    Subclasses state their equation, sign and units in the docstring. What an effect must have:
+
+    id             stable: results, model files and commands know the effect by it
+    title          what it is, in few words
+    stage          on which it acts
+    equation       with its sign, in plain text
+    advice         what to check on the rig
+
+    What the catalogue's effects have besides, and others may:
+
+    confused_with  names effects that it may be aliased with
+    shows          what of it is seen in the residual of the rigid tool, a sentence
+    provoked_by    which motion or test makes it large, or separates it from what resembles it, a sentence
+    disturbance    of a recording-specific effect, what messages call it
+    letter         of parameters that are named as their channels, in equations
+    amounts        of each parameter, by its name or its unit, a size that clearly shows: what tests simulate
+    sketch         drawn in reports, workbench and manual, with the names of the parameters (`modeling.sketch`)
+
+    What it needs, and how it is used:
+
+    spaces         in which it is defined
+    per_recording  a recording-specific disturbance (an event, a bias drift)
+    needs_repeats  aliased with slow physics in a single run of a motion
+    needs_joints   acts on joints or links, and so changes the motion
+    reads_motion   after the load, it depends on the motion
     """
 
     id: ClassVar[str]
@@ -81,6 +102,12 @@ class Effect(ABC):
     equation: ClassVar[str]
     advice: ClassVar[str]
     confused_with: ClassVar[str] = ""
+    shows: ClassVar[str] = ""
+    provoked_by: ClassVar[str] = ""
+    disturbance: ClassVar[str] = ""
+    letter: ClassVar[str] = "b"
+    amounts: ClassVar[Mapping[str, float]] = {}
+    sketch: ClassVar[Sketch] = ()
     spaces: ClassVar[tuple[Space, ...]] = (Space.PLANE, Space.SPACE)
     per_recording: ClassVar[bool] = False
     needs_repeats: ClassVar[bool] = False
@@ -139,9 +166,9 @@ class Effect(ABC):
 
     def applied(self, chain: Chain) -> Chain:
         """The chain with this effect in it, in terms of its qualified parameters' symbols; fixed ones are numbers."""
-        own, full = self.parameters(chain.space), self.qualified(chain.space)
+        short, full = self.parameters(chain.space), self.qualified(chain.space)
         values = (_number(p.nominal) if p.fixed else p.symbol for p in full)
-        return self.perturb(chain, {p.name: value for p, value in zip(own, values, strict=True)})
+        return self.perturb(chain, {p.name: value for p, value in zip(short, values, strict=True)})
 
 
 def _number(value: float) -> sp.Expr:

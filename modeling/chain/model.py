@@ -36,9 +36,9 @@ class ModelPart:
     names: tuple[str, ...]
     active: tuple[int, ...]
 
-    def among(self, own: Sequence[str], others: Sequence[str]) -> ModelPart:
-        """The part of a model with the parameters `own` in one with more of them, in place of its own."""
-        names = (*others, *self.names[len(own) :])
+    def among(self, fewer: Sequence[str], more: Sequence[str]) -> ModelPart:
+        """The part of a model with the parameters `fewer` in one with `more` of them, in place of its own."""
+        names = (*more, *self.names[len(fewer) :])
         return ModelPart(inputs=self.inputs, names=names, active=tuple(names.index(self.names[i]) for i in self.active))
 
 
@@ -77,9 +77,9 @@ class ModelOutline:
 
 def _parts_in(model: WrenchModel, reduced: WrenchModel) -> dict[str, ModelPart]:
     """The parts of the model that one with fewer effects has as well, by name."""
-    own, others = ([p.name for p in m.parameters] for m in (reduced, model))
+    fewer, more = ([p.name for p in m.parameters] for m in (reduced, model))
     parts = reduced.outline.parts.items()
-    return {name: part.among(own, others) for name, part in parts if model.reduced_to(name) == reduced}
+    return {name: part.among(fewer, more) for name, part in parts if model.reduced_to(name) == reduced}
 
 
 def _part(*, inputs: list[str], names: list[str], active: list[int]) -> ModelPart:
@@ -203,9 +203,9 @@ class WrenchModel:
 
     def without(self, effect: str | Effect) -> WrenchModel:
         """The model without that effect, by its id or itself; InputError when the model lacks it."""
-        effect_id, known = effect if isinstance(effect, str) else effect.id, [e.id for e in self.effects]
-        if effect_id not in known:
-            remedy = suggestion(effect_id, known) if known else "the model is the rigid tool alone"
+        effect_id, ids = effect if isinstance(effect, str) else effect.id, [e.id for e in self.effects]
+        if effect_id not in ids:
+            remedy = suggestion(effect_id, ids) if ids else "the model is the rigid tool alone"
             raise InputError(what=f"{quoted(effect_id)} is not in the model", where="effect id", remedy=remedy)
         return replace(self, effects=tuple(e for e in self.effects if e.id != effect_id))
 
@@ -251,8 +251,8 @@ class WrenchModel:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Biases, inertial parameters (22.6), then those of the effects in the order of addition."""
-        own = tuple(p for effect in self.effects for p in effect.qualified(self.space))
-        return self.biases + inertial_parameters(self.space) + own
+        of_effects = tuple(p for effect in self.effects for p in effect.qualified(self.space))
+        return self.biases + inertial_parameters(self.space) + of_effects
 
     @property
     def base_size(self) -> int:
@@ -312,9 +312,9 @@ class WrenchModel:
     def inputs_of(self, expression: sp.Matrix) -> tuple[str, ...]:
         """Sorted names of the signals on which an expression of this model depends, intermediate variables resolved."""
         used = symbols_of(self.definitions, expression)
-        own = {p.symbol for p in self.parameters} | {symbol for symbol, _ in self.definitions}
+        resolved = {p.symbol for p in self.parameters} | {symbol for symbol, _ in self.definitions}
         deflection = () if self.chain.deflection is None else self.chain.deflection.signals
-        return tuple(sorted(s.name for s in used - own - set(deflection) if isinstance(s, sp.Symbol)))
+        return tuple(sorted(s.name for s in used - resolved - set(deflection) if isinstance(s, sp.Symbol)))
 
     @cached_property
     def columns(self) -> Mapping[str, SymbolicVector]:
@@ -324,13 +324,15 @@ class WrenchModel:
         """
         chain, symbols = self.chain, tuple(p.symbol for p in self.parameters)
         parts = {"load": self.load} | {name: part for s in chain.dynamics for name, part in s.vectors().items()}
-        found = {n: SymbolicVector(part, self.inputs_of(part), symbols, self.definitions) for n, part in parts.items()}
+        columns = {
+            name: SymbolicVector(part, self.inputs_of(part), symbols, self.definitions) for name, part in parts.items()
+        }
         if chain.deflection is not None:
             deflected, equilibrium = symbols + chain.deflection.signals, chain.equilibrium()
             inputs = self.inputs_of(sp.Matrix.vstack(self.load, equilibrium))
-            found["deflected load"] = SymbolicVector(self.load, inputs, deflected, self.definitions)
-            found["equilibrium"] = SymbolicVector(equilibrium, inputs, deflected, self.definitions)
-        return found
+            columns["deflected load"] = SymbolicVector(self.load, inputs, deflected, self.definitions)
+            columns["equilibrium"] = SymbolicVector(equilibrium, inputs, deflected, self.definitions)
+        return columns
 
     @cached_property
     def outline(self) -> ModelOutline:
@@ -374,9 +376,9 @@ class WrenchModel:
     def _described(self) -> str | None:
         """Cache key of the derivations; None with an effect of another module, whose source is not tracked."""
         jointed = any(effect.needs_joints for effect in self.effects)
-        own = replace(self, gravity_direction=None, arm=self.arm if jointed else None)
+        derived_from = replace(self, gravity_direction=None, arm=self.arm if jointed else None)
         try:
-            return json.dumps(canonical_data(own), sort_keys=True)
+            return json.dumps(canonical_data(derived_from), sort_keys=True)
         except TypeError:
             return None
 

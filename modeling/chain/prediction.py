@@ -169,8 +169,8 @@ class Prediction:
         def compiled_part() -> CompiledVector:
             reduced = model.reduced_to(name)
             if reduced != model:
-                own = compiled_prediction(reduced).vector(name)
-                return own.compiled.among_parameters([part.names.index(n) for n in own.names], len(part.names))
+                shared = compiled_prediction(reduced).vector(name)
+                return shared.compiled.among_parameters([part.names.index(n) for n in shared.names], len(part.names))
             return model.stored(
                 name, lambda: CompiledVector.of(model.columns[name]).to_data(), CompiledVector.from_data
             )
@@ -219,10 +219,10 @@ class Prediction:
 
     def transfer(self, omega: Array, theta: Array) -> tuple[NDArray[np.complex128], list[NDArray[np.complex128]]]:
         """H(j omega) and its derivatives in `transfer_parameters`; omega in rad/s."""
-        found = np.zeros((1 + len(self.transfer_parameters), len(omega), 1), dtype=complex)
+        values = np.zeros((1 + len(self.transfer_parameters), len(omega), 1), dtype=complex)
         inputs = [np.asarray(1j * omega, dtype=np.complex128)]
-        self._transfer_evaluation.run(inputs, np.asarray(theta, dtype=float)[None], list(found))
-        return found[0, :, 0], list(found[1:, :, 0])
+        self._transfer_evaluation.run(inputs, np.asarray(theta, dtype=float)[None], list(values))
+        return values[0, :, 0], list(values[1:, :, 0])
 
 
 @lru_cache(maxsize=1024)

@@ -138,8 +138,8 @@ def regressor_basis(model: WrenchModel) -> RegressorBasis | None:
 
 
 def _derived(model: WrenchModel) -> Mapping[str, Any]:
-    found = derive_regressor_basis(model)
-    return {"form": None if found is None else found.to_data()}
+    basis = derive_regressor_basis(model)
+    return {"form": None if basis is None else basis.to_data()}
 
 
 def _read(data: Mapping[str, Any]) -> RegressorBasis | None:
@@ -177,8 +177,8 @@ def _satisfies_superposition(model: WrenchModel) -> bool:
     A linear prediction passes to rounding; a nonlinear one that passes by chance is rejected by `regressor`.
     """
     prediction, rng = model.load + model.bias, np.random.default_rng(0)
-    own = {p.symbol for p in model.parameters}
-    motion = {s: sp.Float(rng.uniform(0.5, 1.5)) for s in sorted(prediction.free_symbols - own, key=str)}
+    signals = prediction.free_symbols - {p.symbol for p in model.parameters}
+    motion = {s: sp.Float(rng.uniform(0.5, 1.5)) for s in sorted(signals, key=str)}
     drawn = [rng.uniform(0.5, 1.5, len(model.parameters)) for _ in range(2)]
     thetas = (drawn[0], drawn[1], drawn[0] + drawn[1], 0 * drawn[0])
     numbers = [dict(zip((p.symbol for p in model.parameters), map(sp.Float, theta), strict=True)) for theta in thetas]
@@ -198,7 +198,7 @@ def _elements(model: WrenchModel) -> list[sp.Expr]:
     """
     symbols = [p.symbol for p in model.parameters]
     prediction, constant = model.load + model.bias, _at_zero(model)
-    columns = [prediction.xreplace({s: sp.Integer(s == own) for s in symbols}) - constant for own in symbols]
+    columns = [prediction.xreplace({s: sp.Integer(s == unit) for s in symbols}) - constant for unit in symbols]
     return [element for column in (*columns, constant) for element in column]
 
 
@@ -239,8 +239,8 @@ def independent_functions(forms: dict[sp.Expr, Polynomial]) -> tuple[list[sp.Exp
         combinations[element] = {number: Fraction(1)}
         pivot = min(remainder, key=sp.default_sort_key)
         scale = 1 / remainder[pivot]
-        own = _subtract({number: Fraction(1)}, Fraction(1), combination)
-        echelon[pivot] = ({t: v * scale for t, v in remainder.items()}, {j: v * scale for j, v in own.items()})
+        pivoted = _subtract({number: Fraction(1)}, Fraction(1), combination)
+        echelon[pivot] = ({t: v * scale for t, v in remainder.items()}, {j: v * scale for j, v in pivoted.items()})
     return basis, combinations
 
 

@@ -296,8 +296,8 @@ class LinearDynamics(ChainStage):
         from modeling.dynamics.transfer_function import through_transfer_function
 
         reading, tangent = (through_transfer_function(record, series) for series in (load.value, load.derivative))
-        own = record.transfer_parameters if tangent.shape[2] and load.value.any() else ()
-        for number, index in enumerate(own):
+        varied = record.transfer_parameters if tangent.shape[2] and load.value.any() else ()
+        for number, index in enumerate(varied):
             place = index if load.columns is None else load.columns.index(index)
             tangent[:, :, place] += through_transfer_function(record, load.value, number)
         return replace(load, value=reading, derivative=tangent)

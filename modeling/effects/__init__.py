@@ -1,87 +1,45 @@
-"""The catalogue of effects: physics that the rigid-tool model omits, by id."""
+"""The catalogue of effects: physics that the rigid-tool model omits, by id, in the order in which they are tested."""
 
 from __future__ import annotations
 
 from typing import NoReturn
 
 from modeling.chain.effect import Effect
-from modeling.effects.bias import BiasDrift, LineInterference, ThermalDrift
-from modeling.effects.flexibility import TipFlexibility
-from modeling.effects.geometry import (
-    CentreOfMassOffset,
-    GravityTilt,
-    JointBacklash,
-    JointElasticity,
-    JointOffset,
-    LinkLengthError,
-)
-from modeling.effects.loads import CableSpring, ContactEvent, CoulombFriction, PayloadChange, QuadraticDrag, ViscousDrag
-from modeling.effects.sensor import (
-    GainNonlinearity,
-    Saturation,
-    SensorCrosstalk,
-    SensorGain,
-    SensorHysteresis,
-    SensorLag,
-    SensorRotation,
-    TimeDelay,
-)
+from modeling.effects import disturbances, geometry, loads, sensor
 from modeling.errors import InputError, quoted, suggestion
 from modeling.space import Space
 
-__all__ = ["CATALOGUE", "BiasDrift", "Effect", "catalogue", "named"]
+__all__ = ["CATALOGUE", "Effect", "catalogue", "named"]
 
-com_offset = CentreOfMassOffset
-gravity_tilt = GravityTilt
-joint_offset = JointOffset
-joint_elasticity = JointElasticity
-joint_backlash = JointBacklash
-link_length_error = LinkLengthError
-sensor_rotation = SensorRotation
-viscous_drag = ViscousDrag
-quadratic_drag = QuadraticDrag
-coulomb_friction = CoulombFriction
-cable_spring = CableSpring
-tip_flexibility = TipFlexibility
-payload_change = PayloadChange
-contact_event = ContactEvent
-sensor_gain = SensorGain
-sensor_crosstalk = SensorCrosstalk
-gain_nonlinearity = GainNonlinearity
-sensor_hysteresis = SensorHysteresis
-sensor_lag = SensorLag
-time_delay = TimeDelay
-saturation = Saturation
-bias_drift = BiasDrift
-thermal_drift = ThermalDrift
-line_interference = LineInterference
+com_offset = geometry.CentreOfMassOffset
+gravity_tilt = geometry.GravityTilt
+joint_offset = geometry.JointOffset
+joint_elasticity = geometry.JointElasticity
+joint_backlash = geometry.JointBacklash
+link_length_error = geometry.LinkLengthError
+sensor_rotation = sensor.SensorRotation
+viscous_drag = loads.ViscousDrag
+quadratic_drag = loads.QuadraticDrag
+coulomb_friction = loads.CoulombFriction
+cable_spring = loads.CableSpring
+tip_flexibility = loads.TipFlexibility
+payload_change = disturbances.PayloadChange
+contact_event = disturbances.ContactEvent
+sensor_gain = sensor.SensorGain
+sensor_crosstalk = sensor.SensorCrosstalk
+gain_nonlinearity = sensor.GainNonlinearity
+sensor_hysteresis = sensor.SensorHysteresis
+sensor_lag = sensor.SensorLag
+time_delay = sensor.TimeDelay
+saturation = sensor.Saturation
+bias_drift = disturbances.BiasDrift
+thermal_drift = disturbances.ThermalDrift
+line_interference = disturbances.LineInterference
 
-CATALOGUE: tuple[type[Effect], ...] = (
-    CentreOfMassOffset,
-    GravityTilt,
-    JointOffset,
-    JointElasticity,
-    JointBacklash,
-    LinkLengthError,
-    SensorRotation,
-    ViscousDrag,
-    QuadraticDrag,
-    CoulombFriction,
-    CableSpring,
-    TipFlexibility,
-    PayloadChange,
-    ContactEvent,
-    SensorGain,
-    SensorCrosstalk,
-    GainNonlinearity,
-    SensorHysteresis,
-    SensorLag,
-    TimeDelay,
-    Saturation,
-    BiasDrift,
-    ThermalDrift,
-    LineInterference,
+CATALOGUE: tuple[type[Effect], ...] = tuple(
+    kind for name, kind in globals().items() if isinstance(kind, type) and name == getattr(kind, "id", None)
 )
+"""Every class above under its id, in that order."""
 
 
 def __getattr__(name: str) -> NoReturn:

@@ -1,11 +1,11 @@
-"""Effects of geometry: the centre of mass, the base's tilt, joints and link lengths."""
+"""Effects of geometry: joints and link lengths, the centre of mass, the base's tilt."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, pi
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
@@ -13,6 +13,7 @@ from modeling.chain.effect import Effect
 from modeling.errors import InputError
 from modeling.parameter import Parameter
 from modeling.rigid_body import RigidBody
+from modeling.sketch import Arc, Arrow, Circle, Ground, Length, Line, Links, Name, Text, Tool
 from modeling.space import Space, rotation_matrix, vector
 
 if TYPE_CHECKING:
@@ -36,9 +37,14 @@ class JointEffect(Effect):
         """The effect for the joints of that arm; unchanged without one."""
         return self if arm is None else replace(self, units=arm.units)
 
-    def numbered(self, name: str, units: Sequence[str], bounds: tuple[float, float]) -> tuple[Parameter, ...]:
-        """A parameter for each joint, numbered from 1."""
-        return tuple(Parameter(name=f"{name}_{j}", unit=u, bounds=bounds) for j, u in enumerate(units, start=1))
+    def numbered(
+        self, name: str, units: Sequence[str], bounds: tuple[float, float], meaning: str
+    ) -> tuple[Parameter, ...]:
+        """A parameter for each joint, numbered from 1; `{}` of the meaning is its number."""
+        return tuple(
+            Parameter(name=f"{name}_{j}", unit=unit, meaning=meaning.format(j), bounds=bounds)
+            for j, unit in enumerate(units, start=1)
+        )
 
     def arm_of(self, chain: Chain) -> PerturbedArm:
         """The chain's arm.
@@ -67,10 +73,25 @@ class JointOffset(JointEffect):
     equation = "q_j = recorded_j + offset_j"
     advice = "move each joint to its mastering mark and check the zero"
     confused_with = "gravity_tilt, identical to the first joint's offset of a planar arm"
+    shows = "A small turn of the whole weight and of the acceleration, constant over time and different for each joint."
+    provoked_by = (
+        "Move one joint at a time, with the others in several poses; fast motion separates the joints, because each "
+        "offset turns another acceleration."
+    )
+    amounts: ClassVar[Mapping[str, float]] = {"rad": 0.02, "m": 0.02}
+    sketch = (
+        Ground(),
+        Links(hand=(196, 60), kind="ghost"),
+        Links(hand=(186, 100)),
+        Text(232, 48, "recorded", "end"),
+        Text(192, 114, "true"),
+        Arc(112, 52, 52, 6, 34),
+        Name(172, 82, "offset_j"),
+    )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """offset_j in rad."""
-        return self.numbered("offset", self.units, (-pi / 4, pi / 4))
+        return self.numbered("offset", self.units, (-pi / 4, pi / 4), "true minus recorded coordinate of joint {}")
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Shift every joint."""
@@ -90,11 +111,27 @@ class JointElasticity(JointEffect):
     equation = "q_j = recorded_j + compliance_j T_j(weight)"
     advice = "hang a known weight on the tool and measure how far it sinks"
     confused_with = "joint_offset and gravity_tilt, if the load hardly changes"
+    shows = "Like a joint offset that follows the load: largest where the arm is stretched out horizontally."
+    provoked_by = (
+        "The same poses with and without a known extra weight: the difference grows with the weight, that of an "
+        "offset does not."
+    )
+    amounts: ClassVar[Mapping[str, float]] = {"rad/(N m)": 0.001, "m/N": 0.001}
+    sketch = (
+        Ground(),
+        Links(hand=(196, 56), kind="ghost"),
+        Links(hand=(190, 84)),
+        Arrow((190, 86), (190, 124), "ink"),
+        Text(196, 122, "weight"),
+        Arc(112, 52, 14, -150, 150),
+        Name(100, 32, "compliance_j", "middle"),
+    )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """compliance_j in rad/(N m), m/N of a prismatic joint."""
         per_load = {"rad": "rad/(N m)", "m": "m/N"}
-        return self.numbered("compliance", [per_load[unit] for unit in self.units], (0.0, 0.1))
+        units = [per_load[unit] for unit in self.units]
+        return self.numbered("compliance", units, (0.0, 0.1), "deflection of joint {} for each unit of load")
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Set the compliances."""
@@ -116,10 +153,21 @@ class JointBacklash(JointEffect):
     confused_with = (
         "joint_elasticity, if the load hardly changes; sensor_hysteresis, which depends on the load at the sensor"
     )
+    shows = "A step where the torque of the weight about the joint changes its sign, constant on either side."
+    provoked_by = "Swing each joint slowly through the pose in which its load changes sign, from both sides."
+    amounts: ClassVar[Mapping[str, float]] = {"rad": 0.01, "m": 0.01}
+    sketch = (
+        Ground(),
+        Links(hand=(196, 44), kind="ghost"),
+        Links(hand=(184, 98)),
+        Arc(112, 52, 62, -6, 32),
+        Name(182, 68, "width_j"),
+        Text(232, 120, "rests where the weight pulls it", "end"),
+    )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """width_j in rad, m of a prismatic joint."""
-        return self.numbered("width", self.units, (0.0, 0.5))
+        return self.numbered("width", self.units, (0.0, 0.5), "free travel of joint {}")
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Set the backlash widths."""
@@ -140,10 +188,23 @@ class LinkLengthError(JointEffect):
     equation = "l_j = described_j + error_j"
     advice = "compare the kinematic table with the robot's data sheet"
     confused_with = "crosstalk from fx to tau, identical to the last link's error; sensor_gain"
+    shows = (
+        "In proportion to the acceleration of the link's end: nothing at rest, quadratic in the speed of the motion."
+    )
+    provoked_by = "Fast rotation of the joint before the link, with the joints behind it held in different poses."
+    amounts: ClassVar[Mapping[str, float]] = {"m": 0.02}
+    sketch = (
+        Ground(),
+        Links(hand=(166, 64)),
+        Line(((166, 64), (206, 73)), "accent"),
+        Circle(206, 73, 3, "accent dot"),
+        Length((162, 82), (202, 91), Name(182, 108, "error_j", "middle")),
+        Text(130, 44, "as described"),
+    )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """error_j in m."""
-        return self.numbered("error", ["m"] * len(self.units), (-inf, inf))
+        return self.numbered("error", ["m"] * len(self.units), (-inf, inf), "true minus described length of link {}")
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Set the link length errors."""
@@ -168,10 +229,32 @@ class CentreOfMassOffset(Effect):
     advice = "record static poses: the torque follows the direction of gravity; look for a gripper mounted off axis"
     confused_with = "the offset of the last joint and crosstalk from fy to tau, in slow motion"
     spaces = (Space.PLANE,)
+    shows = (
+        "A torque in proportion to gravity's component along the tip, at rest as in motion, and nothing in the forces"
+        " as long as the motion is slow."
+    )
+    provoked_by = (
+        "Static poses all around the circle: the torque is a sine of the angle, and its phase is off by the direction"
+        " of the offset. Fast rotation adds a force that separates it from crosstalk."
+    )
+    amounts: ClassVar[Mapping[str, float]] = {"mlx": 0.01}
+    sketch = (
+        Tool(),
+        Line(((120, 28), (120, 144)), "faint"),
+        Circle(152, 84, 5, "accent dot"),
+        Text(162, 88, "centre of mass"),
+        Length((120, 102), (152, 102), Name(160, 112, "mlx / m")),
+    )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """mlx in kg m."""
-        return (Parameter(name="mlx", unit="kg m"),)
+        return (
+            Parameter(
+                name="mlx",
+                unit="kg m",
+                meaning="mass times the distance of the centre of mass from the tip axis",
+            ),
+        )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Shift the first moment along x'."""
@@ -195,11 +278,37 @@ class GravityTilt(Effect):
     equation = "g -> R(angle) g"
     advice = "put a level on the robot's base; compare with the mounting that the controller assumes"
     confused_with = "the first joint's offset, identical for the tool of a planar arm; a cable with a distant anchor"
+    shows = "Sine and cosine of the orientation in the force channels, independent of speed."
+    provoked_by = (
+        "Many orientations at one position, held still: a tether changes with position, a tilted gravity does not."
+    )
+    amounts: ClassVar[Mapping[str, float]] = {"rad": 0.05}
+    sketch = (
+        Line(((46, 90), (172.1, 121.4))),
+        Text(44, 84, "base", "end"),
+        Arrow((120, 26), (120, 104)),
+        Text(126, 100, "g"),
+        Line(((120, 26), (100.6, 103.6)), "ghost"),
+        Text(120, 144, "dashed: perpendicular to the base", "middle"),
+        Arc(120, 26, 46, 90, 104),
+        Name(128, 62, "angle; tilt_x, tilt_y"),
+    )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """One angle in the plane, two in six axes, rad."""
-        names = ("angle",) if space is Space.PLANE else ("tilt_x", "tilt_y")
-        return tuple(Parameter(name=name, unit="rad", bounds=(-pi / 4, pi / 4)) for name in names)
+        turned = "angle by which gravity is turned"
+        meanings = (
+            {"angle": f"{turned} clockwise: positive, the base's -x side is lower"}
+            if space is Space.PLANE
+            else {
+                "tilt_x": f"{turned} about the world's x: positive, the base's +y side is lower",
+                "tilt_y": f"{turned} about the world's y: positive, the base's -x side is lower",
+            }
+        )
+        return tuple(
+            Parameter(name=name, unit="rad", meaning=words, bounds=(-pi / 4, pi / 4))
+            for name, words in meanings.items()
+        )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Rotate the gravity vector."""

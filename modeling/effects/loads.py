@@ -1,20 +1,20 @@
-"""Loads on the tool: cable, drag and friction, payload changes and contacts."""
+"""Loads on the tool (drag, friction, a cable), and the spring and damper that it is mounted on."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
-from itertools import combinations, product
-from math import dist, inf
-from typing import Self
+from itertools import product
+from math import dist, inf, sqrt
+from typing import ClassVar, Self
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage, point_on_tip, velocity_of_point, world_vector
-from modeling.chain.effect import Effect, GridSuperposition, NuisanceValues, SearchDomain
+from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
+from modeling.dynamics.deflection import Deflection
 from modeling.parameter import Parameter, Role
-from modeling.rigid_body import RigidBody, contact_components, contact_force_torque
-from modeling.space import Space, signals, vector
+from modeling.sketch import Arc, Arrow, Axes, Circle, Length, Line, Name, Sketch, Text, Tool
+from modeling.space import Space, vector
 
 # Effects that act at a point of the tool, and a force of the environment there.
 
@@ -22,10 +22,27 @@ from modeling.space import Space, signals, vector
 SMOOTHING_SPEED = 1e-6
 """Speed (m/s) or length (m) below which |v| is smoothed, so that it has a derivative at zero."""
 
-TIP_DISTANCE = Parameter(name="d", unit="m", bounds=(-0.5, 1.5), role=Role.SHAPE)
-OFFSETS = tuple(Parameter(name=name, unit="m", bounds=(-0.5, 0.5), role=Role.SHAPE) for name in ("x", "y"))
+TIP_DISTANCE = Parameter(
+    name="d",
+    unit="m",
+    meaning="distance of the point from the sensor, along the tip",
+    bounds=(-0.5, 1.5),
+    role=Role.SHAPE,
+)
+OFFSETS = tuple(
+    Parameter(
+        name=name,
+        unit="m",
+        meaning=f"place of the point across the tip, along the sensor's {name} axis",
+        bounds=(-0.5, 0.5),
+        role=Role.SHAPE,
+    )
+    for name in ("x", "y")
+)
 """Position beside the tip axis, along the sensor's x and y axes: as far as a tool reaches."""
 ON_AXIS = tuple(replace(p, bounds=(0.0, 0.0)) for p in OFFSETS)
+POINT_AMOUNTS = {"x": 0.03, "y": -0.02, "d": 0.12}
+"""Where a point is in tests of an effect (`amounts`): within a tool, off its axis."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +95,20 @@ SMOOTHING_RATE = 1e-3
 """Angular velocity (rad/s) below which Coulomb friction is smoothed."""
 
 
+def _drag(force: str) -> Sketch:
+    """The sketch of a force against the velocity of a point of the tool."""
+    return (
+        Tool(),
+        Circle(120, 108, 3, "accent dot"),
+        Arrow((134, 108), (200, 108), "ink"),
+        Text(204, 112, "v"),
+        Arrow((120, 108), (52, 108)),
+        Name(84, 126, force, "middle"),
+        Line(((126, 28), (166, 28)), "faint"),
+        Length((158, 28), (158, 106), Name(164, 72, "d")),
+    )
+
+
 @dataclass(frozen=True)
 class ViscousDrag(PointEffect):
     """A force against the velocity of a point of the tool: F = -c v (on the tool, N).
@@ -92,10 +123,17 @@ class ViscousDrag(PointEffect):
     equation = "F = -c v(r)"
     advice = "run the same path at half and double speed; look for a hose, a brush or a fluid that the tool moves in"
     confused_with = "quadratic_drag, in a narrow range of speeds; sensor_lag, in motion of one frequency"
+    shows = "A force against the velocity, in proportion to it, with a torque by its distance from the sensor."
+    provoked_by = "The same path at half, normal and double speed: the residual doubles with the speed."
+    amounts: ClassVar[Mapping[str, float]] = {"c": 0.5, **POINT_AMOUNTS}
+    sketch = _drag("F = −c v")
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """c in N s/m, the point in m."""
-        return (Parameter(name="c", unit="N s/m", bounds=(0.0, inf)), *self.point_parameters(space))
+        return (
+            Parameter(name="c", unit="N s/m", meaning="force for each unit of speed", bounds=(0.0, inf)),
+            *self.point_parameters(space),
+        )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the drag force to the tool."""
@@ -120,10 +158,17 @@ class QuadraticDrag(ViscousDrag):
     equation = "F = -c |v(r)| v(r)"
     advice = "run the same path at half and double speed: a quarter and four times the force; look for a large plate"
     confused_with = "viscous_drag, in a narrow range of speeds"
+    shows = "A force against the velocity that is nearly zero in slow parts and large in fast ones."
+    provoked_by = "The same path at half, normal and double speed: the residual grows fourfold when the speed doubles."
+    amounts: ClassVar[Mapping[str, float]] = {"c": 0.3, **POINT_AMOUNTS}
+    sketch = _drag("F = −c |v| v")
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """c in N s²/m², the point in m."""
-        return (Parameter(name="c", unit="N s²/m²", bounds=(0.0, inf)), *self.point_parameters(space))
+        return (
+            Parameter(name="c", unit="N s²/m²", meaning="force for each unit of speed squared", bounds=(0.0, inf)),
+            *self.point_parameters(space),
+        )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the quadratic drag force to the tool."""
@@ -147,133 +192,27 @@ class CoulombFriction(Effect):
     equation = "T = -level omega / sqrt(omega² + (0.001 rad/s)²)"
     advice = "look for a hose or cable that rubs at the wrist; reverse slowly and fast: the step has the same height"
     confused_with = "sensor_hysteresis of the torque; viscous_drag, at nearly constant speed"
+    shows = "A step in the torque wherever the rotation reverses, of the same height at any speed."
+    provoked_by = (
+        "Reverse slowly and fast in the same pose: a viscous torque changes with the speed, this one does not."
+    )
+    amounts: ClassVar[Mapping[str, float]] = {"level": 0.05}
+    sketch = (
+        Axes("angular velocity", "torque", centred=True),
+        Line(((32, 40), (116, 40), (120, 112), (210, 112)), "accent"),
+        Length((62, 40), (62, 76), Name(68, 62, "level")),
+    )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """level in N m."""
-        return (Parameter(name="level", unit="N m", bounds=(0.0, inf)),)
+        meaning = "size of the torque, whatever the angular velocity"
+        return (Parameter(name="level", unit="N m", meaning=meaning, bounds=(0.0, inf)),)
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the friction torque to the tool."""
         omega = chain.motion.omega
         direction = omega / sp.sqrt(omega.dot(omega) + SMOOTHING_RATE**2)
         return replace(chain, torque=chain.torque - p["level"] * direction)
-
-
-# Transient events: payload changes and contacts at unknown times.
-
-
-RAMP_TIME = Fraction(1, 100)
-"""Rise and fall time (s) of an event, so that the reading is differentiable in its onset and end."""
-NO_END = 1e9
-"""End time (s) beyond any recording."""
-
-
-@dataclass(frozen=True)
-class PayloadChange(PointEffect):
-    """A point mass is added to the tool at an onset time; it is negative when the mass is removed.
-
-    mass in kg, time in s. The point r is at the distance d (m) along the tip; in six axes it is (x, y, d) in the sensor
-    frame. mass adds to m, mass r to the first moment and mass (r·r - r r') to the inertia about the sensor. The ramp
-    takes 10 ms.
-    """
-
-    id = "payload_change"
-    title = "payload picked up or released"
-    stage = Stage.TIP_BODY
-    equation = "m += mass, c += mass r, I += mass (r·r - r r') for time > time_0"
-    advice = "check what the gripper did at that time; identify the tool before and after separately"
-    confused_with = "a sustained push along gravity (contact_event); fast bias_drift"
-    per_recording = True
-
-    def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """mass in kg, the point in m, time in s."""
-        return (
-            Parameter(name="mass", unit="kg"),
-            *self.point_parameters(space),
-            Parameter(name="time", unit="s", role=Role.ONSET),
-        )
-
-    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
-        """Add the mass to the tool."""
-        (time,) = signals("time")
-        mass, r = p["mass"] * ramp(time - p["time"]), point_of_application(chain, p)
-        inertia = mass * (r.dot(r) * sp.eye(3) - r * r.T)
-        body = chain.body
-        heavier = RigidBody(body.mass + mass, body.first_moment + mass * r, body.inertia + inertia)
-        return replace(chain, body=heavier)
-
-    def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
-        """Edges of the detected events and 31 times over the recording, each at three points of the tip."""
-        import numpy as np
-
-        edges = [edge for event in domain.events for edge in event]
-        times = [*edges, *map(float, np.linspace(domain.start, domain.end, 33)[1:-1])]
-        return tuple({"d": d, "time": t} for t, d in product(times, (0.0, 0.5 * domain.reach, domain.reach)))
-
-
-@dataclass(frozen=True)
-class ContactEvent(Effect):
-    """A constant contact wrench on the tool between start and end (s).
-
-    The wrench is the environment's on the tool: along x' and y' and clockwise about the sensor in the plane, in the
-    sensor frame in six axes. It rises and falls within 10 ms, so that the reading is differentiable in the times.
-    """
-
-    id = "contact_event"
-    title = "contact wrench during an interval"
-    stage = Stage.TIP_BODY
-    equation = "F += Fc, T += Tc for start < time < end"
-    advice = "check what touched the tool at that time; exclude the interval from the identification"
-    confused_with = "payload_change, if the tool hardly rotates; bias_drift, if the push is slow"
-    per_recording = True
-
-    def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """start and end in s, then the wrench in N and N m."""
-        times = tuple(Parameter(name=name, unit="s", role=Role.ONSET) for name in ("start", "end"))
-        return times + tuple(
-            Parameter(name=n, unit=u) for n, u in zip(contact_components(space), space.units, strict=True)
-        )
-
-    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
-        """Add the contact wrench during the interval."""
-        (time,) = signals("time")
-        during = sp.Min(ramp(time - p["start"]), ramp(p["end"] - time))
-        force, torque = contact_force_torque(chain.space, [p[name] for name in contact_components(chain.space)])
-        return replace(chain, force=chain.force + during * force, torque=chain.torque + during * torque)
-
-    def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
-        """Intervals of detected events, and those between the points of a grid of 17 times over the recording."""
-        import numpy as np
-
-        times = np.linspace(domain.start, domain.end, 17)
-        windows = [*domain.events, *combinations(map(float, times), 2)]
-        return tuple({"start": start, "end": end} for start, end in windows)
-
-    def combination(self, points: Sequence[NuisanceValues]) -> GridSuperposition:
-        """A pulse of at least the rise time is the difference of two steps, one at its start and one at its end.
-
-        min(ramp(t - start), ramp(end - t)) = ramp(t - start) + ramp(end - t) - 1 if end - start >= `RAMP_TIME`, and
-        ramp(end - t) = 1 - ramp(t - end).
-        """
-        whole = [v["end"] - v["start"] >= float(RAMP_TIME) for v in points]
-        starts = sorted({t for v, w in zip(points, whole, strict=True) if w for t in (v["start"], v["end"])})
-        place = {t: i for i, t in enumerate(starts)}
-        blocks: list[NuisanceValues] = [{"start": t, "end": NO_END} for t in starts]
-        index, weights = [], []
-        for values, combined in zip(points, whole, strict=True):
-            if combined:
-                index.append((place[values["start"]], place[values["end"]]))
-                weights.append((1.0, -1.0))
-            else:
-                index.append((len(blocks), len(blocks)))
-                weights.append((1.0, 0.0))
-                blocks.append(values)
-        return GridSuperposition(blocks=tuple(blocks), index=tuple(index), weights=tuple(weights))
-
-
-def ramp(elapsed: sp.Expr) -> sp.Expr:
-    """Step from 0 to 1 at `elapsed` (s) = 0, linear within `RAMP_TIME`."""
-    return sp.Min(1, sp.Max(0, elapsed / RAMP_TIME + sp.Rational(1, 2)))
 
 
 # Tension of a cable between the tool and an anchor in the cell.
@@ -298,14 +237,46 @@ class CableSpring(PointEffect):
     equation = "F = k max(0, |u| - length) u/|u|, u = anchor - point"
     advice = "look for a cable or hose that goes taut in part of the workspace; free it and record again"
     confused_with = "gravity_tilt, for a distant anchor; any other force that depends on the position alone"
+    shows = "A force that depends on the position alone, zero where the cable is slack."
+    provoked_by = "Approach the place where it goes taut from several sides, at one orientation and slowly."
+    amounts: ClassVar[Mapping[str, float]] = {
+        "k": 10.0,
+        "anchor_x": 1.0,
+        "anchor_y": 1.2,
+        "anchor_z": 0.9,
+        "length": 0.8,
+        **POINT_AMOUNTS,
+    }
+    sketch = (
+        Tool(),
+        Circle(120, 100, 3, "accent dot"),
+        Line(
+            ((120, 100), (146, 94), (150, 88), (158, 98), (166, 84), (174, 94), (182, 80), (190, 84), (214, 78)),
+            "accent",
+        ),
+        Line(((214, 62), (214, 96))),
+        Name(232, 52, "anchor_x, _y, _z", "end"),
+        Name(150, 118, "k, length"),
+        Line(((80, 28), (114, 28)), "faint"),
+        Length((86, 28), (86, 100), Name(80, 70, "d", "end")),
+    )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """k in N/m; anchor, length and the point in m."""
+        stiffness = Parameter(name="k", unit="N/m", meaning="stiffness", bounds=(0.0, inf))
         anchor = tuple(
-            Parameter(name=f"anchor_{a}", unit="m", bounds=ANCHOR_BOUNDS, role=Role.SHAPE) for a in space.axes
+            Parameter(
+                name=f"anchor_{axis}",
+                unit="m",
+                meaning=f"place of the fixed end along the world's {axis} axis, from its origin (the base)",
+                bounds=ANCHOR_BOUNDS,
+                role=Role.SHAPE,
+            )
+            for axis in space.axes
         )
-        length = Parameter(name="length", unit="m", bounds=(0.0, inf), role=Role.SHAPE)
-        return (Parameter(name="k", unit="N/m", bounds=(0.0, inf)), *anchor, length, *self.point_parameters(space))
+        slack = "length below which the cable is slack"
+        length = Parameter(name="length", unit="m", meaning=slack, bounds=(0.0, inf), role=Role.SHAPE)
+        return (stiffness, *anchor, length, *self.point_parameters(space))
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the spring force to the tool."""
@@ -340,3 +311,94 @@ def _slack_lengths(anchor: Sequence[float], domain: SearchDomain) -> list[float]
     corners = [dist(corner, anchor) for corner in product(*zip(domain.low, domain.high, strict=True))]
     nearest, farthest = min(corners), max(corners)
     return [0.0, nearest + 0.25 * (farthest - nearest), nearest + 0.6 * (farthest - nearest)]
+
+
+# The tool on a rotational spring and damper at the sensor.
+
+
+LOWEST_STIFFNESS = 1.0
+"""Lower bound of the stiffness (N m/rad): 0.1 kg at 0.1 m would deflect it by six degrees."""
+
+HIGHEST_STIFFNESS = 1e4
+"""Upper end of the stiffness grid (N m/rad): a torque of 10 N m rotates the tool by a milliradian."""
+
+NATURAL_FREQUENCIES = (2.0, 40.0)
+"""Range of natural frequencies (Hz) of the grid: softer mountings droop, stiffer ones are not identifiable."""
+
+TYPICAL_MASS = 1.0
+"""Mass (kg) of a tool on a wrist sensor, for the order of magnitude of an unknown inertia."""
+
+
+@dataclass(frozen=True)
+class TipFlexibility(Effect):
+    """The tool is mounted on a rotational spring and damper at the sensor's origin.
+
+    The torque of the sensor on the tool about the origin is -stiffness theta - damping omega_rel (N m), theta the
+    rotation vector (rad; the angle in the plane) of the tool relative to the sensor and omega_rel the relative angular
+    velocity; weight, inertia and applied forces rotate with the tool (`modeling.dynamics.deflection`). The effect
+    vanishes as 1/stiffness.
+    """
+
+    id = "tip_flexibility"
+    title = "tip on a spring and damper"
+    stage = Stage.DEFLECTION
+    equation = "T = -stiffness theta - damping dtheta/dt, theta the rotation of the tool relative to the sensor"
+    advice = "tap the tool and watch it ring; push it by hand and measure its rotation; tighten the flange's screws"
+    confused_with = "joint_elasticity and gain_nonlinearity, in slow motion; sensor_lag, which never overshoots"
+    shows = (
+        "In proportion to the second derivative of the wrench: grows with the square of the frequency, and rings "
+        "after a knock."
+    )
+    provoked_by = "A motion with frequencies as high as the robot allows, or a knock on the tool while it is recorded."
+    amounts: ClassVar[Mapping[str, float]] = {"stiffness": 50.0, "damping": 0.1}
+    sketch = (
+        Tool(kind="ghost"),
+        Tool(turn=-20),
+        Arc(120, 28, 62, 70, 90),
+        Text(130, 106, "θ"),
+        Arc(120, 34, 16, -50, 110),
+        Name(146, 30, "stiffness,"),
+        Name(146, 44, "damping"),
+    )
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """Stiffness in N m/rad, infinite for a rigid mounting, and damping in N m s/rad."""
+        return (
+            Parameter(
+                name="stiffness",
+                unit="N m/rad",
+                meaning="torque for each unit of deflection",
+                nominal=inf,
+                bounds=(LOWEST_STIFFNESS, inf),
+                start=300.0,
+            ),
+            Parameter(
+                name="damping",
+                unit="N m s/rad",
+                meaning="torque for each unit of its rate",
+                bounds=(0.0, inf),
+                role=Role.SHAPE,
+                start=1.0,
+            ),
+        )
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Mount the tool on the spring."""
+        return replace(chain, deflection=Deflection(chain.space, p["stiffness"], p["damping"]))
+
+    def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
+        """Natural frequencies of 2 to 40 Hz, each with a damping ratio of 0.05 and 0.5.
+
+        stiffness = inertia (2 pi f)², damping = 2 ratio sqrt(stiffness inertia); for an unknown inertia, that of
+        a rod as long as `reach`.
+        """
+        import numpy as np
+
+        inertia = domain.inertia or TYPICAL_MASS * domain.reach**2 / 3
+        stiffnesses = np.clip(
+            inertia * (2 * np.pi * np.geomspace(*NATURAL_FREQUENCIES, 8)) ** 2, LOWEST_STIFFNESS, HIGHEST_STIFFNESS
+        )
+        return tuple(
+            {"stiffness": float(k), "damping": 2 * ratio * sqrt(k * inertia)}
+            for k, ratio in product(stiffnesses, (0.05, 0.5))
+        )

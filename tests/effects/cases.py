@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -53,34 +53,17 @@ TOOLS: Mapping[Space, Mapping[str, float]] = {
 PERIOD, SAMPLES, REPEATS = 2.5, 250, 2
 """Steps of 10 ms, as long as an event takes to begin: one sample lies in each edge."""
 
-AMOUNTS: Mapping[str, Mapping[str, float]] = {
-    "com_offset": {"mlx": 0.01},
-    "gravity_tilt": {"rad": 0.05},
-    "joint_offset": {"rad": 0.02, "m": 0.02},
-    "joint_elasticity": {"rad/(N m)": 1e-3, "m/N": 1e-3},
-    "joint_backlash": {"rad": 0.01, "m": 0.01},
-    "link_length_error": {"m": 0.02},
-    "sensor_rotation": {"rad": 0.05},
-    "viscous_drag": {"c": 0.5, "x": 0.03, "y": -0.02, "d": 0.12},
-    "quadratic_drag": {"c": 0.3, "x": 0.03, "y": -0.02, "d": 0.12},
-    "coulomb_friction": {"level": 0.05},
-    "cable_spring": {"k": 10.0, "anchor_x": 1.0, "anchor_y": 1.2, "anchor_z": 0.9, "length": 0.8}
-    | {"x": 0.03, "y": -0.02, "d": 0.12},
-    "tip_flexibility": {"stiffness": 50.0, "damping": 0.1},
-    "payload_change": {"mass": 0.1, "x": 0.03, "y": -0.02, "d": 0.12, "time": 2.003},
-    "contact_event": {"start": 1.203, "end": 2.204, "N": 2.0, "N m": 0.1},
-    "sensor_gain": {"1": 1.03},
-    "sensor_crosstalk": {"1": 0.03, "m": 0.003, "1/m": 0.3},
-    "gain_nonlinearity": {"1/N": 1e-3, "1/(N m)": 2e-2, "1/N²": 1e-4, "1/(N² m²)": 2e-2},
-    "sensor_hysteresis": {"N": 0.2, "N m": 0.01},
-    "sensor_lag": {"time_constant": 0.02},
-    "time_delay": {"delay": 0.012},
-    "saturation": {"N": 5.0, "N m": 0.2, "tz": 0.05},
-    "bias_drift": {"N": 0.2, "N m": 0.01},
-    "thermal_drift": {"N/K": 0.1, "N m/K": 0.01},
-    "line_interference": {"frequency": 7.3, "N": 0.3, "N m": 0.02},
-}
-"""By effect, how much of it there is: by a parameter's name, or by its unit. Each next one gets a tenth more."""
+
+def amounts_of(effect: Effect, parameters: Sequence[Parameter]) -> dict[str, float]:
+    """The effect's `amounts` of its parameters, by short names; each next one of those by unit is a tenth more."""
+    sizes = {}
+    for number, parameter in enumerate(parameters):
+        name = parameter.name.rpartition(".")[2]
+        by_name, by_unit = effect.amounts.get(name), effect.amounts.get(parameter.unit)
+        amount = by_unit * (1 + number / 10) if by_name is None and by_unit is not None else by_name
+        assert amount is not None, f"say in `amounts` of {effect.id} how much of {name} ({parameter.unit}) shows"
+        sizes[name] = amount
+    return sizes
 
 
 @dataclass(frozen=True)
@@ -121,12 +104,7 @@ class Case:
 
     def amounts(self) -> dict[str, float]:
         """How much of each parameter of the effect there is."""
-        sizes = AMOUNTS[self.effect.id]
-        found = {}
-        for number, parameter in enumerate(self.own):
-            name = parameter.name.partition(".")[2]
-            found[name] = sizes[name] if name in sizes else sizes[parameter.unit] * (1 + number / 10)
-        return found
+        return amounts_of(self.effect, self.own)
 
     @property
     def recording(self) -> Recording:

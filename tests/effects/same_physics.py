@@ -73,13 +73,11 @@ PASSED_OVER = 0.3
 """N m of static torque: above, tanh(T / 0.02 N m) is 1 on both sides of the play, which moves T by 0.2 N m."""
 OWN_SHAPE = ("bias_drift",)
 """Effects that the simulator gives another curve on purpose."""
-NEEDS_ARM = ("joint_offset", "joint_elasticity", "joint_backlash", "link_length_error")
-"""Effects that the simulated rig has in the plane only: in six axes its tool is led by hand."""
 
 
 def simulated_too(case: Case) -> bool:
-    """Whether the simulated rig has the effect."""
-    return case.effect.id not in OWN_SHAPE and not (case.effect.id in NEEDS_ARM and case.space is Space.SPACE)
+    """Whether the simulated rig has the effect: those of joints in the plane only; in six axes it is led by hand."""
+    return case.effect.id not in OWN_SHAPE and not (case.effect.needs_joints and case.space is Space.SPACE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,37 +132,48 @@ def numbered(name: str, values: tuple[float, ...]) -> Amounts:
     return {f"{name}_{j}": value for j, value in enumerate(values, start=1)}
 
 
-def truth_of(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
-    """The catalogue's parameters of a hidden effect, without its id."""
+def truth_of(case: Case, hidden: simulated.HiddenEffect) -> Amounts:
+    """The catalogue's parameters of a hidden effect: its fields of their names, and what has others in the rig.
+
+    A `force` and a `torque` are those of every channel, where the parameters are named as these.
+    """
+    settings: dict[str, object] = {}
+    for name, value in vars(hidden).items():
+        settings |= dict(numbered(name, value)) if isinstance(value, tuple) else {name: value}
+    names = {p.name.rpartition(".")[2] for p in case.own}
+    alike = {name: value for name, value in settings.items() if name in names and isinstance(value, float)}
+    force, torque = settings.get("force"), settings.get("torque")
+    if set(case.space.channels) <= names and isinstance(force, float) and isinstance(torque, float):
+        alike |= per_channel(case.space, force, torque)
+    return alike | renamed(hidden, case.space)
+
+
+def renamed(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
+    """The parameters of a hidden effect that go by other names in the rig, or that depend on its motion."""
+    planar = space is Space.PLANE
     match hidden:
-        case simulated.CentreOfMassOffset():
-            return {"mlx": hidden.mlx}
         case simulated.GravityTilt():
-            both = {"tilt_x": hidden.tilt_x, "tilt_y": hidden.tilt_y}
-            return {"angle": hidden.tilt_y} if space is Space.PLANE else both
+            return {"angle": hidden.tilt_y} if planar else {}
         case simulated.SensorRotation():
-            three = {"roll": hidden.roll, "pitch": hidden.pitch, "yaw": hidden.yaw}
-            return {"angle": hidden.yaw} if space is Space.PLANE else three
+            return {"angle": hidden.yaw} if planar else {}
         case simulated.JointOffset():
             return {f"offset_{hidden.joint}": hidden.offset}
         case simulated.LinkLengthError():
             return {f"error_{hidden.link}": hidden.error}
-        case simulated.JointElasticity():
-            return numbered("compliance", hidden.compliance)
-        case simulated.JointBacklash():
-            return numbered("width", hidden.width)
-        case simulated.ViscousDrag() | simulated.QuadraticDrag():
-            return {"c": hidden.c} | point_of(hidden, space)
-        case simulated.CoulombFriction():
-            return {"level": hidden.level}
-        case simulated.TipFlexibility():
-            return {"stiffness": hidden.stiffness, "damping": hidden.damping}
+        case simulated.CableSpring(anchor=(x, y, z)):
+            return {"anchor_x": x, "anchor_y": z} if planar else {"anchor_x": x, "anchor_y": y, "anchor_z": z}
+        case simulated.ContactEvent():
+            force, point = hidden.force, SIMULATED[space].scene.point(hidden.x, hidden.y, hidden.d)
+            torque = hidden.torque + np.cross(point, force)
+            wrench = (force[0], -force[1], torque[2]) if planar else (*force, *torque)
+            names = ("fcx", "fcy", "tauc") if planar else ("fcx", "fcy", "fcz", "tcx", "tcy", "tcz")
+            return dict(zip(names, wrench, strict=True))
         case _:
-            return truth_of_sensor(hidden, space)
+            return renamed_of_sensor(hidden, space)
 
 
-def truth_of_sensor(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
-    """The same of effects of the sensor, its zero and what comes and goes."""
+def renamed_of_sensor(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
+    """The same of effects of the sensor and its zero."""
     match hidden:
         case simulated.SensorGain():
             return {channel: 1 + error for channel, error in hidden.errors}
@@ -172,49 +181,12 @@ def truth_of_sensor(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
             return {f"{into}_{out_of}": gain for into, out_of, gain in hidden.leaks}
         case simulated.GainNonlinearity():
             return per_channel(space, hidden.quadratic, 0.0, "_2") | per_channel(space, hidden.cubic, 0.0, "_3")
-        case simulated.SensorHysteresis():
-            return per_channel(space, hidden.force, hidden.torque)
-        case simulated.SensorLag():
-            return {"time_constant": hidden.time_constant}
-        case simulated.TimeDelay():
-            return {"delay": hidden.delay}
         case simulated.Saturation():
             largest = np.abs(recorded(space)[0].wrench).max(axis=0)
             levels = zip(space.channels, hidden.share * largest, strict=True)
             return {channel: float(level) for channel, level in levels if channel.startswith("f")}
-        case simulated.ThermalDrift():
-            return per_channel(space, hidden.force, hidden.torque)
-        case simulated.LineInterference():
-            return {"frequency": hidden.frequency}
         case _:
-            return truth_of_event(hidden, space)
-
-
-def truth_of_event(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
-    """The same of what has a place in the world or in time."""
-    match hidden:
-        case simulated.CableSpring(anchor=(x, y, z), length=float(length)):
-            anchor = {"x": x, "y": z} if space is Space.PLANE else {"x": x, "y": y, "z": z}
-            tether = {"k": hidden.k, "length": length} | {f"anchor_{a}": v for a, v in anchor.items()}
-            return tether | point_of(hidden, space)
-        case simulated.PayloadChange(time=float(time)):
-            return {"mass": hidden.mass, "time": time} | point_of(hidden, space)
-        case simulated.ContactEvent(start=float(start), end=float(end)):
-            force, point = hidden.force, SIMULATED[space].scene.point(hidden.x, hidden.y, hidden.d)
-            torque = hidden.torque + np.cross(point, force)
-            wrench = (force[0], -force[1], torque[2]) if space is Space.PLANE else (*force, *torque)
-            names = ("fcx", "fcy", "tauc") if space is Space.PLANE else ("fcx", "fcy", "fcz", "tcx", "tcy", "tcz")
-            return {"start": start, "end": end, **dict(zip(names, wrench, strict=True))}
-        case _:
-            raise AssertionError(f"{hidden.id}: say here what the simulated effect is in the catalogue's parameters")
-
-
-PointEffect = simulated.ViscousDrag | simulated.QuadraticDrag | simulated.CableSpring | simulated.PayloadChange
-
-
-def point_of(hidden: PointEffect, space: Space) -> Amounts:
-    """Where it acts: along the tip in the plane, in the sensor frame in six axes."""
-    return {"d": hidden.d} if space is Space.PLANE else {"x": hidden.x, "y": hidden.y, "d": hidden.d}
+            return {}
 
 
 # ------------------------------------------------------------------------------------------- check
@@ -237,7 +209,9 @@ def same_physics_as_mujoco(case: Case) -> None:
 def true_parameters(found: Simulated) -> Array:
     """The model's parameters; the amplitudes of a tone, whose phase the rig drew, by least squares."""
     case, prefix = found.case, f"{found.case.effect.id}."
-    truth = body_of(case.space) | {prefix + n: v for n, v in truth_of(found.hidden, case.space).items()}
+    amounts = truth_of(case, found.hidden)
+    assert amounts, f"{case}: say in `renamed` what the simulated effect is in the catalogue's parameters"
+    truth = body_of(case.space) | {prefix + name: value for name, value in amounts.items()}
     assert truth.keys() <= {p.name for p in case.model.parameters}
     theta = np.array([truth.get(p.name, p.nominal) for p in case.model.parameters])
     if isinstance(found.hidden, simulated.LineInterference):

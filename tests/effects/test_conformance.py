@@ -11,12 +11,12 @@ import sympy as sp
 
 from modeling.chain.chain import Chain
 from modeling.effects import catalogue
-from modeling.effects.bias import BiasDrift
+from modeling.effects.disturbances import BiasDrift
 from modeling.effects.loads import ViscousDrag
 from modeling.parameter import Parameter
 from modeling.space import Space
 from tests.effects import checks
-from tests.effects.cases import AMOUNTS, CASES, Case
+from tests.effects.cases import CASES, Case
 from tests.effects.units import OWN_CONSTANTS, departure, foreign_theta
 
 every_case = pytest.mark.parametrize("case", CASES, ids=str)
@@ -33,9 +33,8 @@ UNSEEN: Mapping[str, tuple[str, ...]] = {
 """What no reading shows in the case's motion: where a slide stands that carries all, and how long the link is on it."""
 
 
-def test_every_effect_has_a_case_and_an_amount_in_every_space() -> None:
+def test_every_effect_has_a_case_in_every_space() -> None:
     assert {(case.space, case.effect) for case in CASES} == {(s, e) for s in Space for e in catalogue(s)}
-    assert AMOUNTS.keys() == {effect.id for effect in catalogue()}
 
 
 @every_case
@@ -110,7 +109,7 @@ class Kinked(BiasDrift):
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Rise twice as fast from half a step beyond the amount."""
-        edge = AMOUNTS["bias_drift"]["N"] + checks.STEP / 2
+        edge = self.amounts["N"] + checks.STEP / 2
         return super().perturb(chain, {**p, "fx_1": p["fx_1"] + sp.Max(0, p["fx_1"] - edge)})
 
 

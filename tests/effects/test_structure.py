@@ -41,9 +41,12 @@ def test_parameters_are_named_bounded_and_have_units(case: Case) -> None:
         assert low < high
         assert parameter.start is None or low <= parameter.start <= high
     assert any(not p.nuisance for p in own)
+    assert all(p.meaning for p in own)
+    assert len({p.meaning for p in own}) == len(own)
 
 
-ROLE_UNITS = {Role.ONSET: "s", Role.FREQUENCY: "Hz"}
+ONSETS = ("time", "start", "end")
+"""What an effect calls a time at which something begins or ends; other parameters in seconds are how long it takes."""
 
 
 @every_case
@@ -51,8 +54,8 @@ def test_searched_times_and_frequencies_have_their_roles(case: Case) -> None:
     """Search, noise re-estimation and missing inputs read the role: a time called a shape would never be refined."""
     for parameter in case.effect.parameters(case.space):
         if parameter.nuisance:
-            expected = {unit: role for role, unit in ROLE_UNITS.items()}.get(parameter.unit, Role.SHAPE)
-            assert parameter.role is expected
+            expected = Role.FREQUENCY if parameter.unit == "Hz" else Role.SHAPE
+            assert parameter.role is (Role.ONSET if parameter.name in ONSETS else expected)
         assert case.effect.has_role(parameter.role, case.space)
 
 
@@ -103,9 +106,16 @@ SIGNS = re.compile(
 
 @every_effect
 def test_effect_says_what_it_is(effect: Effect) -> None:
-    """Title, advice, an equation with two sides, and a docstring with signs and with the parameters' units."""
+    """Title, advice, an equation with two sides, and a docstring with signs and with the parameters' units.
+
+    And what the manual shows of it: a sketch, how it is seen and provoked, in sentences.
+    """
     assert effect.title
-    assert len(effect.advice) > 20
+    assert effect.sketch
+    assert min(map(len, (effect.advice, effect.shows, effect.provoked_by))) > 20
+    assert effect.shows.endswith(".")
+    assert effect.provoked_by.endswith(".")
+    assert bool(effect.disturbance) is effect.per_recording
     assert re.search(r"\S+ *(=|->) *\S+", effect.equation)
     text = f"{type(effect).__doc__} {type(effect).parameters.__doc__}"
     space = effect.spaces[0]

@@ -1,8 +1,7 @@
-"""Sketches of effects (SVG), with what each parameter is."""
+"""An effect as a reader sees it: sketch (SVG), equations (MathML), its size in a recording."""
 
 from __future__ import annotations
 
-from truewrench.effect_description.effect_sketch import SKETCH_STYLE, SKETCHES, effect_sketch
-from truewrench.effect_description.effect_words import parameter_meaning
+from truewrench.effect_description.effect_sketch import SKETCH_STYLE, effect_sketch
 
-__all__ = ["SKETCHES", "SKETCH_STYLE", "effect_sketch", "parameter_meaning"]
+__all__ = ["SKETCH_STYLE", "effect_sketch"]

@@ -47,12 +47,12 @@ SENTENCES = dict.fromkeys(Stage, READING) | {
 class EffectEquations:
     """Equations, pairs of a left and a right side, and a sentence on their symbols.
 
-    effect   id of the effect, which precedes the names of its parameters in the equations
+    effect   whose parameters are in the equations
     """
 
     pairs: tuple[tuple[sp.Basic, sp.Basic], ...]
     symbols: str
-    effect: str
+    effect: Effect
 
     @property
     def mathml(self) -> list[str]:
@@ -88,12 +88,12 @@ def effect_equations(effect: Effect, model: WrenchModel) -> EffectEquations | No
     symbols = GRAVITY if pairs[0][0] == sp.Symbol("g_x") else SENTENCES[effect.stage]
     symbols += _letter_sentence(effect, model.space)
     symbols += EVENT if any(right.has(sp.Symbol("S")) for _, right in pairs) else ""
-    return EffectEquations(tuple(pairs[:MOST_EQUATIONS]), symbols, effect.id)
+    return EffectEquations(tuple(pairs[:MOST_EQUATIONS]), symbols, effect)
 
 
 def _letter_sentence(effect: Effect, space: Space) -> str:
     """What a letter with a channel as its index is, where parameters are named as channels."""
-    letters = {channel_letter(effect.id, p.name): p.name for p in effect.parameters(space)}
+    letters = {channel_letter(effect, p.name): p.name for p in effect.parameters(space)}
     letters.pop("", None)
     return "".join(f" {letter} is the parameter of the channel in its index." for letter in letters)
 
@@ -101,22 +101,22 @@ def _letter_sentence(effect: Effect, space: Space) -> str:
 def _readable(expression: sp.Expr) -> sp.Expr:
     """The expression without constants that only smooth it, and with S for what switches an event on."""
     tiny = {number: sp.S.Zero for number in expression.atoms(sp.Float) if 0 < abs(number) < NEGLIGIBLE}
-    found = expression.xreplace(tiny)
-    switches = [s for s in found.atoms(sp.Min) if s.has(sp.Symbol("time", real=True))]
+    short = expression.xreplace(tiny)
+    switches = [s for s in short.atoms(sp.Min) if s.has(sp.Symbol("time", real=True))]
     for switch in sorted(switches, key=sp.count_ops, reverse=True):
-        found = found.xreplace({switch: sp.Symbol("S")})
-    return sp.factor_terms(sp.expand(found)) if sp.count_ops(found) > sp.count_ops(sp.expand(found)) else found
+        short = short.xreplace({switch: sp.Symbol("S")})
+    return sp.factor_terms(sp.expand(short)) if sp.count_ops(short) > sp.count_ops(sp.expand(short)) else short
 
 
 def _chain_in_sensor_axes(model: WrenchModel) -> ChainInSensorAxes:
     """The chain of the model without its effects, about a general motion, with an arm whose errors are zero."""
     bare = replace(model, effects=()).chain
-    known = {name: getattr(bare, name) for name in bare.__dataclass_fields__}
+    fields = {name: getattr(bare, name) for name in bare.__dataclass_fields__}
     joints = 0 if model.arm is None else model.arm.joints
     none = (sp.S.Zero,) * joints
     arm = PerturbedArm(arm=cast("Any", None), offsets=none, compliances=none, widths=none, errors=none)
     gravity = -sp.Symbol("g") * model.space.up
-    return ChainInSensorAxes(**known | {"gravity": gravity, "arm": arm})
+    return ChainInSensorAxes(**fields | {"gravity": gravity, "arm": arm})
 
 
 def _changes(before: Chain, after: Chain) -> Iterator[tuple[sp.Basic, sp.Basic]]:

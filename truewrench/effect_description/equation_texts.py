@@ -29,8 +29,8 @@ def equation_texts(effect: Effect, model: WrenchModel) -> EquationTexts:
 def _derived(effect: Effect, model: WrenchModel) -> Mapping[str, Any]:
     from truewrench.effect_description.effect_equations import effect_equations
 
-    found = effect_equations(effect, model)
-    return {} if found is None else {"mathml": found.mathml, "symbols": found.symbols}
+    equations = effect_equations(effect, model)
+    return {} if equations is None else {"mathml": equations.mathml, "symbols": equations.symbols}
 
 
 def _read(data: Mapping[str, Any]) -> EquationTexts:

@@ -32,7 +32,7 @@ def formula_mathml(text: str) -> str:
 
 
 def _words(part: str) -> str:
-    return escape(re.sub(r"[^\W\d_]+", lambda found: GREEK.get(found[0], found[0]), part))
+    return escape(re.sub(r"[^\W\d_]+", lambda word: GREEK.get(word[0], word[0]), part))
 
 
 def _parts(text: str) -> list[str]:
@@ -50,8 +50,8 @@ def _parts(text: str) -> list[str]:
 def _pieces(part: str) -> str:
     pieces: list[str] = []
     raise_next = False
-    for found in _TOKEN.finditer(part):
-        kind, token = found.lastgroup, found[0]
+    for match in _TOKEN.finditer(part):
+        kind, token = match.lastgroup, match[0]
         if kind == "power" and token not in SUPERSCRIPT_DIGITS:
             raise_next = bool(pieces)
         elif kind in ("power", "prime") and pieces:
@@ -76,5 +76,5 @@ def _piece(kind: str | None, token: str) -> str:
     base, _, index = token.partition("_")
     if len(index) > LONGEST_INDEX:
         return f"<mi>{escape(token)}</mi>"
-    known = f"<mi>{escape(GREEK.get(base, base))}</mi>"
-    return f"<msub>{known}<mi>{escape(index)}</mi></msub>" if index else known
+    letter = f"<mi>{escape(GREEK.get(base, base))}</mi>"
+    return f"<msub>{letter}<mi>{escape(index)}</mi></msub>" if index else letter

@@ -21,8 +21,8 @@ from modeling.number_format import (
 )
 from modeling.space import Space
 from modeling.table import Column, Table
-from truewrench.effect_description import effect_sketch, parameter_meaning
-from truewrench.effect_description.effect_words import size_sentence
+from truewrench.effect_description import effect_sketch
+from truewrench.effect_description.effect_size import size_sentence
 from truewrench.effect_description.equation_texts import equation_texts
 from truewrench.text.diagnosis_text import EFFECT_VERDICT_LABELS, closest_sentence, finding_sentence
 
@@ -72,7 +72,7 @@ def _effect_card(effect: Effect, fit: Fit) -> EffectCard:
 
 
 def sketch_markup(effect: Effect) -> Markup:
-    """The sketch for a page; empty for an effect that a user wrote."""
+    """The sketch for a page; empty for an effect without one."""
     return Markup(effect_sketch(effect))  # the sketch is ours
 
 
@@ -84,7 +84,7 @@ def _parameter_table(effect: Effect, fit: Fit) -> Table:
         size = NO_VALUE if estimate is None else format_with_std(estimate.value, estimate.std)
         if estimate is not None and estimate.std == 0:
             size = f"{format_number(estimate.value)} (fixed)"
-        rows.append((parameter.name, parameter_meaning(effect, parameter.name), size, format_unit(parameter.unit)))
+        rows.append((parameter.name, parameter.meaning, size, format_unit(parameter.unit)))
     return Table.of((Column("parameter"), Column("what it is"), Column("estimate"), Column("unit")), rows)
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from truewrench.simulated_rig import geometric_effects, sensor_effects, tool_loads
 from truewrench.simulated_rig.commanded_motion import CommandedMotion, PeriodicMotion
 from truewrench.simulated_rig.geometric_effects import (
     CentreOfMassOffset,
@@ -144,35 +145,9 @@ __all__ = [
 ]
 
 HIDDEN_EFFECTS: Mapping[str, HiddenEffect] = {
-    effect.id: effect
-    for effect in (
-        JointOffset(),
-        JointElasticity(),
-        JointBacklash(),
-        LinkLengthError(),
-        CentreOfMassOffset(),
-        GravityTilt(),
-        SensorRotation(),
-        PayloadChange(),
-        ViscousDrag(),
-        QuadraticDrag(),
-        CoulombFriction(),
-        CableSpring(),
-        TipFlexibility(),
-        ContactEvent(),
-        SensorGain(),
-        SensorCrosstalk(),
-        GainNonlinearity(),
-        SensorHysteresis(),
-        SensorLag(),
-        TimeDelay(),
-        BiasDrift(),
-        ThermalDrift(),
-        LineInterference(),
-        Saturation(),
-        Buoyancy(),
-        Magnet(),
-        MagnusForce(),
-    )
+    kind.id: kind()
+    for family in (geometric_effects, tool_loads, sensor_effects)
+    for kind in vars(family).values()
+    if isinstance(kind, type) and issubclass(kind, HiddenEffect) and hasattr(kind, "id")
 }
-"""Every hidden effect by id, at a size detectable in a record of eight repeats."""
+"""Every hidden effect of these files by id, at a size detectable in a record of eight repeats."""

@@ -16,8 +16,7 @@ from modeling.chain.effect import Effect
 from modeling.noise import NoiseSource
 from modeling.number_format import estimate_text, format_percentage
 from modeling.significance import LEVELS
-from truewrench.effect_description import parameter_meaning
-from truewrench.effect_description.effect_words import size_sentence
+from truewrench.effect_description.effect_size import size_sentence
 from truewrench.text.tool_text import tool_extent_text, tool_text
 
 # Names of the models of a diagnosis, from the one that the search began with to the last effect added, by ids.
@@ -224,8 +223,10 @@ def _given_text(diagnosis: Diagnosis, effect_id: str) -> str:
 def _estimate_lines(effect: Effect, estimates: Mapping[str, Estimate], fit: Fit) -> list[str]:
     """Each estimate with what it is, then the size of the effect in the readings."""
     values = {name: estimate_text(e.value, e.std, e.unit) for name, e in estimates.items()}
+    fitted = next((e for e in fit.model.effects if e.id == effect.id), effect)
+    meanings = {p.name: p.meaning for p in fitted.parameters(fit.model.space)}
     width, wide = max(map(len, values), default=0), max(map(len, values.values()), default=0)
-    lines = [f"  {n.ljust(width)} = {v.ljust(wide)}  {parameter_meaning(effect, n)}" for n, v in values.items()]
+    lines = [f"  {n.ljust(width)} = {v.ljust(wide)}  {meanings.get(n, '')}" for n, v in values.items()]
     size = size_sentence(fit, effect.id)
     return [line.rstrip() for line in [*lines, *([f"  {size}"] if size else [])]]
 

@@ -27,7 +27,7 @@ from modeling.noise import NoiseSource
 from modeling.number_format import estimate_text, interval_text
 from modeling.significance import LEVELS
 from modeling.table import Table
-from truewrench.effect_description.effect_words import size_sentence
+from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.case_files import frame_sentences, frames_data
 from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_extent_text, tool_text
 

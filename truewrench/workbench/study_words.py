@@ -29,7 +29,7 @@ from modeling.formulas.vocabulary import FORMULA_STAGES, signal_units, target_un
 from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
 from modeling.space import Space
 from modeling.table import Table
-from truewrench.effect_description import SKETCH_STYLE, effect_sketch, parameter_meaning
+from truewrench.effect_description import SKETCH_STYLE, effect_sketch
 from truewrench.files.case_files import frame_sentences
 from truewrench.reports.effect_row import effect_row
 from truewrench.text.diagnosis_text import (
@@ -292,7 +292,7 @@ def _effect_values(effect: Effect, study: Study) -> dict[str, Any]:
 
 def _described(effect: Effect, study: Study) -> dict[str, Any]:
     """What an effect is: sketch, equation, parameters, what it is confused with, what to check."""
-    names = [(p.name, parameter_meaning(effect, p.name), format_unit(p.unit))
+    names = [(p.name, p.meaning, format_unit(p.unit))
              for p in effect.parameters(study.model.space)]  # fmt: skip
     return {
         "id": effect.id,
