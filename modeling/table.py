@@ -6,20 +6,55 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib import import_module
 from itertools import zip_longest
 from math import isfinite
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
+from modeling.errors import InputError
 from modeling.number_format import NO_VALUE, axis_label, plain_number, typeset_number, typeset_text, typeset_units
-from modeling.presenter import presenter
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
 
-# What every result has beside its table: text, figure, plain data and labelled arrays, made by the presenter.
+# What every result has beside its table: text, figure, plain data and labelled arrays, made by a package above the one
+# that the result belongs to.
+
+
+class Presenter(Protocol):
+    """A module that presents results of all packages."""
+
+    def summary(self, result: Any) -> str:
+        """The result as text."""
+
+    def plot(self, result: Any, **options: Any) -> Any:
+        """The result as a picture."""
+
+    def data(self, result: Any) -> dict[str, Any]:
+        """The result as plain data."""
+
+    def dataset(self, result: Any) -> Any:
+        """The result as labelled arrays."""
+
+
+_modules: list[str] = []
+
+
+def register_presenter(module: str) -> None:
+    """Name the module that presents results; it is imported when first asked."""
+    _modules[:] = [module]
+
+
+def presenter() -> Presenter:
+    """The presenting module; InputError where none was registered."""
+    if not _modules:
+        raise InputError(what="no package presents results", where="plot", remedy="import truewrench first")
+    module: Any = import_module(_modules[0])
+    presenting: Presenter = module
+    return presenting
 
 
 class Presented:

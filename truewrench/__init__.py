@@ -147,7 +147,7 @@ else:
         if name not in _MODULES and name not in _SUBMODULES:
             raise AttributeError(f"module 'truewrench' has no attribute '{name}'")
         # who presents results: `fit.summary()` asks the module named here
-        import_module("modeling.presenter").register_presenter("truewrench.presentation")
+        import_module("modeling.table").register_presenter("truewrench.presentation")
         if name in _SUBMODULES:
             return import_module(_SUBMODULES[name])
         return getattr(import_module(_MODULES[name]), name)

@@ -117,7 +117,7 @@ class ReadingForm:
         return replace(found, name=" + ".join(Path(path).name for path in paths))
 
 
-def data_set(training: Sequence[str], validation: Sequence[str], rig: str | None, form: ReadingForm) -> Case:
+def case_of(training: Sequence[str], validation: Sequence[str], rig: str | None, form: ReadingForm) -> Case:
     """The recordings in these files, with the model that they begin with; InputError for what cannot be read."""
     if not training:
         raise InputError(what="no file is chosen", where="recording", remedy="choose one to fit")

@@ -26,7 +26,7 @@ from truewrench.reports.report_html import diagnosis_report
 from truewrench.text.fit_summary import FitSummary
 from truewrench.workbench.custom_form import checked_words, effect_of_form
 from truewrench.workbench.page_update import Download, PageUpdate
-from truewrench.workbench.reading import Puzzle, ReadingForm, data_set, hidden_effect_of
+from truewrench.workbench.reading import Puzzle, ReadingForm, case_of, hidden_effect_of
 from truewrench.workbench.separation import Separation, rig_template, separation_of
 from truewrench.workbench.study_charts import view_at_cell, view_of
 from truewrench.workbench.study_words import (
@@ -202,7 +202,7 @@ class StudyActions:
     ) -> PageUpdate:
         """Begin a study; the one before remains where its files cannot be read or fitted."""
         self._progress("read")
-        case = data_set(training, validation, rig, form)
+        case = case_of(training, validation, rig, form)
         self._progress("fit the rigid tool")
         begun = study_case(case, progress=self._progress)
         self._case, self._study, self._puzzle = case, begun, puzzle
