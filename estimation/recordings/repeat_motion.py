@@ -15,7 +15,7 @@ said when they are read, and refused when their noise is asked for.
 d_r is measured with noise. It is derived where it is significant, column by column: a line of the spectrum of
 x_r - mean(x), of the whole record or of one repeat, exceeds the white noise floor, or the power law, that the upper
 three octaves show, by more than chance allows at `LEVELS.repeat_motion`. Slow noise of an encoder looks like motion
-even so, but is not in the readings: `decided_own_motion` of `estimation/model_response.py` asks them. Where one
+even so, but is not in the readings: `readings_follow_repeats` of `estimation/model_response.py` asks them. Where one
 says no, d_r is zero, and nothing is evaluated but the mean motion.
 """
 
