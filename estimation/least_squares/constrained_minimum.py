@@ -111,8 +111,17 @@ class NullSpaceStep:
 
 
 MAX_NEWTON_STEPS = 20
+"""Most steps on an active set: far more than quadratic convergence takes."""
 LEAST_DECREASE = 1e-6
 """Of chi-square: where steps gain less, the point is as near to the conditions as they bring it."""
+DAMPING_FACTOR = 10.0
+"""By which Levenberg's damping rises after a step without gain, and falls after one with it."""
+FIRST_DAMPING = 1e-6
+"""Damping after a first step without gain, small beside the curvature of the chi-square, which is 1."""
+NEGLIGIBLE_DAMPING = 1e-9
+"""Damping that is dropped after a step with gain: it changes a step by less than the solver's tolerance."""
+HOPELESS_DAMPING = 1e6
+"""Damping at which the search ends: a step a millionth as long as Newton's that gains nothing is rounding."""
 
 
 def sequential_cone_programs(problem: LeastSquaresProblem, region: FeasibleRegion, start: Array) -> KKTConditions:
@@ -124,7 +133,7 @@ def sequential_cone_programs(problem: LeastSquaresProblem, region: FeasibleRegio
     Raises TruewrenchError when the solver finds no point at all.
     """
     local, merit, damping = QuadraticModel.at(problem, start, region.prior), np.inf, 0.0
-    found = None
+    conditions = None
     for _ in range(MAX_STEPS):
         solution = ConeProgram(local, region, damping).solve()
         if solution is not None:
@@ -133,19 +142,20 @@ def sequential_cone_programs(problem: LeastSquaresProblem, region: FeasibleRegio
             )
             cost = active_set.local.cost + region.added(solution.theta)
             if cost < merit:
-                found = newton_polished(problem, active_set)
-                if found.met or merit - cost < LEAST_DECREASE:
+                conditions = newton_polished(problem, active_set)
+                if conditions.met or merit - cost < LEAST_DECREASE:
                     break
-                local, merit, damping = active_set.local, cost, damping / 10 if damping > 1e-9 else 0.0
+                damping = damping / DAMPING_FACTOR if damping > NEGLIGIBLE_DAMPING else 0.0
+                local, merit = active_set.local, cost
                 continue
-        damping = max(10 * damping, 1e-6)
-        if damping > 1e6:
+        damping = max(DAMPING_FACTOR * damping, FIRST_DAMPING)
+        if damping > HOPELESS_DAMPING:
             break
-    if found is None:
+    if conditions is None:
         raise TruewrenchError(
             "constraints: the solver found no solution of the cone program; widen or remove some of them"
         )
-    return found
+    return conditions
 
 
 def newton_polished(problem: LeastSquaresProblem, active_set: ActiveSet) -> KKTConditions:
@@ -165,11 +175,11 @@ def newton_polished(problem: LeastSquaresProblem, active_set: ActiveSet) -> KKTC
     return best
 
 
-def _tangent_step(found: KKTConditions) -> Array:
+def _tangent_step(conditions: KKTConditions) -> Array:
     """The point after one step on the active set, active bounds met exactly; halved until the prior is finite."""
-    active_set, region = found.active_set, found.active_set.region
+    active_set, region = conditions.active_set, conditions.active_set.region
     step = NullSpaceStep(
-        active_set.local, *sum_of_squares(active_set, found.inner), active_set.normals, active_set.values
+        active_set.local, *sum_of_squares(active_set, conditions.inner), active_set.normals, active_set.values
     ).step
     theta = _with_active_bounds(active_set, step)
     for _ in range(MAX_STEPS - 1):
@@ -258,46 +268,50 @@ ACTIVE_CONSTRAINT_COLUMNS = (
 )
 
 
-def active_constraints(found: KKTConditions) -> tuple[ActiveConstraint, ...]:
+def active_constraints(conditions: KKTConditions) -> tuple[ActiveConstraint, ...]:
     """Every active constraint of a minimum, by decreasing chi-square."""
-    return tuple(sorted(_active_constraints(found), key=lambda active: -active.chi_square))
+    return tuple(sorted(_active_constraints(conditions), key=lambda active: -active.chi_square))
 
 
-def strictly_active(found: KKTConditions) -> NDArray[np.bool_]:
+def strictly_active(conditions: KKTConditions) -> NDArray[np.bool_]:
     """(c,) which of the active set's normals belong to a strictly active constraint (nonzero multiplier)."""
-    ends = len(found.active_set.ends)
-    strong = np.abs(found.unit_multipliers) > KKT_TOLERANCE
+    ends = len(conditions.active_set.ends)
+    strong = np.abs(conditions.unit_multipliers) > KKT_TOLERANCE
     strong[ends:] = strong[ends:].any()
     return strong
 
 
-def _active_constraints(found: KKTConditions) -> Iterator[ActiveConstraint]:
-    active_set, strong = found.active_set, strictly_active(found)
+def _active_constraints(conditions: KKTConditions) -> Iterator[ActiveConstraint]:
+    active_set, strong = conditions.active_set, strictly_active(conditions)
     alone = np.eye(len(strong), dtype=bool)
     for place, (index, lower) in enumerate(active_set.ends):
-        tangent = constraints_lifted(found, alone[place]) if strong[place] else None
-        yield _active_bound(found, index, lower=lower, lifted=tangent)
+        tangent = constraints_lifted(conditions, alone[place]) if strong[place] else None
+        yield _active_bound(conditions, index, lower=lower, lifted=tangent)
     if active_set.rank:
         of_inertia = np.arange(len(strong)) >= len(active_set.ends)
-        yield _active_inertia(found, constraints_lifted(found, of_inertia) if strong[of_inertia].any() else None)
+        yield _active_inertia(
+            conditions, constraints_lifted(conditions, of_inertia) if strong[of_inertia].any() else None
+        )
 
 
-def constraints_lifted(found: KKTConditions, spared: NDArray[np.bool_]) -> NullSpaceStep:
+def constraints_lifted(conditions: KKTConditions, spared: NDArray[np.bool_]) -> NullSpaceStep:
     """Quadratic problem with the strictly active and fixed constraints held, except those in `spared` (c,).
 
     With none spared its covariance is that along the active set, the curvature of the cone included; times the
     derivative's transpose it is the sensitivity of the estimate to the readings.
     """
-    active_set = found.active_set
-    held = (strictly_active(found) | active_set.sign_free) & ~spared
-    curved = found.inner if held[len(active_set.ends) :].any() else None
+    active_set = conditions.active_set
+    held = (strictly_active(conditions) | active_set.sign_free) & ~spared
+    curved = conditions.inner if held[len(active_set.ends) :].any() else None
     return NullSpaceStep(
         active_set.local, *sum_of_squares(active_set, curved), active_set.normals[held], np.zeros(int(held.sum()))
     )
 
 
-def _active_bound(found: KKTConditions, index: int, *, lower: bool, lifted: NullSpaceStep | None) -> ActiveConstraint:
-    region, local = found.active_set.region, found.active_set.local
+def _active_bound(
+    conditions: KKTConditions, index: int, *, lower: bool, lifted: NullSpaceStep | None
+) -> ActiveConstraint:
+    region, local = conditions.active_set.region, conditions.active_set.local
     parameter, held = region.parameters[index], float(local.theta[index])
     idle = ActiveConstraint(
         constraint=region.text(index, lower=lower), quantity=parameter.name, unit=parameter.unit, held=held
@@ -315,8 +329,12 @@ def _active_bound(found: KKTConditions, index: int, *, lower: bool, lifted: Null
     return _tested(idle, wanted, std, cost, p_value, against)
 
 
-def _active_inertia(found: KKTConditions, lifted: NullSpaceStep | None) -> ActiveConstraint:
-    active_set, inertia, cone = found.active_set, found.active_set.region.inertia, found.active_set.region.cone
+def _active_inertia(conditions: KKTConditions, lifted: NullSpaceStep | None) -> ActiveConstraint:
+    active_set, inertia, cone = (
+        conditions.active_set,
+        conditions.active_set.region.inertia,
+        conditions.active_set.region.cone,
+    )
     assert inertia is not None
     assert cone is not None
     theta = active_set.local.theta if lifted is None else active_set.local.theta + lifted.step
@@ -457,17 +475,17 @@ def minimise_constrained(problem: LeastSquaresProblem, start: Array, constraints
     free = problem.minimise(start)
     feasible = region.prior is None and region.contains(free.theta)
     if feasible:  # a bound of an effect may be active
-        found = KKTConditions(ActiveSet.touched(region, QuadraticModel.at(problem, free.theta, None)))
+        conditions = KKTConditions(ActiveSet.touched(region, QuadraticModel.at(problem, free.theta, None)))
     else:
-        found = sequential_cone_programs(problem, region, free.theta)
-    relaxed = free if feasible else constraints_lifted(found, ~found.active_set.sign_free)
+        conditions = sequential_cone_programs(problem, region, free.theta)
+    relaxed = free if feasible else constraints_lifted(conditions, ~conditions.active_set.sign_free)
     return ConstrainedMinimum(
-        theta=found.active_set.local.theta,
+        theta=conditions.active_set.local.theta,
         covariance=relaxed.covariance * np.outer(~region.fixed, ~region.fixed),
         identifiable=relaxed.identifiable,
-        cost=free.cost if feasible else found.active_set.local.cost,
-        converged=free.converged if feasible else found.met,
+        cost=free.cost if feasible else conditions.active_set.local.cost,
+        converged=free.converged if feasible else conditions.met,
         free=free,
         region=region,
-        optimality=found,
+        optimality=conditions,
     )

@@ -54,13 +54,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BoundSide:
-    """One-sided bound: parameter `index` is at least (`lower`) or at most `value`; `own` if its effect sets it."""
+    """One-sided bound: parameter `index` is at least (`lower`) or at most `value`; `of_effect` where that sets it."""
 
     index: int
     lower: bool
     value: float
     text: str
-    own: bool = False
+    of_effect: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +86,12 @@ class FeasibleRegion:
 
     def _sides(self) -> Iterator[BoundSide]:
         for index, parameter in enumerate(self.parameters):
-            for own, ends in ((True, parameter.bounds), (False, self.stated.get(index, (-inf, inf)))):
+            for of_effect, ends in ((True, parameter.bounds), (False, self.stated.get(index, (-inf, inf)))):
                 for lower, value in zip((True, False), ends, strict=True):
                     if isfinite(value):
                         text = f"{parameter.name} {'>=' if lower else '<='} {value:g} {_unit(parameter)}".rstrip()
-                        yield BoundSide(index, lower, value, f"{text} (its effect's range)" if own else text, own)
+                        text += " (its effect's range)" if of_effect else ""
+                        yield BoundSide(index, lower, value, text, of_effect)
 
     @cached_property
     def low(self) -> Array:
@@ -120,7 +121,7 @@ class FeasibleRegion:
         if self.fixed[index]:
             return f"{self.parameters[index].name} = {end:g} {_unit(self.parameters[index])}".rstrip()
         sides = [s for s in self.sides if s.index == index and s.lower is lower and s.value == end]
-        return min(sides, key=lambda s: s.own).text
+        return min(sides, key=lambda s: s.of_effect).text
 
     @cached_property
     def cone(self) -> PseudoInertia | None:

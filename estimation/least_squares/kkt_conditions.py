@@ -98,6 +98,8 @@ UNIDENTIFIABLE_DAMPING = 1e-6
 """Damping of the unidentifiable directions: too small to affect the identifiable ones."""
 DISTANT_BOUND = 1e4
 """Distance in step lengths beyond which a bound is left out for conditioning; the next step has it."""
+BVLS_TOLERANCE = 1e-14
+"""Of `lsq_linear`, of problems of unit size: it then ends at the exact active set."""
 BVLS_STEPS = 200
 """Most steps of `lsq_linear`; it takes about one for each active bound."""
 
@@ -177,12 +179,12 @@ class ConeProgram:
         low, high = ((end - local.theta) / local.spread for end in (region.low, region.high))
         x = np.where(free, 0.0, low)
         target = np.concatenate([local.data.target, np.zeros(len(held))]) - rows @ x
-        found = lsq_linear(
-            rows[:, free], target, (low[free], high[free]), method="bvls", tol=1e-14, max_iter=BVLS_STEPS
+        solution = lsq_linear(
+            rows[:, free], target, (low[free], high[free]), method="bvls", tol=BVLS_TOLERANCE, max_iter=BVLS_STEPS
         )
-        if not found.success:
+        if not solution.success:
             return None
-        x[free] = found.x
+        x[free] = solution.x
         theta = np.where(x <= low, region.low, np.where(x >= high, region.high, local.theta + local.spread * x))
         idle = np.zeros(len(theta))  # the active bounds are met exactly, and need no multiplier to be recognised
         return ConeSolution(theta, idle, idle, np.zeros((0, 0)))
@@ -425,16 +427,17 @@ class KKTConditions:
         balances the gradient.
         """
         slope, columns, sizes = self._whitened
-        found = np.zeros(len(used))
+        multipliers = np.zeros(len(used))
         if self.active_set.rank > 1 and used[len(self.active_set.ends) :].any():
-            found[used] = (self.active_set.guess * sizes)[used]
-            found[used] += np.linalg.lstsq(columns[:, used], slope - columns @ found)[0]
+            multipliers[used] = (self.active_set.guess * sizes)[used]
+            multipliers[used] += np.linalg.lstsq(columns[:, used], slope - columns @ multipliers)[0]
         elif used.any():
             from scipy.optimize import lsq_linear  # slow to import and rarely needed
 
             low = np.where(self.active_set.sign_free[used], -np.inf, 0.0)
-            found[used] = lsq_linear(columns[:, used], slope, (low, np.inf), method="bvls", tol=1e-14).x
-        return found
+            bounds = (low, np.inf)
+            multipliers[used] = lsq_linear(columns[:, used], slope, bounds, method="bvls", tol=BVLS_TOLERANCE).x
+        return multipliers
 
     def _most_negative(self, unit_multipliers: Array) -> float:
         """Size of the most negative of the multipliers (c,) of the inequalities, chi-square per std.
@@ -468,10 +471,10 @@ class KKTConditions:
 
     def bound_multipliers(self, *, lower: bool) -> Array:
         """(k,) multipliers of the lower or of the upper bounds."""
-        found = np.zeros(len(self.active_set.low))
+        multipliers = np.zeros(len(self.active_set.low))
         for (index, is_lower), value in zip(self.active_set.ends, self.multipliers, strict=False):
-            found[index] += max(value if is_lower is lower else -value, 0.0)
-        return found
+            multipliers[index] += max(value if is_lower is lower else -value, 0.0)
+        return multipliers
 
     @property
     def slope(self) -> float:
