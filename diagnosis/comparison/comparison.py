@@ -33,6 +33,18 @@ Array = NDArray[np.float64]
 
 FOLDS = 13
 """Blocks: 2^(1 - 13) is the smallest p-value of sign flips, below the level of held-out recordings; 10 do not do."""
+RESTS = 1e-9
+"""Std of a signal, in its own unit, that is rounding of one that is constant."""
+NEVER_TURNS = 1e-6
+"""Std of a velocity whose sign is that of errors of a derivative."""
+REVERSAL = 0.05
+"""Width, over the std of a velocity, within which its sign changes: as far as its own noise reaches."""
+EQUAL_GAINS = 1e-12
+"""Relative rounding of gains: those of sign patterns that are as good count as such."""
+LEAST_FREEDOM = 0.5
+"""Degrees of freedom that a band keeps beside the fit, below which it tests nothing."""
+NEGLIGIBLE_SHARE = 0.1
+"""Of the noise floor: an error that nobody looks for where a rig states no tolerance."""
 
 
 def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
@@ -59,11 +71,11 @@ def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
             terms[f"down_{a}"] = down[i]
         plain = tuple(p + a for p in ("p", "w", "al", "vp", "ap") for a in "xyz")
     for name in plain:
-        if name in signals and signals[name].std() > 1e-9:
+        if name in signals and signals[name].std() > RESTS:
             terms |= {name: signals[name], f"{name}²": signals[name] ** 2}
     for name in ("dphi", "vx", "vy", "wx", "wy", "wz"):
-        if name in signals and signals[name].std() > 1e-6:
-            terms[f"sign {name}"] = np.tanh(signals[name] / (0.05 * signals[name].std()))
+        if name in signals and signals[name].std() > NEVER_TURNS:
+            terms[f"sign {name}"] = np.tanh(signals[name] / (REVERSAL * signals[name].std()))
     for channel, series in zip(recording.channels, load.T, strict=True):
         terms |= {f"{channel}²": series**2, f"{channel}³": series**3}
     return {name: series for name, series in terms.items() if np.ptp(series) > 0}
@@ -130,7 +142,7 @@ def cross_validated_gain(fit: Fit, number: int, residual: Array) -> CrossValidat
     signs = np.array(list(product((1.0, -1.0), repeat=len(blocks) - 1)))
     signs = np.column_stack([np.ones(len(signs)), signs])
     gains = np.einsum("sb,bc,sc->s", signs, flat_pairs, signs)
-    return CrossValidatedGain(float(pairs.sum()), float(np.mean(gains >= gains[0] * (1 - 1e-12))))
+    return CrossValidatedGain(float(pairs.sum()), float(np.mean(gains >= gains[0] * (1 - EQUAL_GAINS))))
 
 
 def _gain_of_pairs(white: Array, residual: Array, blocks: list[NDArray[np.intp]]) -> Array:
@@ -421,7 +433,7 @@ def lack_of_fit_test(
     p_values, coloured = [], _record_power_variance(fit, number)
     for band in frequency_bands(noise):
         degrees_of_freedom = band.sum() - leverage[band].sum()
-        if degrees_of_freedom > 0.5:
+        if degrees_of_freedom > LEAST_FREEDOM:
             power = float((rows[band] ** 2).sum())
             shares = (rows * band)[:, None] ** 2 / max(power, 1e-300)
             variance = float(noise.log_power_variance_of(shares)[0]) + coloured

@@ -11,7 +11,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.comparison.comparison import MEASURES, Comparison, comparison_of, size_columns
+from diagnosis.comparison.comparison import MEASURES, NEGLIGIBLE_SHARE, Comparison, comparison_of, size_columns
 from diagnosis.comparison.validation import validation_fit
 from estimation.fit import Fit, reestimated_noise, require_recording
 from estimation.fit_column_space import rows_of_recordings
@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 
 MAX_BANDS = 8
 """Octaves from the highest frequency down; all lower ones are one band."""
+ROUNDING = 1e-9
+"""Relative, of a frequency on an edge: it is inside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +107,11 @@ def octaves(frequency: Array) -> Array:
     highest, lowest = float(frequency[-1]), float(frequency[0])
     count = min(MAX_BANDS, max(1, int(np.ceil(np.log2(highest / lowest)))))
     inner = highest / 2.0 ** np.arange(count - 1, 0, -1)
-    return np.array([lowest * (1 - 1e-9), *inner, highest * (1 + 1e-9)])
+    return np.array([lowest * (1 - ROUNDING), *inner, highest * (1 + ROUNDING)])
 
 
 EQUAL_PREDICTIONS = 1e-6
 """Distance of two predictions, in std of the noise over all rows, that is rounding: there is nothing to compare."""
-NEGLIGIBLE_SHARE = 0.1
-"""Of the noise floor: a band with less in every channel is not listed, as the default tolerance has it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +247,7 @@ class ModelComparison(Tabular):
     def band_table(self) -> Table:
         """Error of each channel in octaves of frequency, of each model on each recording.
 
-        Bands in which no channel of any model reaches a tenth of its noise floor are left out.
+        Bands in which no channel of any model reaches `NEGLIGIBLE_SHARE` of its noise floor are left out.
         """
         rows: list[tuple[Any, ...]] = []
         moving = [i for i, r in enumerate(self.recordings) if not r.at_rest]

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 CELLS = 16
 """Of the range of a variable: enough to show a place, few enough to be visited in several repeats."""
+OUTERMOST = 0.01
+"""Of the samples at either end of a variable's range, which are in the first or the last cell: they are too few."""
 MIN_RANGE = 1e-3
 """Range, in its own unit, below which a variable counts as constant."""
 MAX_BLOCKS = 8
@@ -137,8 +139,8 @@ def _repeat_of_samples(recording: Recording) -> NDArray[np.intp]:
 
 
 def _cells(series: Array) -> NDArray[np.intp]:
-    """Cell of each sample: equal widths between the 1 % and 99 % quantiles."""
-    low, high = np.quantile(series, [0.01, 0.99])
+    """Cell of each sample: equal widths between two quantiles."""
+    low, high = np.quantile(series, [OUTERMOST, 1 - OUTERMOST])
     count = int(min(CELLS, max(2, len(series) // 3)))
     return np.asarray(np.clip((series - low) / max(high - low, 1e-300) * count, 0, count - 1), dtype=np.intp)
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.comparison.comparison import NEGLIGIBLE_SHARE
 from diagnosis.screening.grid_search import affected_rows
 from diagnosis.screening.null_model import NullModel, ScreeningCache
 from diagnosis.screening.projection import ProjectedColumns
@@ -43,7 +44,7 @@ def contribution_upper_limit(
     """Upper 95 % limit of an effect's contribution to each channel, as RMS over the first recording it acts in.
 
     The contribution is the part not collinear with the model's other parameters, at the effect's best grid point. In
-    each principal direction of the whitened columns the amount is its absolute estimate plus 1.96 standard deviations.
+    each principal direction of the whitened columns the amount is its absolute estimate plus `LIMIT_STD` deviations.
     """
     point = screening.point
     if point is None:
@@ -118,7 +119,7 @@ def channel_tolerance(base: Fit) -> tuple[dict[str, float], bool]:
     """Tolerance per channel as stated in the rig, else a tenth of the noise floor; and whether it was stated."""
     recording, floor = base.recordings[0], base.noise[0].floor
     stated = (recording.rig.sensor.tolerance if recording.rig is not None else None) or {}
-    tolerance = {c: float(stated.get(c, f / 10)) for c, f in zip(recording.channels, floor, strict=True)}
+    tolerance = {c: float(stated.get(c, NEGLIGIBLE_SHARE * f)) for c, f in zip(recording.channels, floor, strict=True)}
     return tolerance, bool(stated)
 
 
