@@ -317,18 +317,6 @@ def _least_significant(evidence: AcceptanceEvidence) -> str | None:
     return evidence.least_significant
 
 
-def _at_bound(evidence: AcceptanceEvidence) -> str | None:
-    return evidence.at_bound and evidence.at_bound[0]
-
-
-def _inconsistent(evidence: AcceptanceEvidence) -> str | None:
-    return evidence.inconsistent and evidence.inconsistent[0]
-
-
-def _foreign(evidence: AcceptanceEvidence) -> str | None:
-    return evidence.foreign and evidence.foreign[0]
-
-
 AcceptanceRule = VerdictRule[AcceptanceEvidence, RejectedEffect]
 ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
     VerdictRule("no effect", lambda e: not e.candidate.ids, _accepted),
@@ -338,14 +326,24 @@ ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
         lambda e: e.unidentifiable,
         "none of its parameters is identifiable in these data",
     ),
-    VerdictRule("a parameter on a physical bound", lambda e: e.at_bound is not None, _at_bound, "{e.at_bound[1]}"),
+    VerdictRule(
+        "a parameter on a physical bound",
+        lambda e: e.at_bound is not None,
+        lambda e: e.at_bound and e.at_bound[0],
+        "{e.at_bound[1]}",
+    ),
     VerdictRule(
         "collinear with a tool parameter",
         lambda e: e.collinear_parameter is not None and e.lasting,
         _least_significant,
         "it is collinear with the tool's {e.collinear_parameter} in these data",
     ),
-    VerdictRule("a residual that is not the tool's", lambda e: e.foreign is not None, _foreign, "{e.foreign[1]}"),
+    VerdictRule(
+        "a residual that is not the tool's",
+        lambda e: e.foreign is not None,
+        lambda e: e.foreign and e.foreign[0],
+        "{e.foreign[1]}",
+    ),
     VerdictRule(
         "hardly anything beside what remains",
         lambda e: e.hardly_removes is not None,
@@ -365,7 +363,12 @@ ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
         _least_significant,
         "it does not explain the other half of the data",
     ),
-    VerdictRule("inconsistent", lambda e: e.inconsistent is not None, _inconsistent, "{e.inconsistent[1]}"),
+    VerdictRule(
+        "inconsistent",
+        lambda e: e.inconsistent is not None,
+        lambda e: e.inconsistent and e.inconsistent[0],
+        "{e.inconsistent[1]}",
+    ),
     VerdictRule("consistent coefficients", lambda e: True, _accepted),
 )
 """In order: a set with lack of fit is accepted when its coefficients are consistent between data sets."""

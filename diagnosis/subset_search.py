@@ -154,11 +154,11 @@ class CandidateModel:
         in_same_noise = {c.ids: c for c in tried if c.fit.is_in_noise_of(self.fit)}
         return {e.id: in_same_noise.get(self.ids - {e.id}) or self.without(e.id) for e in self.added}
 
-    def screened(self, effects: Sequence[Effect], announce: CountCallback | None = None) -> list[ScoreTest]:
+    def screened(self, effects: Sequence[Effect]) -> list[ScoreTest]:
         """Score tests of the effects that it lacks; those of the same effects are made once."""
         key = tuple(effects)
         if key not in self._screened:
-            self._screened[key] = screen(self.fit, effects, cache=self.cache, announce=announce)
+            self._screened[key] = screen(self.fit, effects, cache=self.cache)
         return list(self._screened[key])
 
     @cached_property

@@ -16,7 +16,7 @@ from diagnosis.comparison.comparison import NEGLIGIBLE_SHARE
 from diagnosis.screening.grid_search import affected_rows
 from diagnosis.screening.null_model import NullModel, ScreeningCache
 from diagnosis.screening.projection import ProjectedColumns
-from diagnosis.screening.score_test import ScoreTest, absent_effects, run_searches, significant_effects
+from diagnosis.screening.score_test import ScoreTest, significant_effects
 from diagnosis.screening.whitened_sensitivity import GridPoint, response_differences, score_columns, sensitivity_series
 from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch
 from estimation.fit import Fit, initial_values
@@ -197,7 +197,6 @@ def aliases_of_added(
     """The other effects that are significant in the place of each of a candidate's, by its id, the closest first."""
     places = candidate.without_each((selection.base, *selection.tried.values()))
     others = {i: [e for e in effects if e.id != i] for i in places}
-    run_searches([k for i, without in places.items() for k in absent_effects(without.fit, others[i])], candidate.cache)
     significant = [(i, s) for i, without in places.items() for s in most_significant(without.screened(others[i]))]
     free = {e.id: e != e.restricted(candidate.fit.model.space) for e in candidate.fit.model.effects}
     measured, residual = candidate.fit.problem.measured, candidate.null_model.whitened_residual
