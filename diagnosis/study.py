@@ -14,7 +14,7 @@ from diagnosis.comparison.compared_step import (
     recording_errors,
     systematic_error,
 )
-from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
+from diagnosis.comparison.comparison import Comparison, comparisons_of, noise_from_residual
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis, diagnose
@@ -338,7 +338,7 @@ class Study(Tabular):
 
     def _step(self, change: str, found: Fit) -> StudyStep:
         fitted = with_ordinary_estimate(found)
-        training = tuple(comparison_of(fitted, i) for i in range(len(fitted.recordings)))
+        training = comparisons_of(fitted)
         validation = tuple(h.comparison(fitted) for h in self._held_out)
         return StudyStep(change, fitted, training, validation)
 

@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from diagnosis.comparison.comparison import Comparison, comparison_of, noise_from_residual
+from diagnosis.comparison.comparison import Comparison, comparisons_of, noise_from_residual
 from diagnosis.progress import CountCallback, Progress, count_progress, counted, silent
 from diagnosis.screening.grid_search import affected_rows
 from diagnosis.screening.null_model import NullModel, ScreeningCache
@@ -169,7 +169,7 @@ class CandidateModel:
     @cached_property
     def comparisons(self) -> tuple[Comparison, ...]:
         """Its recordings with the prediction of its fit."""
-        return _comparisons(self.fit)
+        return comparisons_of(self.fit)
 
     @cached_property
     def reported_fit(self) -> Fit:
@@ -179,7 +179,7 @@ class CandidateModel:
     @cached_property
     def reported(self) -> tuple[Comparison, ...]:
         """Its recordings with the prediction of the reported fit."""
-        return self.comparisons if self.reported_fit is self.fit else _comparisons(self.reported_fit)
+        return self.comparisons if self.reported_fit is self.fit else comparisons_of(self.reported_fit)
 
     @property
     def adequate(self) -> bool:
@@ -292,10 +292,6 @@ def _best_by_criterion(candidates: Sequence[CandidateModel], width: int) -> list
     """The best by the criterion, of those whose refit converged if any did: a score test is valid at a minimum only."""
     minima = [c for c in candidates if c.fit.converged]
     return sorted(minima or candidates, key=lambda c: c.criterion)[:width]
-
-
-def _comparisons(fit: Fit) -> tuple[Comparison, ...]:
-    return tuple(comparison_of(fit, number) for number in range(len(fit.recordings)))
 
 
 def _names(ids: Iterable[str]) -> str:

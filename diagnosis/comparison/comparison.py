@@ -380,6 +380,11 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
     )
 
 
+def comparisons_of(fit: Fit) -> tuple[Comparison, ...]:
+    """Comparison of a fit with each of its recordings."""
+    return tuple(comparison_of(fit, number) for number in range(len(fit.recordings)))
+
+
 def _by_channel(channels: tuple[str, ...], values: Array) -> dict[str, float]:
     return {c: float(v) for c, v in zip(channels, values, strict=True)}
 

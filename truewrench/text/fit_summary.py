@@ -9,7 +9,7 @@ from math import isfinite
 from typing import Any
 
 from diagnosis.comparison.compared_step import held_out_misfitting, misfitting
-from diagnosis.comparison.comparison import Comparison, comparison_of
+from diagnosis.comparison.comparison import Comparison, comparisons_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.verdict.aliasing import channel_tolerance
 from diagnosis.verdict.unexplained_residual import describe_residual, motion_notes, unknown_tool_reason
@@ -50,7 +50,7 @@ class FitSummary:
     @cached_property
     def comparisons(self) -> tuple[Comparison, ...]:
         """Residual statistics of each recording."""
-        return tuple(comparison_of(self.fit, i) for i in range(len(self.fit.recordings)))
+        return comparisons_of(self.fit)
 
     @cached_property
     def repeat_tables(self) -> tuple[RepeatTable, ...]:
