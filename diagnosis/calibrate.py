@@ -78,10 +78,10 @@ def _resampled(lines: Lines, donors: NDArray[np.intp], rng: np.random.Generator,
     low, high = np.maximum(first - reach, 0), np.minimum(first + reach, len(donors) - 1)
     place = np.minimum(rng.integers(np.minimum(low, high), high + 1), len(donors) - 1)
     phase = np.exp(2j * np.pi * rng.random(len(lines)))
-    found: Lines = lines[donors[place]] * phase[:, None]
+    resampled: Lines = lines[donors[place]] * phase[:, None]
     if not constant:
-        found[0] = 0.0
-    return found
+        resampled[0] = 0.0
+    return resampled
 
 
 def _series(lines: Lines, samples: int) -> Array:
@@ -163,9 +163,9 @@ def calibrate(
         what = f"{draws} surrogates, and {power_draws} of each effect, are no calibration"
         raise InputError(what=what, where="calibrate", remedy="ask for at least one, and for no negative number")
     candidates = None if effects is None else tuple(effects)
-    found = diagnose(model, recording, effects=candidates, progress=progress)
-    source = _Source.of(found, candidates or catalogue(model.space), seed)
-    return _calibrated(found, source, draws, power_draws, progress, workers)
+    diagnosis = diagnose(model, recording, effects=candidates, progress=progress)
+    source = _Source.of(diagnosis, candidates or catalogue(model.space), seed)
+    return _calibrated(diagnosis, source, draws, power_draws, progress, workers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +178,8 @@ class _Source:
     seed: int
 
     @classmethod
-    def of(cls, found: Diagnosis, candidates: Iterable[Effect], seed: int) -> _Source:
-        fit = found.fit
+    def of(cls, diagnosis: Diagnosis, candidates: Iterable[Effect], seed: int) -> _Source:
+        fit = diagnosis.fit
         present = {e.id for e in fit.model.effects}
         (residual,) = fit.residuals
         used = int(fit.identifiable.sum()) / residual.size
@@ -198,7 +198,7 @@ class _Source:
 
 
 def _calibrated(
-    found: Diagnosis, source: _Source, draws: int, power_draws: int, progress: Progress, workers: int
+    diagnosis: Diagnosis, source: _Source, draws: int, power_draws: int, progress: Progress, workers: int
 ) -> Calibration:
     """`calibrate`, once the recording is diagnosed."""
     announce = count_progress(progress, "diagnose surrogates")
@@ -209,13 +209,13 @@ def _calibrated(
         recording=source.recording.name,
         digest=readings_digest(source.recording),
         model=tuple(e.id for e in source.fit.model.effects),
-        verdict=found.verdict,
+        verdict=diagnosis.verdict,
         alarms=Rate(sum(bool(added) for _, added in diagnosed), len(diagnosed)),
         misfits=Rate(sum(verdict in doubted for verdict, _ in diagnosed), len(diagnosed)),
         refused=draws - len(diagnosed),
         named=Counter(effect for _, added in diagnosed for effect in added),
         power=_power(source, power_draws, progress, workers) if power_draws else (),
-        candidates=tuple(f.effect.id for f in found.findings),
+        candidates=tuple(f.effect.id for f in diagnosis.findings),
     )
 
 
@@ -223,18 +223,20 @@ def _diagnosed(source: _Source, number: int) -> tuple[str, tuple[str, ...]]:
     """Verdict on a surrogate without a missing effect, and the effects named."""
     fit = source.fit
     try:
-        found = diagnose(
+        diagnosis = diagnose(
             fit.model, source.surrogate(fit.predicted_readings(), (0, number)), effects=source.candidates or None
         )
     except InputError:
         return REFUSED, ()
-    return found.verdict.value, found.added
+    return diagnosis.verdict.value, diagnosis.added
 
 
 def _power(source: _Source, draws: int, progress: Progress, workers: int) -> tuple[EffectPower, ...]:
     """The power for every effect that is identifiable and that changes the readings at its detectable amount."""
-    found = [_HiddenEffect.of(source.fit, test) for test in screen(source.fit, source.candidates) if test.detectable]
-    hidden = sorted((h for h in found if h.changes_readings), key=lambda h: h.test.effect.id)
+    detectable = [
+        _HiddenEffect.of(source.fit, test) for test in screen(source.fit, source.candidates) if test.detectable
+    ]
+    hidden = sorted((h for h in detectable if h.changes_readings), key=lambda h: h.test.effect.id)
 
     def detected_of(place: int) -> int:
         return sum(_detected(source, hidden[place], (place + 1, number)) for number in range(draws))
@@ -257,15 +259,15 @@ class _HiddenEffect:
 
     @classmethod
     def of(cls, fit: Fit, test: ScoreTest) -> _HiddenEffect:
-        own = {p.name: p for p in test.effect.qualified(fit.model.space)}
+        parameters = {p.name: p for p in test.effect.qualified(fit.model.space)}
         name, amount = next(iter(test.detectable.items()))
-        nominal = {name: p.nominal for name, p in own.items()}
+        nominal = {name: p.nominal for name, p in parameters.items()}
         values = nominal | dict(test.start) | {amplitude: nominal[amplitude] for amplitude in test.detectable}
         # the amount is the value itself where the effect vanishes at infinity
         values[name] = nominal[name] + amount if np.isfinite(nominal[name]) else amount
         model, recording = fit.model + test.effect, fit.recordings[0]
         theta = np.array([(values | dict(fit.values))[p.name] for p in model.parameters])
-        return cls(test, own[name], predicted_readings(model, recording, theta), fit.predicted_readings())
+        return cls(test, parameters[name], predicted_readings(model, recording, theta), fit.predicted_readings())
 
     @property
     def changes_readings(self) -> bool:

@@ -92,11 +92,6 @@ class RecordEvidence:
             return False
         return self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
 
-    @property
-    def rigid_tool_suffices(self) -> bool:
-        """Whether the model without effects is adequate, and none was significant on the way."""
-        return self.adequate and not self.effects and not self.unaccepted
-
 
 RecordRule = VerdictRule[RecordEvidence, RecordVerdict]
 V = RecordVerdict
@@ -124,13 +119,13 @@ RECORD_RULES: tuple[RecordRule, ...] = (
 # Parts of result.json that are no results of their own.
 
 
-def disturbance_data(own: RecordingDisturbance) -> dict[str, Any]:
+def disturbance_data(disturbance: RecordingDisturbance) -> dict[str, Any]:
     """A recording-specific disturbance as plain data."""
     return {
-        "recording": own.recording.name,
-        "id": own.effect.id,
-        "swing": dict(own.swing),
-        "parameters": estimates_data(own.parameters),
+        "recording": disturbance.recording.name,
+        "id": disturbance.effect.id,
+        "swing": dict(disturbance.swing),
+        "parameters": estimates_data(disturbance.parameters),
     }
 
 
@@ -378,19 +373,19 @@ def _diagnosed(
     chosen = _without_negligible(selection.chosen, *channel_tolerance(base))
     acceptance = accept(chosen, selection.base, held_out, candidates)
     final, reasons = acceptance.candidate, dict(acceptance.reasons)
-    known = acceptance.held_out
-    steps = selection_steps(selection, final, known)
+    held_out_after = acceptance.held_out
+    steps = selection_steps(selection, final, held_out_after)
     tolerance, _ = channel_tolerance(steps[-1].fit)
     power = explainable_power_by_step(steps, final)
     rows = rows_left_out(steps[-1].fit)
     verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance, rows))
     if verdict is RecordVerdict.UNEXPLAINED and final.ids:
         reasons |= dict.fromkeys(sorted(final.ids), reason)
-        final, known = (
+        final, held_out_after = (
             selection.base,
             tuple(with_disturbances(h, selection.base.fit, candidates, cache) for h in held_out),
         )
-        steps = selection_steps(selection, final, known)
+        steps = selection_steps(selection, final, held_out_after)
         tolerance, power = channel_tolerance(steps[-1].fit)[0], power[:1]
         rows = rows_left_out(steps[-1].fit)
     require_positive_fitted_mass(steps[-1].fit)
@@ -400,8 +395,8 @@ def _diagnosed(
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], tolerance, rows)
-    shift = zero_shift(final.fit, known[0].validation_fit(final.fit)) if known else None
-    disturbances = tuple(effect for h in known for effect in disturbances_of(h, final.fit))
+    shift = zero_shift(final.fit, held_out_after[0].validation_fit(final.fit)) if held_out_after else None
+    disturbances = tuple(effect for h in held_out_after for effect in disturbances_of(h, final.fit))
     final.cache.forget()
     return Diagnosis(
         final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
@@ -455,7 +450,7 @@ def _record_evidence(
             c.beyond_parameters is not None and within_tolerance(c.beyond_parameters, tolerance) for c in compared
         ),
         power_share=float(power[-1] / max(power[0], 1e-300)),
-        deviates_outside=any(own.deviations for own in rows),
+        deviates_outside=any(left_out.deviations for left_out in rows),
         unrecorded_acceleration=any(lacks_acceleration(c, final.fit.model) for c in steps[-1].training),
     )
 
@@ -475,7 +470,7 @@ def _unexplained(
     if fitted.lack_of_fit >= LEVELS.effect and held_out.lack_of_fit < LEVELS.held_out:
         return describe_residual(held_out, tolerance, fitted=False)
     slow = next((s for s in slow_residuals(step.training) if s.above_noise), None)
-    outside = next((own for own in rows if own.deviations), None)
+    outside = next((left_out for left_out in rows if left_out.deviations), None)
     if outside is not None and slow is None and fitted.lack_of_fit >= LEVELS.effect:
         return UnexplainedResidual(
             where=f"outside the whole repeats of {outside.name}, {outside.deviation}",

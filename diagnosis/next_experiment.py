@@ -27,7 +27,7 @@ WHERE = "next experiment"
 
 
 def next_experiment(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     rig: Rig | None = None,
     *,
     rivals: Sequence[Effect] | None = None,
@@ -48,20 +48,20 @@ def next_experiment(
     effects instead of `confusable_with`.
     Raises InputError when no supported effect has an alias, or the rig lacks arm or limits.
     """
-    finding, others = _aliased_finding(found, rivals)
-    recording = found.fit.recordings[0]
-    own = rig or recording.rig
-    if own is None or own.arm is None or recording.dt is None:
+    finding, others = _aliased_finding(diagnosis, rivals)
+    recording = diagnosis.fit.recordings[0]
+    described = rig or recording.rig
+    if described is None or described.arm is None or recording.dt is None:
         what = "a trajectory is designed for an arm in motion, and the recording is not of one"
         raise InputError(what=what, where=WHERE, remedy="give the rig, with robot.link_lengths or robot.urdf")
-    model, assumed_noise = found.fit.model.designable, noise or sensor_noise_of(found)
+    model, assumed_noise = diagnosis.fit.model.designable, noise or sensor_noise_of(diagnosis)
     duration = recording.samples_per_repeat * recording.dt
     return discriminate(
-        own,
+        described,
         model,
-        found.fit.values,
+        diagnosis.fit.values,
         [with_effect_replaced(model, finding.effect.id, other) for other in others],
-        series=series or FreeSeries(joints=own.arm.joints, harmonics=HARMONICS, period=duration),
+        series=series or FreeSeries(joints=described.arm.joints, harmonics=HARMONICS, period=duration),
         samples=samples or recording.samples_per_repeat,
         noise=assumed_noise,
         reference=recorded_experiment(recording, assumed_noise),
@@ -82,9 +82,9 @@ def recorded_experiment(recording: Recording, noise: StationaryNoise) -> Whitene
     return WhitenedPrediction(signals=signals, sampling=sampling, noise=noise)
 
 
-def sensor_noise_of(found: Diagnosis) -> StationaryNoise:
+def sensor_noise_of(diagnosis: Diagnosis) -> StationaryNoise:
     """Noise of the first recording: coloured where repeats gave its spectrum, else white with the noise floor's std."""
-    recording, noise = found.fit.recordings[0], found.fit.noise[0]
+    recording, noise = diagnosis.fit.recordings[0], diagnosis.fit.noise[0]
     if not noise.spectra or recording.dt is None:
         return NoiseModel.white(noise.floor)
     frequency = np.fft.rfftfreq(recording.samples_per_repeat, recording.dt).astype(float)
@@ -92,14 +92,14 @@ def sensor_noise_of(found: Diagnosis) -> StationaryNoise:
     return ColouredNoise.of_spectra(frequency, np.stack([spectrum(at) for spectrum in noise.spectra], axis=1))
 
 
-def _aliased_finding(found: Diagnosis, rivals: Sequence[Effect] | None) -> tuple[Finding, list[Effect]]:
+def _aliased_finding(diagnosis: Diagnosis, rivals: Sequence[Effect] | None) -> tuple[Finding, list[Effect]]:
     """The first supported effect with aliases, and its aliases."""
-    supported = [f for f in found.findings if f.verdict is EffectVerdict.SUPPORTED and f.effect.designable]
+    supported = [f for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED and f.effect.designable]
     if rivals is not None and supported:
         return supported[0], list(rivals)
-    known = {finding.effect.id: finding.effect for finding in found.findings}
+    effects = {finding.effect.id: finding.effect for finding in diagnosis.findings}
     for finding in supported:
-        others = [known[i] for i in finding.confusable_with]
+        others = [effects[i] for i in finding.confusable_with]
         if others := [effect for effect in others if effect.designable]:
             return finding, others
     what = "no supported effect to design a trajectory for" if not supported else "no supported effect has an alias"

@@ -17,7 +17,7 @@ from diagnosis.comparison.compared_step import (
 from diagnosis.comparison.comparison import Comparison, comparisons_of, noise_from_residual
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
-from diagnosis.diagnosis import Diagnosis, diagnose
+from diagnosis.diagnosis import Diagnosis, diagnose_case
 from diagnosis.held_out import HeldOut
 from diagnosis.progress import Progress, count_progress, silent
 from diagnosis.screening.null_model import ScreeningCache
@@ -98,8 +98,8 @@ class Location(Tabular):
     def remarks(self) -> list[str]:
         """The largest of them in words, and whether there is anything to explain."""
         looks = f"resembles {self.residual.resembles}"
-        known = [] if self.comparison.lack_of_fit >= LEVELS.effect else [f"{self.residual.where}; {looks}"]
-        return [*self.comparison.remarks(), *known]
+        residual = [] if self.comparison.lack_of_fit >= LEVELS.effect else [f"{self.residual.where}; {looks}"]
+        return [*self.comparison.remarks(), *residual]
 
     def printed(self) -> list[Table | str]:
         """The errors by channel, then the maps."""
@@ -203,10 +203,10 @@ class Study(Tabular):
         step = self.steps[-1]
         comparisons = (*step.training, *step.validation)
         number = _number(recording, [c.recording.name for c in comparisons], "recording")
-        found = comparisons[number]
-        maps = sorted(residual_maps(found, self.tolerance), key=lambda m: -m.explained)
+        comparison = comparisons[number]
+        maps = sorted(residual_maps(comparison, self.tolerance), key=lambda m: -m.explained)
         fitted = number < len(step.training)
-        return Location(found, describe_residual(found, self.tolerance, fitted=fitted), tuple(maps))
+        return Location(comparison, describe_residual(comparison, self.tolerance, fitted=fitted), tuple(maps))
 
     def suspects(self) -> Suspects:
         """Score tests of all effects that the current model lacks, what would remove most error first."""
@@ -226,8 +226,11 @@ class Study(Tabular):
         By default the first and the last; InputError for one step alone.
         """
         changes, labels = [step.change for step in self.steps], [step.label for step in self.steps]
-        known = [labels if step in labels else changes for step in steps]
-        chosen = [_number(s, names, "step") for s, names in zip(steps, known, strict=True)] or [0, len(labels) - 1]
+        names_of_each = [labels if step in labels else changes for step in steps]
+        chosen = [_number(s, names, "step") for s, names in zip(steps, names_of_each, strict=True)] or [
+            0,
+            len(labels) - 1,
+        ]
         several = {f"{i}: {labels[i]}": self.steps[i].fit for i in dict.fromkeys(chosen)}
         if len(several) == 1:
             remedy = "add an effect first" if len(labels) == 1 else f"give different ones of 0 to {len(labels) - 1}"
@@ -283,17 +286,12 @@ class Study(Tabular):
 
         What the model has is given and stays. `workers` is without effect, as in `diagnose`.
         """
-        found = diagnose(
-            self.model,
-            self.fit.recordings,
-            validate=[h.recording for h in self._held_out],
-            effects=list(self._candidates.values()),
-            progress=self._progress,
-        )
-        for step in found.steps[1:]:
+        case = Case(self.model, self.fit.recordings, tuple(h.recording for h in self._held_out))
+        diagnosis = diagnose_case(case, effects=tuple(self._candidates.values()), progress=self._progress)
+        for step in diagnosis.steps[1:]:
             self.steps = (*self.steps, StudyStep(f"+ {step.effect}", step.fit, step.training, step.validation))
             self._undone = ()
-        return found
+        return diagnosis
 
     # ------------------------------------------------------------------------------------- how it prints
 
@@ -336,8 +334,8 @@ class Study(Tabular):
         self.steps, self._undone = (*self.steps, self._step(change, fitted)), ()
         return self.steps[-1]
 
-    def _step(self, change: str, found: Fit) -> StudyStep:
-        fitted = with_ordinary_estimate(found)
+    def _step(self, change: str, fit: Fit) -> StudyStep:
+        fitted = with_ordinary_estimate(fit)
         training = comparisons_of(fitted)
         validation = tuple(h.comparison(fitted) for h in self._held_out)
         return StudyStep(change, fitted, training, validation)
@@ -412,8 +410,8 @@ def study(
     """
     _require_order(model, recordings)
     rig = Rig.read(model) if isinstance(model, str | Path) else model
-    known = rig if isinstance(rig, Rig) else None
-    several, others = _recordings(recordings, known), _recordings(validate, known)
+    stated_rig = rig if isinstance(rig, Rig) else None
+    several, others = _recordings(recordings, stated_rig), _recordings(validate, stated_rig)
     require_different_readings((*several, *others), "study")
     candidates = None if effects is None else effects_of(effects)
     return study_case(Case.of(_model(rig, several), several, others), effects=candidates, progress=progress)
