@@ -359,9 +359,79 @@ def diagnose_case(
         return _diagnosed(case, effects, effect_rules, progress)
 
 
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """A model of a search, and what the verdict on the recordings is judged by.
+
+    candidate  the model; `held_out` the held-out recordings with their own disturbances given that model
+    """
+
+    selection: SubsetSearch
+    candidate: CandidateModel
+    held_out: tuple[HeldOut, ...]
+
+    @cached_property
+    def steps(self) -> tuple[SelectionStep, ...]:
+        """From the model given to this one."""
+        return selection_steps(self.selection, self.candidate, self.held_out)
+
+    @property
+    def fit(self) -> Fit:
+        """The fit of the last step, as it is reported."""
+        return self.steps[-1].fit
+
+    @cached_property
+    def tolerance(self) -> Mapping[str, float]:
+        """Error that the user does not care about, by channel."""
+        return channel_tolerance(self.fit)[0]
+
+    @cached_property
+    def power(self) -> Array:
+        """Systematic power after each step."""
+        return explainable_power_by_step(self.steps, self.candidate)
+
+    @cached_property
+    def rows_left_out(self) -> tuple[RowsLeftOut, ...]:
+        """Rows outside the whole repeats that were cut from logs."""
+        return rows_left_out(self.fit)
+
+    @property
+    def evidence(self) -> RecordEvidence:
+        """The evidence on the recordings."""
+        last = self.steps[-1]
+        within = (
+            compared.beyond_parameters is not None and within_tolerance(compared.beyond_parameters, self.tolerance)
+            for compared in (*last.training, *last.validation)
+        )
+        return RecordEvidence(
+            lack_of_fit=lack_of_fit(last.training),
+            held_out_lack_of_fit=min((c.lack_of_fit for c in last.validation), default=1.0),
+            effects=len(self.candidate.ids),
+            unaccepted=noise_from_residual(self.candidate.fit) and len(self.selection.tried) > 1,
+            slow=any(s.above_noise for s in slow_residuals(last.training)),
+            removed_share=removed_share_by_steps(self.steps),
+            within_tolerance=all(within),
+            power_share=float(self.power[-1] / max(self.power[0], 1e-300)),
+            deviates_outside=any(left_out.deviations for left_out in self.rows_left_out),
+            unrecorded_acceleration=any(lacks_acceleration(c, self.candidate.fit.model) for c in last.training),
+        )
+
+    @property
+    def zero_shift(self) -> Mapping[str, float] | None:
+        """Change of each channel's bias on the first held-out recording, None without one."""
+        final = self.candidate.fit
+        return zero_shift(final, self.held_out[0].validation_fit(final)) if self.held_out else None
+
+    @property
+    def disturbances(self) -> tuple[RecordingDisturbance, ...]:
+        """Recording-specific disturbances of the held-out recordings."""
+        return tuple(d for held_out in self.held_out for d in disturbances_of(held_out, self.candidate.fit))
+
+
 def _diagnosed(
     case: Case, effects: Sequence[Effect] | None, effect_rules: Sequence[EffectRule], progress: Progress
 ) -> Diagnosis:
+    """Fit, search, accept on held-out data, judge the recordings, judge the effects."""
     cache, model = ScreeningCache(), case.model
     given = {effect.id for effect in model.effects}
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
@@ -372,36 +442,29 @@ def _diagnosed(
     progress("check the selected effects on held-out data")
     chosen = _without_negligible(selection.chosen, *channel_tolerance(base))
     acceptance = accept(chosen, selection.base, held_out, candidates)
-    final, reasons = acceptance.candidate, dict(acceptance.reasons)
-    held_out_after = acceptance.held_out
-    steps = selection_steps(selection, final, held_out_after)
-    tolerance, _ = channel_tolerance(steps[-1].fit)
-    power = explainable_power_by_step(steps, final)
-    rows = rows_left_out(steps[-1].fit)
-    verdict, reason = judge(RECORD_RULES, _record_evidence(selection, final, steps, power, tolerance, rows))
-    if verdict is RecordVerdict.UNEXPLAINED and final.ids:
-        reasons |= dict.fromkeys(sorted(final.ids), reason)
-        final, held_out_after = (
-            selection.base,
-            tuple(with_disturbances(h, selection.base.fit, candidates, cache) for h in held_out),
-        )
-        steps = selection_steps(selection, final, held_out_after)
-        tolerance, power = channel_tolerance(steps[-1].fit)[0], power[:1]
-        rows = rows_left_out(steps[-1].fit)
-    require_positive_fitted_mass(steps[-1].fit)
+    reasons = dict(acceptance.reasons)
+    outcome = _Outcome(selection, acceptance.candidate, acceptance.held_out)
+    verdict, reason = judge(RECORD_RULES, outcome.evidence)
+    if verdict is RecordVerdict.UNEXPLAINED and outcome.candidate.ids:
+        reasons |= dict.fromkeys(sorted(outcome.candidate.ids), reason)
+        disturbed = tuple(with_disturbances(h, selection.base.fit, candidates, cache) for h in held_out)
+        outcome = _Outcome(selection, selection.base, disturbed)
+    require_positive_fitted_mass(outcome.fit)
     progress("verdict, upper limit and aliases of every effect")
+    final, steps = outcome.candidate, outcome.steps
     alternatives = given_alternatives(final, candidates)
-    findings = judge_effects(selection, final, steps, power, reasons, candidates, tolerance, effect_rules)
+    findings = judge_effects(
+        selection, final, steps, outcome.power, reasons, candidates, outcome.tolerance, effect_rules
+    )
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
-        unexplained = _unexplained(steps[-1], tolerance, rows)
-    shift = zero_shift(final.fit, held_out_after[0].validation_fit(final.fit)) if held_out_after else None
-    disturbances = tuple(effect for h in held_out_after for effect in disturbances_of(h, final.fit))
+        unexplained = _unexplained(steps[-1], outcome.tolerance, outcome.rows_left_out)
+    zero_shift_of_held_out, disturbances = outcome.zero_shift, outcome.disturbances
     final.cache.forget()
     return Diagnosis(
-        final.fit.model, verdict, steps, findings, shift, disturbances, tolerance, unexplained,
-        gravity=case.with_fitted_gravity(final.fit.model, steps[-1].fit.values).gravity,
-        given_alternatives=alternatives, rows_left_out=rows,
+        final.fit.model, verdict, steps, findings, zero_shift_of_held_out, disturbances, outcome.tolerance, unexplained,
+        gravity=case.with_fitted_gravity(final.fit.model, outcome.fit.values).gravity,
+        given_alternatives=alternatives, rows_left_out=outcome.rows_left_out,
     )  # fmt: skip
 
 
@@ -428,31 +491,6 @@ def _without_negligible(candidate: CandidateModel, tolerance: Mapping[str, float
         ):
             return _without_negligible(without, tolerance, stated)
     return candidate
-
-
-def _record_evidence(
-    selection: SubsetSearch,
-    final: CandidateModel,
-    steps: Sequence[SelectionStep],
-    power: Array,
-    tolerance: Mapping[str, float],
-    rows: Sequence[RowsLeftOut],
-) -> RecordEvidence:
-    compared = (*steps[-1].training, *steps[-1].validation)
-    return RecordEvidence(
-        lack_of_fit=lack_of_fit(steps[-1].training),
-        held_out_lack_of_fit=min((c.lack_of_fit for c in steps[-1].validation), default=1.0),
-        effects=len(final.ids),
-        unaccepted=noise_from_residual(final.fit) and len(selection.tried) > 1,
-        slow=any(s.above_noise for s in slow_residuals(steps[-1].training)),
-        removed_share=removed_share_by_steps(steps),
-        within_tolerance=all(
-            c.beyond_parameters is not None and within_tolerance(c.beyond_parameters, tolerance) for c in compared
-        ),
-        power_share=float(power[-1] / max(power[0], 1e-300)),
-        deviates_outside=any(left_out.deviations for left_out in rows),
-        unrecorded_acceleration=any(lacks_acceleration(c, final.fit.model) for c in steps[-1].training),
-    )
 
 
 def lack_of_fit(compared: Sequence[Comparison]) -> float:
