@@ -19,6 +19,7 @@ from estimation.reading.log_reader import (
     require_size,
     unique_names,
 )
+from estimation.recordings.column_table import PARQUET_MAGIC, parquet_file
 from modeling.errors import InputError
 
 # Bundle of arrays by name, as MATLAB, NumPy and HDF5 files hold them: those of equal length are a table.
@@ -246,20 +247,19 @@ class Parquet(LogReader):
 
     def recognises(self, source: SourceFile) -> bool:
         """By its magic string."""
-        return source.head.startswith(b"PAR1")
+        return source.head.startswith(PARQUET_MAGIC)
 
     def tables(self, source: SourceFile) -> list[LogTable]:
         """One table."""
         import pyarrow as pa  # slow to import
-        import pyarrow.parquet as pq
 
-        with source.on_disk() as path, pq.ParquetFile(path) as file:
+        with source.on_disk() as path, parquet_file(path) as file:
             require_columns(file.metadata.num_columns, str(source.path))
             require_size(file.metadata.num_columns * file.metadata.num_rows, str(source.path))
             table = file.read()
         columns: dict[str, Array] = {}
         texts: dict[str, tuple[str, ...]] = {}
-        for name, column in zip(table.column_names, table.columns, strict=True):
+        for name, column in zip(unique_names(table.column_names), table.columns, strict=True):
             kind = column.type
             if pa.types.is_timestamp(kind):
                 columns[name] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy().astype(np.float64) * 1e-9

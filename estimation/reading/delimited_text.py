@@ -24,6 +24,7 @@ from estimation.reading.log_reader import (
     require_size,
     unique_names,
 )
+from estimation.recordings.column_table import parsed_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -270,22 +271,13 @@ _SEPARATOR = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": 
 def _chunks(source: SourceFile, layout: Layout, text: _Text, columns: int) -> Iterator[pd.DataFrame]:
     import pandas as pd  # slow to import
 
-    dialect = layout.dialect
+    separator = layout.dialect.separator
     try:
-        yield from pd.read_csv(
-            text,
-            sep=r"\s+" if dialect.separator in (" ", ", ") else dialect.separator,
-            decimal=dialect.decimal,
-            header=None,
-            names=list(range(columns)),
-            index_col=False,
-            skiprows=layout.skipped,
-            comment=layout.comment,
-            skipinitialspace=True,
-            na_values=["-", "--", "none", "None"],
-            on_bad_lines="warn",
-            chunksize=max(CHUNK_CELLS // columns, 1000),
-        )
+        yield from parsed_rows(
+            text, max(CHUNK_CELLS // columns, 1000), sep=r"\s+" if separator in (" ", ", ") else separator,
+            decimal=layout.dialect.decimal, header=None, names=list(range(columns)), skiprows=layout.skipped,
+            comment=layout.comment, na_values=["-", "--", "none", "None"], on_bad_lines="warn",
+        )  # fmt: skip
     except pd.errors.EmptyDataError:
         return
     except pd.errors.ParserError as error:
