@@ -76,6 +76,8 @@ VECTORS: Mapping[str, tuple[str, ...]] = {
 }
 """Columns by name that together are one vector; a map may give them one by one, or as one list."""
 OPTIONS = ("orientation", "orientation_columns", "orientation_of", "joints", "units", "wrench_axes", "rate", "offset")
+LARGEST_STATED = 1e9
+"""Beyond any rate in Hz and any offset in s; stamps since 1970 are 1.8e9 s."""
 REMEDY = 'write names as keys and columns as values, such as fx = "wrench.force.x"'
 
 
@@ -188,7 +190,7 @@ class _Checked:
         if (
             not isinstance(value, int | float)
             or isinstance(value, bool)
-            or not abs(value) < 1e9
+            or not abs(value) < LARGEST_STATED
             or (low is not None and value <= low)
         ):
             raise self.error(f"{quoted(key)} is {quoted(value)}, not a number that it can be", "give a number")

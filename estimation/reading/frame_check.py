@@ -27,7 +27,7 @@ from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.reading_report import spans
 from estimation.recordings.sign_convention import in_sensor_frame
-from estimation.recordings.weight_fit import LEAST_EXPLAINED, weight_fit
+from estimation.recordings.weight_fit import LEAST_EXPLAINED, RANK_TOLERANCE, weight_fit
 from modeling.errors import InputError
 from modeling.kinematics.placement import COMPONENTS, Direction, motion_in_world
 from modeling.rig import SPATIAL_CHANNELS
@@ -80,7 +80,7 @@ def deviations(columns: Mapping[str, Array]) -> Deviations | None:
         return None
     down, moving = _motion({name: column[rows] for name, column in columns.items()})
     left, sizes, _ = np.linalg.svd(np.hstack([down, moving, np.ones((len(down), 1))]), full_matrices=False)
-    squares = _trimmed_squares(left[:, sizes > 1e-10 * sizes[0]], force)
+    squares = _trimmed_squares(left[:, sizes > RANK_TOLERANCE * sizes[0]], force)
     variance = float(squares[squares <= np.median(squares)].mean()) / 3 / QUIET_HALF
     outlying = squares > OUTLYING**2 * variance
     mass = _mass(down[~outlying], force[~outlying])
@@ -116,7 +116,7 @@ def _concentrated(basis: Array, force: Array, quiet: NDArray[np.bool_]) -> Array
 def _squares(basis: Array, force: Array, fitted: NDArray[np.bool_]) -> Array:
     """Squared residuals (m,) of the fit to some of the samples."""
     kept = basis[fitted]
-    solution = np.linalg.lstsq(kept.T @ kept, kept.T @ force[fitted], rcond=1e-10)[0]
+    solution = np.linalg.lstsq(kept.T @ kept, kept.T @ force[fitted], rcond=RANK_TOLERANCE)[0]
     residual = force - basis @ solution
     return np.asarray(np.einsum("nd,nd->n", residual, residual))
 
@@ -148,7 +148,7 @@ def _mass(direction: Array, force: Array) -> float | None:
     fits = [weight_fit(GRAVITY * direction, force, mounting=sign * np.eye(3)) for sign in (1.0, -1.0)]
     straight = min(fits, key=lambda fit: fit.rms)
     free = np.hstack([direction, np.ones((len(direction), 1))])
-    residual = force - free @ np.linalg.lstsq(free, force, rcond=1e-10)[0]
+    residual = force - free @ np.linalg.lstsq(free, force, rcond=RANK_TOLERANCE)[0]
     is_rigid = straight.rms < STRAIGHT * float(np.sqrt(np.mean(residual**2)))
     explains = straight.explained > LEAST_EXPLAINED and not straight.shows_no_weight
     return straight.mass if explains and is_rigid else None

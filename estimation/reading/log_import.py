@@ -238,6 +238,15 @@ def _signals(columns: Mapping[str, Array], rig: Rig | None) -> Mapping[str, Arra
 
 SHARED_ROWS = 0.5
 """Share of rows in common from which two groups of columns were sampled together."""
+SHARED_TABLE = 0.2
+"""Share of rows without a sample, from which a table holds other topics' rows too; fewer are missing cells."""
+REPEATED_WRENCH, REPEATED_MOTION = 0.02, 0.5
+"""Share of rows with the values of the row before that is suspicious: noise changes a wrench in nearly every row, and a
+motion may pause."""
+FILLED_SHARE = 0.5
+"""Of an auxiliary column's cells; emptier ones are not kept."""
+SHOWN_TEXTS, SHOWN_COLUMNS = 2, 4
+"""Values of a column of text, and such columns, that a message repeats."""
 MOST_AUXILIARY = 40
 POSE_STEP = 0.05
 """Radians between neighbouring rows without time from which they are poses at rest, and no run."""
@@ -371,9 +380,8 @@ class _Reading:
         for what, count, is_mended in table.notes:
             (self.log.mended if is_mended else self.log.taken)(what, named.name, count)
         if table.texts:
-            shown = ", ".join(
-                f"{name} ({', '.join(map(quoted, texts[:2]))})" for name, texts in [*table.texts.items()][:4]
-            )
+            columns = [*table.texts.items()][:SHOWN_COLUMNS]
+            shown = ", ".join(f"{name} ({', '.join(map(quoted, texts[:SHOWN_TEXTS]))})" for name, texts in columns)
             self.log.taken(f"columns of text are not used: {shown}", named.name, len(table.texts))
         return named
 
@@ -462,7 +470,7 @@ class _Reading:
             self.log.mended(what, group.table.name, total - int(changed.sum()), total, at, columns)
             rows = np.zeros(group.table.rows, dtype=bool)
             rows[known[changed]] = True
-        elif share > (0.02 if group.quantity is Quantity.WRENCH else 0.5):
+        elif share > (REPEATED_WRENCH if group.quantity is Quantity.WRENCH else REPEATED_MOTION):
             what, at = (
                 f"{group.quantity.value} repeats its last value",
                 self._spans(group.table, known[~changed], groups),
@@ -493,7 +501,7 @@ class _Reading:
     def _note_rows(self, table: LogTable, rows: Mask, kept: int, stamps: Array) -> None:
         """Log rows in which a group has no sample, as missing cells or as those of other topics in one table."""
         without = len(rows) - kept
-        if without > 0.2 * len(rows):
+        if without > SHARED_TABLE * len(rows):
             self.log.taken("rows without a sample of its own", table.name, without, len(rows))
         elif without:
             what = "rows with empty or held cells left out"
@@ -521,7 +529,7 @@ class _Reading:
                 self.log.mended(what, table.name, damaged, len(column))
                 column = np.where(plausible, column, np.nan)
             known = column[plausible]
-            if len(known) < 0.5 * len(column) or not len(known) or (known[0] == known).all():
+            if len(known) < FILLED_SHARE * len(column) or not len(known) or (known[0] == known).all():
                 continue
             key = named.get(name, name.replace(",", "_").replace('"', ""))
             key = "temperature" if key.lower() in ("temp", "temperature") else key
@@ -556,7 +564,7 @@ class _Reading:
         step = (
             float(np.median(np.linalg.norm(np.diff(np.stack(angles), axis=1), axis=0))) if complete.sum() > 1 else 0.0
         )
-        if step < POSE_STEP / 2:
+        if 2 * step < POSE_STEP:
             what = f"no time, and neighbouring rows differ by {2 * step:.2g} rad:"
             what += " a run without its time, not poses at rest"
             raise InputError(

@@ -69,6 +69,9 @@ def unique_names(names: Sequence[str]) -> list[str]:
 
 
 HEAD_BYTES = 1 << 20
+"""By which a format is recognised, and the layout of a text."""
+MAGIC_BYTES = 16
+"""By which a compression is recognised."""
 LARGEST_BINARY = 4 << 30
 """Bytes to which a compressed binary file may grow: a larger one is refused before it fills the disk."""
 COMPRESSED = {".gz": b"\x1f\x8b", ".bz2": b"BZh", ".xz": b"\xfd7zXZ\x00", ".zip": b"PK\x03\x04"}
@@ -181,7 +184,7 @@ class SourceFile:
     def _raw_start(self) -> bytes:
         try:
             with self.path.open("rb") as stream:
-                return stream.read(16)
+                return stream.read(MAGIC_BYTES)
         except OSError as error:
             reason = error.strerror or "cannot be read"
             raise self.error(reason, "give the path of a log file") from None
@@ -192,6 +195,8 @@ MAX_CELLS = 250_000_000
 MAX_COLUMNS = 20_000
 MOST_BAGS = 6
 """Bags below a folder that are named."""
+REASON_LENGTH = 160
+"""Characters of a library's own message that are repeated."""
 
 
 class LogReader(ABC):
@@ -232,7 +237,7 @@ def tables_of(source: SourceFile) -> list[LogTable]:
     except MemoryError:
         raise source.error("larger than the memory that is free", "cut the log into parts") from None
     except Exception as error:  # a library's own, of a damaged file: there is no common base class
-        reason = " ".join(str(error).split())[:160].rstrip(".") or "it is damaged"
+        reason = " ".join(str(error).split())[:REASON_LENGTH].rstrip(".") or "it is damaged"
         raise source.error(f"cannot be read as {reader.title}: {reason}", reader.repair) from None
     if not found:
         raise source.error(f"{reader.title} without samples", "give a log with rows of numbers")

@@ -28,6 +28,7 @@ from estimation.reading.frame_evidence import (
 from estimation.reading.log_reader import Array
 from estimation.recordings.differentiation import Derivatives
 from estimation.recordings.motion import MotionForm
+from estimation.recordings.reading import FASTEST_QUANTILE
 from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import largest_deviation
 from estimation.recordings.sign_convention import to_sensor_frame
@@ -87,7 +88,7 @@ def impossible_speed(angles: Mapping[str, Array], dt: float) -> tuple[str, float
     """The fastest of angles (n,) sampled every dt s, and its speed in rad/s, where no arm is as fast; else None."""
     lag = max(round(SPEED_TIME / dt), 1)
     speeds = {
-        name: float(np.quantile(np.abs(column[lag:] - column[:-lag]), 0.99)) / lag / dt
+        name: float(np.quantile(np.abs(column[lag:] - column[:-lag]), FASTEST_QUANTILE)) / lag / dt
         for name, column in angles.items()
         if len(column) > 2 * lag
     }

@@ -12,10 +12,11 @@ from estimation.reading.clock_offset import MotionRegressors, clock_offset
 from estimation.reading.column_pattern import PRESET_COLUMNS, PRESETS
 from estimation.reading.log_reader import ROS_TOPIC, TF_CHAIN, Array, LogTable
 from estimation.reading.repeat_cutting import aligned_runs, cut_into_repeats, one_run, separate_runs
-from estimation.reading.sample_mending import Series, Stream, interpolated_position, interpolated_quaternion
+from estimation.reading.sample_mending import ROUNDING, Series, Stream, interpolated_position, interpolated_quaternion
 from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import EPOCH, time_column
 from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.motion_period import FEWEST_SAMPLES
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.reading_report import OffsetReading, PeriodReading
 from modeling.errors import InputError
@@ -46,7 +47,7 @@ def require_preset(tables: Sequence[LogTable], preset: str) -> None:
         fits = any(map(is_headerless, tables))
         fits |= preset == "ros_csv" and any(name == "%time" or name.startswith("field.") for name in names)
     if not fits:
-        shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+        shown = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
         what = f"the preset {preset} ({PRESETS[preset]}) does not fit: the columns are {shown}"
         raise InputError(what=what, where=tables[0].name, remedy="leave out --preset, or name the columns by --map")
 
@@ -132,6 +133,12 @@ SAME_STAMPS = 0.9
 """Share of the wrench's stamps that the motion's hold exactly, from which on one clock has stamped both."""
 CLIPPED = 0.05
 """Of a sample: by so much a sample of the wrench may lie outside the motion, which is taken as its end then."""
+FEW_MISSING = 0.2
+"""Share of a column's cells below which empty ones are interpolated; of more the column would be invented."""
+ZERO_STD = 2
+"""Standard deviations: an offset within 95 % of zero is none."""
+NAMED, NAMED_OFFSETS = 6, 3
+"""Columns, and offsets that would fit as well, that a message names."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -178,7 +185,7 @@ def on_one_clock(
         low = max(one.start for one in others) - slack
         high = min(one.instants[-1] for one in others) + slack
         inside = (instants >= low) & (instants <= high)
-        if inside.sum() < 20:
+        if inside.sum() < FEWEST_SAMPLES:
             what = f"the stamps of {wrench.where} and {others[0].where} do not overlap"
             raise InputError(
                 what=what,
@@ -227,7 +234,7 @@ def _estimated(
     """The offset between the clocks of wrench and motion, where the motion's kinematics are known."""
     motion = others[0]
     start, stop = max(o.start for o in others), min(o.instants[-1] for o in others)
-    instants = motion.instants[(motion.instants >= start - 1e-9) & (motion.instants <= stop + 1e-9)]
+    instants = motion.instants[(motion.instants >= start - ROUNDING) & (motion.instants <= stop + ROUNDING)]
     columns = {name: column for one in others for name, column in _at(one, instants).items()}
     channels = PLANAR_CHANNELS if "tau" in wrench.columns else SPATIAL_CHANNELS
     dummy = {channel: np.zeros(len(instants)) for channel in channels}
@@ -271,11 +278,11 @@ def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog, 
         log.suspicious(what, wrench.where)
         return found
     if found.alternatives:
-        others = ", ".join(f"{offset:.3g}" for offset in found.alternatives[:3])
+        others = ", ".join(f"{offset:.3g}" for offset in found.alternatives[:NAMED_OFFSETS])
         log.suspicious(
             f"the motion is periodic: an offset of {others} s would fit as well; the smallest is taken", wrench.where
         )
-    small = abs(found.offset) < max(2 * found.std, SMALLEST_SHIFT * wrench.dt)
+    small = abs(found.offset) < max(ZERO_STD * found.std, SMALLEST_SHIFT * wrench.dt)
     if same_stamps and not small:
         what = f"seems {found.offset * 1e3:.3g} ms late against {motion.where}, whose stamps are the same: not applied,"
         what += " as what acts on the tool besides its weight looks like that, too; a delay is left to the diagnosis,"
@@ -295,7 +302,7 @@ def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str,
     found = {}
     for name, column in columns.items():
         missing = int((~np.isfinite(column)).sum())
-        if missing and missing < 0.2 * len(column):
+        if missing and missing < FEW_MISSING * len(column):
             known = np.flatnonzero(np.isfinite(column))
             column = np.interp(np.arange(len(column)), known, column[known])
             log.mended(f"empty cells of {name} interpolated", where, missing, len(column))

@@ -16,6 +16,8 @@ UNIT_TOLERANCE, WORST_UNIT = 0.02, 0.1
 """Deviations of a norm from 1: of the median from which it is another form, and of one row that is damaged."""
 LARGEST = 1e6
 """A number beyond which no row is a pose."""
+NO_TRANSLATION = 1e-9
+"""Of the entries of a homogeneous matrix that are zero by definition."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def matrix_form(values: Array) -> OrientationForm:
     if values.shape[1] == 16:
         last_row = np.nanmax(np.abs(values[:, 12:15]), initial=0.0)
         last_column = np.nanmax(np.abs(values[:, [3, 7, 11]]), initial=0.0)
-        return OrientationForm("matrix_rows" if last_row < 1e-9 < last_column else "matrix_columns")
+        return OrientationForm("matrix_rows" if last_row < NO_TRANSLATION < last_column else "matrix_columns")
     return OrientationForm("matrix_columns")
 
 

@@ -20,7 +20,8 @@ from estimation.reading.sample_mending import (
     slight_difference,
 )
 from estimation.reading.step_log import StepLog
-from estimation.recordings.motion_period import MotionPeriod, motion_period, whole_repeats
+from estimation.recordings.column_table import SMALLEST_DIVISOR
+from estimation.recordings.motion_period import FEWEST_SAMPLES, MotionPeriod, motion_period, whole_repeats
 from estimation.recordings.reading_report import PeriodReading, Span, spans
 from estimation.recordings.repeat_motion import largest_deviation
 from modeling.errors import InputError
@@ -29,10 +30,14 @@ from modeling.rig import SPATIAL_CHANNELS
 QUATERNION = ("qx", "qy", "qz", "qw")
 SMALLEST_SHIFT = 0.05
 """Of a sample: repeats that drift less against the clock over the whole record are not interpolated."""
-FEWEST_SAMPLES = 20
-"""Of one repeat."""
 IDENTICAL = 1e-6
 """Difference of readings between repeats over their size, below which no sensor has measured them."""
+PHASE_SLACK = 0.1
+"""Of a sample: a period that much short of a whole number of samples is cut into that number of them."""
+SURE_STD = 3
+"""Standard deviations by which a stated period differs from the fitted one beyond doubt."""
+LATENESS_STEPS = 4
+"""Gauss-Newton steps to the lateness of runs, from a few samples to below a hundredth of one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,8 +107,8 @@ def _cut_as_stated(columns: dict[str, Array], dt: float, period: float, where: s
             what=what, where="--period", remedy="give the period of a motion that ran at least twice, or --no-period"
         )
     found = motion_period(columns, dt, near=period)
-    if found is not None and abs(found.period - period) <= max(0.5 * _last_digit(period), 3 * found.std):
-        if abs(found.period - period) > 3 * found.std:
+    if found is not None and abs(found.period - period) <= max(0.5 * _last_digit(period), SURE_STD * found.std):
+        if abs(found.period - period) > SURE_STD * found.std:
             log.taken(
                 f"the stated period of {period:g} s is {found.period:.7g} s by least squares, which is taken", where
             )
@@ -137,7 +142,7 @@ def _grid(found: MotionPeriod, dt: float) -> tuple[int, float]:
     nearest = round(found.period / dt)
     if abs(found.period / dt - nearest) * found.repeats < max(SMALLEST_SHIFT, found.std / dt * found.repeats):
         return nearest, dt
-    per_repeat = int(found.period / dt + 0.1)
+    per_repeat = int(found.period / dt + PHASE_SLACK)
     return per_repeat, found.period / per_repeat
 
 
@@ -186,7 +191,7 @@ def _readings_are_identical(cut: CutSeries) -> bool:
     for name in (*SPATIAL_CHANNELS, "tau"):
         if name in cut.columns:
             runs = cut.columns[name].reshape(repeats, -1)
-            if np.abs(runs - runs.mean(axis=0)).max() <= IDENTICAL * max(np.ptp(runs), 1e-300):
+            if np.abs(runs - runs.mean(axis=0)).max() <= IDENTICAL * max(np.ptp(runs), SMALLEST_DIVISOR):
                 return True
     return False
 
@@ -278,14 +283,14 @@ def _lateness(runs: Sequence[Mapping[str, Array]]) -> Array:
     scale = np.array([np.std(runs[0][name]) for name in names])
     motions = [np.stack([run[name] for name in names], axis=1) / scale for run in runs]
     inner = np.arange(np.ceil(reach), samples - np.ceil(reach))
-    for _ in range(4):
+    for _ in range(LATENESS_STEPS):
         moved = [
             interpolated_position(np.arange(float(len(motion))), motion, inner + shift)
             for motion, shift in zip(motions, late, strict=True)
         ]
         mean = np.mean(moved, axis=0)
         slope = np.gradient(mean, axis=0)
-        change = -np.einsum("rsk,sk->r", moved - mean, slope) / max(float((slope**2).sum()), 1e-300)
+        change = -np.einsum("rsk,sk->r", moved - mean, slope) / max(float((slope**2).sum()), SMALLEST_DIVISOR)
         late = np.clip(late + change - change.mean(), -reach, reach)
     return np.asarray(late)
 

@@ -23,6 +23,11 @@ from estimation.reading.sample_mending import interpolated_position, interpolate
 
 # Transform tree: the pose of a frame in the root of a bag's tf, from fixed and moving transforms.
 
+LATE = 1e-3
+"""Seconds by which messages are received after their stamps, from which it is said: a wrench is delayed by as much."""
+NUMBERS_OF_MESSAGE = 10
+"""Of any type that is read, with its stamps."""
+
 
 @dataclass(frozen=True)
 class Transform:
@@ -111,7 +116,7 @@ class RosBag(LogReader):
         with source.on_disk() as path:
             for topic, kind, received, message in messages(path):
                 EXTRACTORS[kind](topics, topic, message, received * 1e-9)
-                require_size(topics.messages * 10, str(source.path))
+                require_size(topics.messages * NUMBERS_OF_MESSAGE, str(source.path))
             found = topics.tables()
             unread = unread_topics(path) if not topics.frames else ()
         if not found and unread:
@@ -180,7 +185,7 @@ class _Topics:
         columns: dict[str, Array] = dict(zip(("stamp", *names), values, strict=True))
         late = np.array(self.lateness.get(topic, [0.0]))
         notes = []
-        if np.median(np.abs(late)) > 1e-3:
+        if np.median(np.abs(late)) > LATE:
             what = f"header stamps used; received {np.median(late) * 1e3:.3g} ms later in the median,"
             what += f" {np.max(late) * 1e3:.3g} ms at most"
             notes.append((what, len(late), False))

@@ -11,6 +11,8 @@ import numpy as np
 from estimation.reading.column_map import TIME, name_and_unit
 from estimation.reading.column_pattern import NANOSECONDS, SECONDS, TIME_NAMES
 from estimation.reading.log_reader import Array, LogTable
+from estimation.recordings.column_table import LARGEST_VALUE
+from estimation.recordings.reading import is_regular
 from modeling.errors import InputError
 
 EPOCH = (1.0e9, 2.2e9)
@@ -24,9 +26,16 @@ SAME_SPAN = 0.01
 STRAY = 50
 """Usual steps by which a stamp is off both its neighbours, which agree with each other, from which it is damaged: no
 clock jumps for one row, and stamps that are late or out of order stay nearer."""
-LARGEST_STAMP = 1e20
-"""Beyond stamps in any unit: those in ns since 1970 are 1.8e18."""
 UNIT_NAMES = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+UNITS_BY_STEP = ((1e-3, "ms", 1.5, 500.0), (1e-6, "us", 500.0, 3e5), (1e-9, "ns", 3e5, 3e8))
+"""Factor and name of a unit, and the steps from which and below which it is meant: robots' logs have 2 to 2000 rows a
+second, and a step of 1 counts samples."""
+FEWEST_STAMPS = 3
+"""Of which any order says something."""
+INCREASING_SHARE, CHANGING_SHARE = 0.9, 0.2
+"""Of the steps of a time: a log may have rows out of order, and stamps as coarse as five rows to a tick."""
+EXACT_SECONDS = 1e6
+"""Beyond which whole seconds are taken off the stamps, so that a double resolves them to 1e-10 s."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +65,7 @@ def time_column(
         if _increases(table.columns[name]):
             return _undisputed(table, _one(table, name, factor, milliseconds), milliseconds)
     unnamed = [name for name in table.columns if re.fullmatch(r"column_\d+", name)]
-    regular = [name for name in unnamed if _increases(table.columns[name]) and _is_regular(table.columns[name])]
+    regular = [name for name in unnamed if _increases(table.columns[name]) and is_regular(table.columns[name])]
     if len(unnamed) == len(table.columns) and regular:
         epochs = [name for name in regular if EPOCH[0] < np.nanmedian(table.columns[name]) < EPOCH[1] * 1e9]
         return _one(table, (epochs or regular)[0], factor, milliseconds)
@@ -69,7 +78,7 @@ def _undisputed(table: LogTable, found: TimeColumn, milliseconds: bool) -> TimeC
     if not set(found.columns) <= set(plain):
         return found
     for name in plain:
-        if name in found.columns or not (_increases(table.columns[name]) and _is_regular(table.columns[name])):
+        if name in found.columns or not (_increases(table.columns[name]) and is_regular(table.columns[name])):
             continue
         try:
             other = _one(table, name, None, milliseconds)
@@ -121,22 +130,15 @@ def _pair(table: LogTable) -> TimeColumn | None:
 
 def _increases(column: Array) -> bool:
     known = column[np.isfinite(column)]
-    if len(known) < 3:
+    if len(known) < FEWEST_STAMPS:
         return False
     steps = np.diff(known)
-    return bool((steps >= 0).mean() > 0.9 and (steps > 0).mean() > 0.2)
-
-
-def _is_regular(column: Array) -> bool:
-    """Whether most steps are alike, as no measured quantity's are."""
-    steps = np.diff(column[np.isfinite(column)])
-    middle = float(np.median(steps))
-    return middle > 0 and bool((np.abs(steps - middle) < 0.5 * middle).mean() > 0.8)
+    return bool((steps >= 0).mean() > INCREASING_SHARE and (steps > 0).mean() > CHANGING_SHARE)
 
 
 def _without_strays(column: Array) -> Array:
     """The stamps, NaN where they are damaged: a single one that is far off, while its neighbours are not."""
-    is_stamp = np.abs(column) < LARGEST_STAMP
+    is_stamp = np.abs(column) < LARGEST_VALUE
     known = np.flatnonzero(is_stamp)
     stamps = column[known]
     steps = np.diff(stamps)
@@ -161,7 +163,7 @@ def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -
     known = column[np.isfinite(column)]
     start = float(known[0]) if len(known) else 0.0
     # Whole seconds are taken off before scaling, or stamps of 1e18 ns would be rounded to 0.2 µs once more.
-    epoch = np.floor(start * factor) if abs(start * factor) > 1e6 else 0.0
+    epoch = np.floor(start * factor) if abs(start * factor) > EXACT_SECONDS else 0.0
     stamps = column * factor if epoch == 0.0 else (column - epoch / factor) * factor
     return TimeColumn(columns=(name,), stamps=stamps, epoch=float(epoch), how=how)
 
@@ -178,7 +180,7 @@ def _recognised_factor(column: Array, name: str, where: str, milliseconds: bool)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     if step <= SURE_SECONDS:
         return 1.0, "s"
-    for factor, unit, least, most in ((1e-3, "ms", 1.5, 500.0), (1e-6, "us", 500.0, 3e5), (1e-9, "ns", 3e5, 3e8)):
+    for factor, unit, least, most in UNITS_BY_STEP:
         if least <= step < most or (unit == "ms" and milliseconds and step < most):
             return factor, f"{unit}, recognised by their step of {step:.6g}"
     what = f"column {name} steps by {step:.4g}: seconds, milliseconds or a count of samples?"

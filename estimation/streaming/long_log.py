@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimation.recordings.column_table import ColumnTable, table_file
 from estimation.recordings.motion import QUATERNION, MotionForm, numbered_names
-from estimation.recordings.reading import motion_form, wrench_channels
+from estimation.recordings.reading import motion_form, require_increasing, wrench_channels
 from estimation.streaming.chunk import Chunk
 from modeling.errors import InputError
 from modeling.kinematics.placement import motion_in_world
@@ -117,11 +117,8 @@ def read_chunks(path: str | Path, *, rig: Rig | None = None, size: int = ROWS_PE
 def _require_one_run(table: ColumnTable, history: int, last: float) -> float:
     """Last time of the table, given that of the table before; InputError where time does not increase."""
     time = table.columns["time"]
-    before = -np.inf if history else last
-    wrong = np.flatnonzero(np.diff(time, prepend=before) <= 0)
-    if wrong.size:
-        what = f"time does not increase at row {table.row(int(wrong[0]))}"
-        raise table.error(what, "sort the rows, or write each run to a file of its own")
+    remedy = "sort the rows, or write each run to a file of its own"
+    require_increasing(time, table.where, table.first_row, remedy, -np.inf if history else last)
     return float(time[-1])
 
 
