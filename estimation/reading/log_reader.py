@@ -200,7 +200,13 @@ REASON_LENGTH = 160
 
 
 class LogReader(ABC):
-    """A file format. Its subclasses, in `estimation/logs/readers`, are tried on a source in the order of `rank`."""
+    """A file format of logs; a subclass registers itself, where `log_sources.py` imports its file.
+
+    title    its name in messages and in the list of what can be read
+    rank     readers are asked in ascending order of it, the first that recognises a source reads it; text, which nearly
+             anything is, has 100
+    repair   what to do about a file that its library cannot read
+    """
 
     title: ClassVar[str]
     rank: ClassVar[int] = 0

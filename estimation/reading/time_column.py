@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.reading.column_map import TIME, name_and_unit
+from estimation.reading.column_map import TIME, ColumnMap, name_and_unit
 from estimation.reading.column_pattern import NANOSECONDS, SECONDS, TIME_NAMES
 from estimation.reading.log_reader import Array, LogTable
+from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import LARGEST_VALUE
 from estimation.recordings.reading import is_regular
 from modeling.errors import InputError
@@ -46,6 +47,52 @@ class TimeColumn:
     stamps: Array
     epoch: float
     how: str
+
+
+class TableTimes:
+    """The times of an import's tables, each found once, and logged: as a map states them, or as recognised."""
+
+    def __init__(self, stated: ColumnMap, log: StepLog) -> None:
+        self.stated, self.log = stated, log
+        self.known: dict[int, TimeColumn | None] = {}
+
+    def of(self, table: LogTable) -> TimeColumn | None:
+        """The time of a table; None without one. Raises InputError when its unit is in doubt."""
+        if id(table) not in self.known:
+            self.known[id(table)] = self._found(table)
+        return self.known[id(table)]
+
+    def _found(self, table: LogTable) -> TimeColumn | None:
+        stated = self.stated.columns.get("time")
+        stated = stated if stated in table.columns else None
+        franka = any("o_t_ee" in name.lower() or "_ext_hat_" in name.lower() for name in table.columns)
+        time = time_column(table, stated=stated, factor=self.stated.factor("time"), milliseconds=franka)
+        if time is None and self.stated.rate is not None:
+            stamps = np.arange(table.rows) / self.stated.rate
+            time = TimeColumn(columns=(), stamps=stamps, epoch=0.0, how=f"{self.stated.rate:g} Hz, as stated")
+        if time is not None:
+            self.log.taken(f"time from {' and '.join(time.columns) or 'no column'}: {time.how}", table.name)
+        return time
+
+    def are_known(self, tables: Sequence[LogTable]) -> bool:
+        """Whether the tables have a time: all of them, or none. Raises InputError where some have, or one decreases."""
+        untimed = [table for table in tables if self.of(table) is None]
+        for table in untimed:
+            falling = decreasing_time(table)
+            if falling is not None:
+                what = f"column {falling} decreases from row to row, and time increases"
+                raise InputError(what=what, where=table.name, remedy="give the rows in the order of time")
+        if len(untimed) == len(tables):
+            return False
+        for table in untimed:
+            what = "no time is recognised in this source, and another source has one"
+            raise InputError(what=what, where=table.name, remedy='name it in a map: time = "column"')
+        return True
+
+    def epoch(self, tables: Sequence[LogTable]) -> float:
+        """The epoch that the stamps of these tables are counted from: the smallest since 1970, else 0."""
+        epochs = [time.epoch for table in tables if (time := self.of(table)) is not None]
+        return min(epochs) if min(epochs) > 0 or max(epochs) == 0 else 0.0
 
 
 def time_column(
