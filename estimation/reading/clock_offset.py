@@ -175,10 +175,10 @@ class MotionRegressors:
         """At other instants (m,), or as derivatives by time: free regressors of the forces (m, d + 1) with a constant,
         shared ones (m, r, d), and free ones of the torques (m, k).
         """
-        found, d = self.spline(instants, order), self.dimension
+        values, d = self.spline(instants, order), self.dimension
         constant = np.full((len(instants), 1), 1.0 if order == 0 else 0.0)
-        vectors = found[:, d : d + self.shared[0].size].reshape(len(instants), -1, d)
-        return np.hstack([found[:, :d], constant]), vectors, np.hstack([found, constant])
+        vectors = values[:, d : d + self.shared[0].size].reshape(len(instants), -1, d)
+        return np.hstack([values[:, :d], constant]), vectors, np.hstack([values, constant])
 
     def of_forces(self, instants: Array) -> Array:
         """Free regressors (m, d + 1) of the forces alone at other instants (m,)."""

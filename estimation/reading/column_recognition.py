@@ -26,12 +26,12 @@ LEAST_SHARE = 0.5
 
 def columns_by_stem(pattern: ColumnPattern, table: LogTable) -> dict[str, dict[str, str]]:
     """Columns of a table that match a pattern, by stem and part."""
-    found: dict[str, dict[str, str]] = {}
+    by_stem: dict[str, dict[str, str]] = {}
     for name in table.columns:
         match = pattern.matched(name_and_unit(name)[0])
         if match is not None:
-            found.setdefault(match[0].lower(), {}).setdefault(match[1], name)
-    return found
+            by_stem.setdefault(match[0].lower(), {}).setdefault(match[1], name)
+    return by_stem
 
 
 @dataclass(frozen=True)

@@ -141,8 +141,8 @@ class Excel(LogReader):
         with source.path.open("rb") as stream:
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
             sheets = [(sheet.title, _rows(sheet, str(source.path))) for sheet in book.worksheets]
-        found = [_table(f"{source.name}:{title}", rows) for title, rows in sheets if rows]
-        return [table for table in found if table is not None]
+        tables = [_table(f"{source.name}:{title}", rows) for title, rows in sheets if rows]
+        return [table for table in tables if table is not None]
 
 
 def _rows(sheet: Any, where: str) -> list[tuple[Any, ...]]:
@@ -307,16 +307,16 @@ class Matlab(LogReader):
         return tables_of_arrays(arrays, name=source.name, kind="MATLAB", where=str(source.path))
 
 
-def collect_arrays(name: str, value: Any, found: dict[str, NDArray[Any]], depth: int = 0) -> None:
+def collect_arrays(name: str, value: Any, arrays: dict[str, NDArray[Any]], depth: int = 0) -> None:
     """Add the numeric arrays in a value of `loadmat` by their paths: `struct.field`, `cell{1}`."""
     if depth > DEEPEST:
         return
     fields = getattr(value, "_fieldnames", None)
     if fields is not None:
         for field in fields:
-            collect_arrays(f"{name}.{field}", getattr(value, field), found, depth + 1)
+            collect_arrays(f"{name}.{field}", getattr(value, field), arrays, depth + 1)
     elif isinstance(value, np.ndarray) and value.dtype == object:
         for place, element in enumerate(value.ravel()[:MOST_CELLS], 1):
-            collect_arrays(f"{name}{{{place}}}", element, found, depth + 1)
+            collect_arrays(f"{name}{{{place}}}", element, arrays, depth + 1)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-        found[name] = value
+        arrays[name] = value

@@ -57,12 +57,12 @@ class LogTable:
 def unique_names(names: Sequence[str]) -> list[str]:
     """The names, numbered where empty (`column_3`) and where they occur again (`x.2`)."""
     seen: dict[str, int] = {}
-    found = []
+    unique = []
     for place, name in enumerate(names, 1):
         base = name.strip() or f"column_{place}"
         seen[base] = seen.get(base, 0) + 1
-        found.append(base if seen[base] == 1 else f"{base}.{seen[base]}")
-    return found
+        unique.append(base if seen[base] == 1 else f"{base}.{seen[base]}")
+    return unique
 
 
 # Source file: a file of a robot's log, decompressed, with its first bytes to recognise it by.
@@ -237,7 +237,7 @@ def tables_of(source: SourceFile) -> list[LogTable]:
         remedy = f"give one of: {titles}" if not bags else f"give the folder of a bag: {', '.join(bags)}"
         raise source.error(_strangeness(source), remedy)
     try:
-        found = [table for table in reader.tables(source) if table.columns and table.rows]
+        tables = [table for table in reader.tables(source) if table.columns and table.rows]
     except (TruewrenchError, KeyboardInterrupt):
         raise
     except MemoryError:
@@ -245,9 +245,9 @@ def tables_of(source: SourceFile) -> list[LogTable]:
     except Exception as error:  # a library's own, of a damaged file: there is no common base class
         reason = " ".join(str(error).split())[:REASON_LENGTH].rstrip(".") or "it is damaged"
         raise source.error(f"cannot be read as {reader.title}: {reason}", reader.repair) from None
-    if not found:
+    if not tables:
         raise source.error(f"{reader.title} without samples", "give a log with rows of numbers")
-    return found
+    return tables
 
 
 def _strangeness(source: SourceFile) -> str:

@@ -98,11 +98,11 @@ def read(
     as_it_stands = as_it_stands and not (rig is not None and rig.columns)
     if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):
         return _as_it_stands(Path(sources[0]), rig, strict=strict, one_run=one_run)
-    found = imported(
+    recorded = imported(
         *sources, rig=rig, preset=preset, map=map, period=period, strict=strict, one_run=one_run,
         clock_offset=clock_offset,
     )  # fmt: skip
-    return found.recording(rig)
+    return recorded.recording(rig)
 
 
 def imported(

@@ -107,19 +107,21 @@ def on_one_clock(
 
 def _at(series: Series, instants: Array) -> dict[str, Array]:
     """The columns of a series at other instants."""
-    own = series.instants
-    found: dict[str, Array] = {}
+    stamps = series.instants
+    columns: dict[str, Array] = {}
     if set(QUATERNION) <= set(series.columns):
         quaternions = np.stack([series.columns[name] for name in QUATERNION], axis=1)
-        found |= dict(zip(QUATERNION, interpolated_quaternion(own, quaternions, instants).T, strict=True))
+        columns |= dict(zip(QUATERNION, interpolated_quaternion(stamps, quaternions, instants).T, strict=True))
     for name, column in series.columns.items():
-        if name in found:
+        if name in columns:
             continue
         smooth = name[0] in "pq" and bool(np.isfinite(column).all())
-        found[name] = (
-            interpolated_position(own, column[:, None], instants)[:, 0] if smooth else np.interp(instants, own, column)
+        columns[name] = (
+            interpolated_position(stamps, column[:, None], instants)[:, 0]
+            if smooth
+            else np.interp(instants, stamps, column)
         )
-    return found
+    return columns
 
 
 def _estimated(
@@ -152,37 +154,39 @@ def _estimated(
             f"its clock begins {around:.6g} s after that of {motion.where}: their first samples are aligned",
             wrench.where,
         )
-    found = clock_offset(regressors, wrench.instants, np.stack([wrench.columns[c] for c in channels], axis=1), around)
-    if found is None:
+    offset = clock_offset(regressors, wrench.instants, np.stack([wrench.columns[c] for c in channels], axis=1), around)
+    if offset is None:
         log.suspicious(
             f"too short to estimate its clock offset against {motion.where}; the stamps are believed", wrench.where
         )
         return None
-    return _judged(found, wrench, motion, log, same_stamps)
+    return _judged(offset, wrench, motion, log, same_stamps)
 
 
-def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog, same_stamps: bool) -> OffsetReading:
+def _judged(reading: OffsetReading, wrench: Series, motion: Series, log: StepLog, same_stamps: bool) -> OffsetReading:
     """The offset, applied where it is known and differs from zero by more than its interval and a part of a sample.
 
     Between streams with the same stamps it is not applied: what the rigid tool lacks looks like an offset, too.
     """
-    if not found.applied:
+    if not reading.applied:
         what = f"the clock offset against {motion.where} cannot be estimated from this motion;"
         what += " the stamps are believed, unless --clock-offset states it (s)"
         log.suspicious(what, wrench.where)
-        return found
-    if found.alternatives:
-        others = ", ".join(f"{offset:.3g}" for offset in found.alternatives[:NAMED_OFFSETS])
+        return reading
+    if reading.alternatives:
+        others = ", ".join(f"{offset:.3g}" for offset in reading.alternatives[:NAMED_OFFSETS])
         log.suspicious(
             f"the motion is periodic: an offset of {others} s would fit as well; the smallest is taken", wrench.where
         )
-    small = abs(found.offset) < max(ZERO_STD * found.std, SMALLEST_SHIFT * wrench.dt)
+    small = abs(reading.offset) < max(ZERO_STD * reading.std, SMALLEST_SHIFT * wrench.dt)
     if same_stamps and not small:
-        what = f"seems {found.offset * 1e3:.3g} ms late against {motion.where}, whose stamps are the same: not applied,"
+        what = (
+            f"seems {reading.offset * 1e3:.3g} ms late against {motion.where}, whose stamps are the same: not applied,"
+        )
         what += " as what acts on the tool besides its weight looks like that, too; a delay is left to the diagnosis,"
         what += " unless --clock-offset (clock_offset=) states an offset of the clocks, s"
         log.suspicious(what, wrench.where)
-    return replace(found, applied=not small and not same_stamps)
+    return replace(reading, applied=not small and not same_stamps)
 
 
 def have_same_stamps(streams: Sequence[Stream]) -> bool:
@@ -193,7 +197,7 @@ def have_same_stamps(streams: Sequence[Stream]) -> bool:
 
 def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str, Array]:
     """Auxiliary columns with empty cells interpolated where few are missing, else left out."""
-    found = {}
+    complete = {}
     for name, column in columns.items():
         missing = int((~np.isfinite(column)).sum())
         if missing and missing < FEW_MISSING * len(column):
@@ -203,5 +207,5 @@ def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str,
         elif missing:
             log.taken(f"{name} is left out: mostly empty", where, missing, len(column))
             continue
-        found[name] = np.round(column) if name == "repeat" else column
-    return found
+        complete[name] = np.round(column) if name == "repeat" else column
+    return complete

@@ -65,21 +65,21 @@ class OrientationForm:
         """
         from scipy.spatial.transform import Rotation  # slow to import
 
-        found = np.full((len(values), 4), np.nan)
+        quaternions = np.full((len(values), 4), np.nan)
         known = (np.abs(values) < LARGEST).all(axis=1)
         rows = values[known]
         if self.name in ("xyzw", "wxyz"):
             turned = _unit(rows, where)
-            found[known] = turned if self.name == "xyzw" else np.roll(turned, -1, axis=1)
+            quaternions[known] = turned if self.name == "xyzw" else np.roll(turned, -1, axis=1)
         elif self.name == "rotation_vector":
-            found[known] = Rotation.from_rotvec(rows).as_quat()
+            quaternions[known] = Rotation.from_rotvec(rows).as_quat()
         elif self.name == "euler":
-            found[known] = Rotation.from_euler(self.angles, rows).as_quat()
+            quaternions[known] = Rotation.from_euler(self.angles, rows).as_quat()
         else:
             matrices = _orthonormal(matrix_blocks(rows, self), where)
             sound = np.isfinite(matrices).all(axis=(1, 2))
-            found[np.flatnonzero(known)[sound]] = Rotation.from_matrix(matrices[sound]).as_quat()
-        return found
+            quaternions[np.flatnonzero(known)[sound]] = Rotation.from_matrix(matrices[sound]).as_quat()
+        return quaternions
 
 
 def matrix_blocks(values: Array, form: OrientationForm) -> Array:

@@ -50,11 +50,11 @@ class TransformTree:
 
     def chain(self, frame: str) -> list[str]:
         """Child frames from a frame up to the root; none when tf does not know the frame."""
-        found: list[str] = []
-        while frame in self.series and frame not in found:
-            found.append(frame)
+        frames: list[str] = []
+        while frame in self.series and frame not in frames:
+            frames.append(frame)
             frame = self.series[frame][0].parent
-        return found
+        return frames
 
     def pose_columns(self, frame: str) -> dict[str, Array]:
         """Pose of the frame in the root at the stamps of the fastest moving transform; none of a frame that rests."""
@@ -84,11 +84,13 @@ class TransformTree:
         values = np.array([transform.values for transform in series])
         if series[0].fixed or len(series) < 3:
             return np.tile(values[-1, :3], (len(stamps), 1)), np.tile(values[-1, 3:], (len(stamps), 1))
-        own, first = np.unique([transform.stamp for transform in series], return_index=True)
+        instants, first = np.unique([transform.stamp for transform in series], return_index=True)
         values = values[first]
-        if len(own) == len(stamps) and np.array_equal(own, stamps):
+        if len(instants) == len(stamps) and np.array_equal(instants, stamps):
             return values[:, :3], values[:, 3:]
-        return interpolated_position(own, values[:, :3], stamps), interpolated_quaternion(own, values[:, 3:], stamps)
+        return interpolated_position(instants, values[:, :3], stamps), interpolated_quaternion(
+            instants, values[:, 3:], stamps
+        )
 
 
 ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"

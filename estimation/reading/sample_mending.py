@@ -78,7 +78,7 @@ def band_limited(values: Array, places: Array) -> Array:
     padded = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
     windows = sliding_window_view(padded, 2 * reach, axis=0)
     table = _weights(reach)
-    found = np.empty((len(places), values.shape[1]))
+    interpolated = np.empty((len(places), values.shape[1]))
     for start in range(0, len(places), ROWS_AT_ONCE):
         inside = np.clip(places[start : start + ROWS_AT_ONCE], 0, len(values) - 1)
         base = np.floor(inside).astype(np.intp)
@@ -86,8 +86,8 @@ def band_limited(values: Array, places: Array) -> Array:
         row = np.minimum(fraction.astype(np.intp), FRACTIONS - 1)
         share = (fraction - row)[:, None]
         weights = table[row] * (1 - share) + table[row + 1] * share
-        found[start : start + ROWS_AT_ONCE] = np.einsum("mkj,mj->mk", windows[base + 1], weights)
-    return found
+        interpolated[start : start + ROWS_AT_ONCE] = np.einsum("mkj,mj->mk", windows[base + 1], weights)
+    return interpolated
 
 
 def _weights(reach: int) -> Array:
@@ -128,8 +128,8 @@ def interpolated_quaternion(stamps: Array, quaternions: Array, instants: Array) 
     inside = np.clip(instants, stamps[0], stamps[-1])
     if len(stamps) < CUBIC_POINTS or 2 * np.arccos(np.clip(np.abs(cosine).min(), 0, 1)) > LARGEST_CUBIC_TURN:
         return np.asarray(Slerp(stamps, Rotation.from_quat(unit))(inside).as_quat())
-    found = interpolated_position(stamps, unit, inside)
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    components = interpolated_position(stamps, unit, inside)
+    return np.asarray(components / np.linalg.norm(components, axis=1, keepdims=True))
 
 
 LONGEST_FILL = 5

@@ -119,30 +119,30 @@ def time_column(
     return None
 
 
-def _undisputed(table: LogTable, found: TimeColumn, milliseconds: bool) -> TimeColumn:
+def _undisputed(table: LogTable, chosen: TimeColumn, milliseconds: bool) -> TimeColumn:
     """The time found by a plain name, where no other plain name tells another time. Raises InputError."""
     plain = [n for n in table.columns if any(re.fullmatch(p, name_and_unit(n)[0], re.IGNORECASE) for p in PLAIN_NAMES)]
-    if not set(found.columns) <= set(plain):
-        return found
+    if not set(chosen.columns) <= set(plain):
+        return chosen
     for name in plain:
-        if name in found.columns or not (_increases(table.columns[name]) and is_regular(table.columns[name])):
+        if name in chosen.columns or not (_increases(table.columns[name]) and is_regular(table.columns[name])):
             continue
         try:
             other = _one(table, name, None, milliseconds)
         except InputError:  # a count of samples
             continue
-        spans = [float(np.nanmax(one.stamps) - np.nanmin(one.stamps)) for one in (found, other)]
+        spans = [float(np.nanmax(one.stamps) - np.nanmin(one.stamps)) for one in (chosen, other)]
         if abs(spans[0] - spans[1]) > SAME_SPAN * max(spans):
             means = [
                 f"{one.columns[0]} ({span:.4g} s, {(table.rows - 1) / span:.5g} Hz)"
-                for one, span in zip((found, other), spans, strict=True)
+                for one, span in zip((chosen, other), spans, strict=True)
             ]
             raise InputError(
                 what=f"the time could be {means[0]} or {means[1]}; accelerations would differ by the square of that",
                 where=table.name,
-                remedy=f'state it in a map: time = "{found.columns[0]}", or "{name}"',
+                remedy=f'state it in a map: time = "{chosen.columns[0]}", or "{name}"',
             )
-    return found
+    return chosen
 
 
 def _called_time(table: LogTable) -> Iterator[str]:
@@ -163,9 +163,9 @@ def _pair(table: LogTable) -> TimeColumn | None:
     """Seconds and nanoseconds in two columns, those of a header before any other."""
     names = sorted(table.columns, key=lambda name: "header" not in name.lower())
     for name in names:
-        found = re.fullmatch(SECONDS, name, re.IGNORECASE)
-        other = found and next(
-            (n for n in names if (m := re.fullmatch(NANOSECONDS, n, re.IGNORECASE)) and m["stem"] == found["stem"]),
+        seconds = re.fullmatch(SECONDS, name, re.IGNORECASE)
+        other = seconds and next(
+            (n for n in names if (m := re.fullmatch(NANOSECONDS, n, re.IGNORECASE)) and m["stem"] == seconds["stem"]),
             None,
         )
         if other:

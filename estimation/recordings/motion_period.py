@@ -110,13 +110,13 @@ def motion_period(columns: Mapping[str, Array], dt: float, *, near: float | None
     ]
     if not groups:
         return None
-    found = _Search(groups).best(None if near is None else near / (dt * every))
-    return None if found is None else _in_seconds(found, dt * every)
+    in_rows = _Search(groups).best(None if near is None else near / (dt * every))
+    return None if in_rows is None else _in_seconds(in_rows, dt * every)
 
 
-def _in_seconds(found: MotionPeriod, dt: float) -> MotionPeriod:
-    times = {name: getattr(found, name) * dt for name in ("period", "std", "start", "scatter")}
-    return replace(found, **times)
+def _in_seconds(in_rows: MotionPeriod, dt: float) -> MotionPeriod:
+    times = {name: getattr(in_rows, name) * dt for name in ("period", "std", "start", "scatter")}
+    return replace(in_rows, **times)
 
 
 # ---------------------------------------------------------------------------------------- components
@@ -229,14 +229,14 @@ class _Search:
 
     def _judged(self, lag: float, near: float | None) -> MotionPeriod | None:
         """The period near a lag, with its evidence; None where the motion does not repeat with it."""
-        found, first, last = (lag, 0.0, 0.0), 0, 0
+        line, first, last = (lag, 0.0, 0.0), 0, 0
         for tolerance in STRETCH_TOLERANCES:
-            first, last = self._stretch(found[0], tolerance)
-            refined = self._refined(found[0], first, last)
+            first, last = self._stretch(line[0], tolerance)
+            refined = self._refined(line[0], first, last)
             if refined is None or abs(refined[0] - lag) > LARGEST_CORRECTION * lag:
                 return None
-            found = refined
-        period, std, scatter = found
+            line = refined
+        period, std, scatter = line
         repeats = whole_repeats(last - first, period)
         if repeats < 2 or (near is None and not self._is_most_of_the_motion(first, last, period)):
             return None
@@ -328,18 +328,18 @@ class _Search:
         repeats, phases, _ = folds.shape
         length = max(phases // BLOCKS, 1)
         blocks = phases // length
-        own = (folds - folds.mean(axis=0))[:, : blocks * length].reshape(repeats, blocks, length, -1).mean(axis=2)
-        power = (own**2).sum(axis=(0, 1)) / ((repeats - 1) * blocks)
-        found = np.array([power[a:b].sum() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)])
+        departure = (folds - folds.mean(axis=0))[:, : blocks * length].reshape(repeats, blocks, length, -1).mean(axis=2)
+        power = (departure**2).sum(axis=(0, 1)) / ((repeats - 1) * blocks)
+        by_group = np.array([power[a:b].sum() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)])
         chance = self.noise / length
         slack = CHANCE_STD * chance * np.sqrt(2 / ((repeats - 1) * blocks))
-        return np.sqrt(np.maximum(found - chance, 0.0)), np.sqrt(slack)
+        return np.sqrt(np.maximum(by_group - chance, 0.0)), np.sqrt(slack)
 
     def _is_moving(self, folds: Array) -> bool:
         """Whether the repeats hold most of the motion's variation, in every group, and more than one move."""
         power = folds.mean(axis=0).var(axis=0)
-        found = np.array([power[a:b].sum() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)])
-        return bool((found > LEAST_MOVING).all())
+        by_group = np.array([power[a:b].sum() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)])
+        return bool((by_group > LEAST_MOVING).all())
 
     def _is_most_of_the_motion(self, first: int, last: int, period: float) -> bool:
         """Whether nearly all the way is inside; way is counted between means over a fortieth of a period."""

@@ -48,9 +48,9 @@ def wrench_channels(table: ColumnTable) -> tuple[str, ...]:
     if "tau" in planar and lone:
         what = f"a mixed wrench: the planar tau together with {', '.join(lone)}"
         raise table.error(what, "keep fx, fy, tau or fx, fy, fz, tx, ty, tz")
-    expected, found = (SPATIAL_CHANNELS, spatial) if lone else (PLANAR_CHANNELS, planar)
-    missing = [channel for channel in expected if channel not in found]
-    if not found:
+    expected, present = (SPATIAL_CHANNELS, spatial) if lone else (PLANAR_CHANNELS, planar)
+    missing = [channel for channel in expected if channel not in present]
+    if not present:
         raise table.error("no wrench: fx, fy, tau or fx, fy, fz, tx, ty, tz are missing", _record(table))
     if missing:
         raise table.error(f"the wrench is missing {_listed(missing)}", _record(table))
