@@ -54,7 +54,6 @@ class ColumnPattern:
 
 _SEP = r"[\[\]_./: -]*"
 _INDEX = r"[\[_./ ]+(?P<part>\d+)\]?"
-SIX = tuple("012345")
 XYZ = tuple("xyz")
 
 

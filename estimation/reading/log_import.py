@@ -15,13 +15,14 @@ from estimation.reading.frame_check import FrameCheck, require_plausible_speed
 from estimation.reading.log_reader import Array
 from estimation.reading.log_sources import joined_tables, note_unused, read_sources, require_one_recording
 from estimation.reading.log_streams import Groups, LogStreams
-from estimation.reading.motion_streams import QUATERNION, SiColumns, in_sensor_axes
+from estimation.reading.motion_streams import SiColumns, in_sensor_axes
 from estimation.reading.one_clock import have_same_stamps, on_one_clock
 from estimation.reading.recording_check import note_columns, note_suspicious_channels
 from estimation.reading.sample_mending import STAMP, mended, mended_runs
 from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import TableTimes
 from estimation.recordings.column_table import ColumnTable, signal_unit
+from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading import MIN_POSES, recording_from_table
 from estimation.recordings.reading_report import (
     ClockReading,

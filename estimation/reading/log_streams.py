@@ -17,8 +17,8 @@ from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import TableTimes
 from estimation.recordings.column_table import LARGEST_VALUE
 from estimation.recordings.differentiation import held_rows
+from estimation.recordings.motion import MotionForm, motion_columns
 from estimation.recordings.reading_report import Span, spans
-from estimation.recordings.recording import MotionForm, motion_columns
 from modeling.errors import InputError, cut
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 

@@ -12,10 +12,11 @@ from estimation.reading.column_recognition import ColumnGroup, ColumnMapping
 from estimation.reading.log_reader import Array, LogTable
 from estimation.reading.orientation_form import OrientationForm, matrix_form, matrix_positions
 from estimation.reading.step_log import StepLog
+from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading_report import UsedColumns
 from modeling.errors import InputError, quoted
 
-QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")
+POSITION = ("px", "py", "pz")
 PLANAR_FORM = OrientationForm("planar")
 UNIT_NORM = 1e-3
 LARGEST_NUMBER = 1e9

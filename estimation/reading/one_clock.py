@@ -9,17 +9,17 @@ import numpy as np
 
 from estimation.reading.clock_offset import MotionRegressors, clock_offset
 from estimation.reading.log_reader import Array
-from estimation.reading.repeat_cutting import aligned_runs, cut_into_repeats, one_run, separate_runs
+from estimation.reading.repeat_cutting import CutSeries, aligned_runs, cut_into_repeats, one_run, separate_runs
 from estimation.reading.sample_mending import ROUNDING, Series, Stream, interpolated_position, interpolated_quaternion
 from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.motion import QUATERNION
 from estimation.recordings.motion_period import FEWEST_SAMPLES
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.reading_report import OffsetReading, PeriodReading
 from modeling.errors import InputError
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, STANDARD_GRAVITY, Rig
 
-QUATERNION = ("qx", "qy", "qz", "qw")
 SMALLEST_SHIFT = 0.05
 """Of a sample: a smaller offset is not worth an interpolation."""
 
@@ -72,37 +72,41 @@ def on_one_clock(
     if shift:
         text = f"stamps of the wrench moved by {-shift * 1e3:.4g} ms"
         log.mended(text, wrench.where, wrench.samples)
-    instants = wrench.instants - shift
     columns = dict(wrench.columns)
     if others:
-        slack = CLIPPED * wrench.dt
-        low = max(one.start for one in others) - slack
-        high = min(one.instants[-1] for one in others) + slack
-        inside = (instants >= low) & (instants <= high)
-        if inside.sum() < FEWEST_SAMPLES:
-            what = f"the stamps of {wrench.where} and {others[0].where} do not overlap"
-            raise InputError(
-                what=what,
-                where=wrench.where,
-                remedy="give logs of one run, or state the offset: --clock-offset 12.3 (s)",
-            )
-        columns = {name: column[inside] for name, column in columns.items()}
-        for one in others:
-            columns |= _at(one, instants[inside])
-            log.taken(
-                f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum())
-            )
-    clean = _finite(columns, wrench.where, log)
+        columns = _with_motion(columns, wrench, others, wrench.instants - shift, log)
+    columns = _finite(columns, wrench.where, log)
+    cut = _cut(columns, wrench, period, log, whole=whole)
+    return CommonClock(columns=cut.columns, rate=1 / cut.dt, offset=offset, period=cut.period)
+
+
+def _with_motion(
+    columns: Mapping[str, Array], wrench: Series, others: Sequence[Series], instants: Array, log: StepLog
+) -> dict[str, Array]:
+    """Columns of the wrench, those of other series beside them, at its instants (n,) that all of them cover."""
+    slack = CLIPPED * wrench.dt
+    low = max(one.start for one in others) - slack
+    high = min(one.instants[-1] for one in others) + slack
+    inside = (instants >= low) & (instants <= high)
+    if inside.sum() < FEWEST_SAMPLES:
+        what = f"the stamps of {wrench.where} and {others[0].where} do not overlap"
+        remedy = "give logs of one run, or state the offset: --clock-offset 12.3 (s)"
+        raise InputError(what=what, where=wrench.where, remedy=remedy)
+    joined = {name: column[inside] for name, column in columns.items()}
+    for one in others:
+        joined |= _at(one, instants[inside])
+        log.taken(f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum()))
+    return joined
+
+
+def _cut(columns: dict[str, Array], wrench: Series, period: float | None, log: StepLog, *, whole: bool) -> CutSeries:
+    """The columns in repeats: the runs that the wrench has, or those of its motion's period."""
     lengths = np.array(wrench.lengths)
     if wrench.runs > 1 and np.ptp(lengths) > 0:
-        cut = aligned_runs(clean, wrench.dt, lengths, wrench.where, log)
-    elif wrench.runs > 1:
-        cut = separate_runs(clean, wrench.dt, wrench.runs)
-    elif whole:
-        cut = one_run(clean, wrench.dt)
-    else:
-        cut = cut_into_repeats(clean, wrench.dt, period, wrench.where, log)
-    return CommonClock(columns=cut.columns, rate=1 / cut.dt, offset=offset, period=cut.period)
+        return aligned_runs(columns, wrench.dt, lengths, wrench.where, log)
+    if wrench.runs > 1:
+        return separate_runs(columns, wrench.dt, wrench.runs)
+    return one_run(columns, wrench.dt) if whole else cut_into_repeats(columns, wrench.dt, period, wrench.where, log)
 
 
 def _at(series: Series, instants: Array) -> dict[str, Array]:

@@ -21,13 +21,13 @@ from estimation.reading.sample_mending import (
 )
 from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import SMALLEST_DIVISOR
+from estimation.recordings.motion import QUATERNION
 from estimation.recordings.motion_period import FEWEST_SAMPLES, MotionPeriod, motion_period, whole_repeats
 from estimation.recordings.reading_report import PeriodReading, Span, spans
 from estimation.recordings.repeat_motion import largest_deviation
 from modeling.errors import InputError
 from modeling.rig import SPATIAL_CHANNELS
 
-QUATERNION = ("qx", "qy", "qz", "qw")
 SMALLEST_SHIFT = 0.05
 """Of a sample: repeats that drift less against the clock over the whole record are not interpolated."""
 IDENTICAL = 1e-6

@@ -94,8 +94,6 @@ class TransformTree:
 
 
 ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
-WORST_LATENESS = 0.02
-"""Seconds by which header and receive stamp may differ before it is worth a note."""
 
 
 class RosBag(LogReader):

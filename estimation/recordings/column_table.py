@@ -280,14 +280,8 @@ class CsvFile(TableFile):
         """The wanted columns of any CSV of finite numbers there, quoted ones too; InputError for any other."""
         import pandas as pd  # slow to import
 
-        frames = parsed_rows(
-            text,
-            size,
-            header=0,
-            names=list(self.names),
-            dtype=dict.fromkeys(wanted, np.float64),
-            skip_blank_lines=False,
-        )
+        numbers = dict.fromkeys(wanted, np.float64)
+        frames = parsed_rows(text, size, header=0, names=[*self.names], dtype=numbers, skip_blank_lines=False)
         row = 2
         try:
             while True:
@@ -300,12 +294,7 @@ class CsvFile(TableFile):
                 row += len(frame)
         except UnicodeDecodeError:
             raise
-        except (
-            InputError,
-            ValueError,
-            OverflowError,
-            pd.errors.ParserWarning,
-        ) as error:  # parser errors are ValueErrors
+        except (InputError, ValueError, OverflowError, pd.errors.ParserWarning) as error:
             with self._text() as lines:
                 raise_first_bad_cell(lines, self.names, str(self.path), wanted)
             if isinstance(error, InputError):
