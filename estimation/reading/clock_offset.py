@@ -24,9 +24,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from estimation.reading.log_reader import Array
-from estimation.recordings.column_table import SMALLEST_DIVISOR
 from estimation.recordings.reading_report import OffsetCurves, OffsetReading
-from estimation.recordings.weight_fit import RANK_TOLERANCE
+from estimation.recordings.weight_fit import RANK_TOLERANCE, SMALLEST_DIVISOR
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

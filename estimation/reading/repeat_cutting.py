@@ -20,11 +20,11 @@ from estimation.reading.sample_mending import (
     slight_difference,
 )
 from estimation.reading.step_log import StepLog
-from estimation.recordings.column_table import SMALLEST_DIVISOR
 from estimation.recordings.motion import QUATERNION
 from estimation.recordings.motion_period import FEWEST_SAMPLES, MotionPeriod, motion_period, whole_repeats
 from estimation.recordings.reading_report import PeriodReading, Span, spans
 from estimation.recordings.repeat_motion import largest_deviation
+from estimation.recordings.weight_fit import SMALLEST_DIVISOR
 from modeling.errors import InputError
 from modeling.rig import SPATIAL_CHANNELS
 

@@ -54,8 +54,6 @@ PANDAS_INDEX_NAME = re.compile(r"__index_level_\d+__")
 """The name that pandas gives a Parquet file's column of row labels."""
 LARGEST_VALUE = 1e20
 """Beyond whatever is measured, and beyond stamps in ns since 1970 (1.8e18); sums of squares of squares stay finite."""
-SMALLEST_DIVISOR = 1e-300
-"""In place of a divisor of zero, such as the power of a channel that never changes: far below any square measured."""
 OWN_NAMES = re.compile(r"f[xyz]|t[xyz]|tau|phi|q[xyzw]|q[1-9]\d*")
 """Columns of a recording's wrench or motion: a table without any is a log of another layout."""
 SHOWN_NAMES = 3

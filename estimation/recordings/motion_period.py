@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.column_table import SMALLEST_DIVISOR
+from estimation.recordings.weight_fit import SMALLEST_DIVISOR
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from estimation.multiplicity import normal_isf
 from estimation.recordings.column_table import (
-    SMALLEST_DIVISOR,
     ColumnTable,
     import_remedy,
     table_from_columns,
@@ -22,6 +21,7 @@ from estimation.recordings.column_table import (
 from estimation.recordings.motion import QUATERNION, Motion, MotionColumns, MotionForm, numbered_names
 from estimation.recordings.motion_period import FEWEST_SAMPLES
 from estimation.recordings.recording import Recording
+from estimation.recordings.weight_fit import SMALLEST_DIVISOR
 from modeling.errors import InputError
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 from modeling.space import Space

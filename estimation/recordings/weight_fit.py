@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.multiplicity import student_isf
-from estimation.recordings.column_table import SMALLEST_DIVISOR
 from modeling.significance import LEVELS
 
 BLOCKS = 10
@@ -38,6 +37,8 @@ LEAST_WEIGHT = 0.5
 LEAST_MASS = 0.03
 """kg: less than the plate by which a tool is fastened to a sensor."""
 FEWEST_BLOCKS = 3
+SMALLEST_DIVISOR = 1e-300
+"""In place of a divisor of zero, such as the power of a channel that never changes: far below any square measured."""
 RANK_TOLERANCE = 1e-10
 """Of the largest singular value: smaller ones are rounding of a regressor that is none."""
 SMALLEST_SQUARE = 1e-30
