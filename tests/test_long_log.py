@@ -17,9 +17,10 @@ from pyarrow.parquet import write_table
 from scipy.spatial.transform import Rotation
 
 from estimation.fit import fit
+from estimation.recordings.column_table import table_file
 from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunk_information import linear_regressor_map
-from estimation.streaming.long_log import open_chunked_file, read_chunks
+from estimation.streaming.long_log import read_chunks
 from modeling.errors import InputError
 from modeling.kinematics.arm import PlanarArm
 from modeling.rig import Rig
@@ -117,12 +118,17 @@ def test_the_cell_of_a_csv_is_named(tmp_path: Path, name: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time, fx,phi\n" + body)
     with pytest.raises(InputError, match=message):
-        list(open_chunked_file(path).stretches(1, ["time", "fx", "phi"]))
+        list(table_file(path).stretches(1, ["time", "fx", "phi"]))
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
     model, path = noise_model(Space.PLANE, 0), tmp_path / "log.csv"
-    for content, message in ((b"", "is empty"), (b"\xff\xfe\0", "not UTF-8"), (b"PAR1junk", "cannot be read")):
+    for content, message in (
+        (b"", "is empty"),
+        (b"\xff\xfe", "not UTF-8"),
+        (b"phi\0", "binary"),
+        (b"PAR1junk", "cannot be read"),
+    ):
         path.write_bytes(content)
         with pytest.raises(InputError, match=message):
             fit(base(Space.PLANE), read_chunks(path), noise=model)

@@ -25,6 +25,7 @@ import numpy as np
 
 from estimation.reading.log_reader import Array
 from estimation.recordings.reading_report import OffsetCurves, OffsetReading
+from estimation.recordings.weight_fit import RANK_TOLERANCE, SMALLEST_DIVISOR
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -61,9 +62,9 @@ class AlignmentCurves:
         every = slice(None, None, max(len(stamps) // MOST_ROWS, 1))
         rows, times = forces[every], stamps[every] - offset
         motion = regressors(times)
-        coefficients = np.linalg.lstsq(motion, rows, rcond=1e-10)[0]
+        coefficients = np.linalg.lstsq(motion, rows, rcond=RANK_TOLERANCE)[0]
         explained = motion @ coefficients
-        share = explained.var(axis=0) / np.maximum(rows.var(axis=0), 1e-300)
+        share = explained.var(axis=0) / np.maximum(rows.var(axis=0), SMALLEST_DIVISOR)
         channel = int(np.argmax(share))
         length = float(np.clip(SHIFTS * abs(offset - as_read), SHORTEST_SHOWN, LONGEST))
         begin = _liveliest(times, explained[:, channel], length)
@@ -107,6 +108,23 @@ NEAR_ROWS = 2000
 QUARTER_TURN_TOLERANCE = 0.35
 """Radians."""
 TINY = 1e-12
+"""In place of a divisor of zero, of quantities of the size of 1."""
+SEARCHED_SHARE = 0.25
+"""Of the shorter record, to either side, that is searched at most: half of it stays common to both."""
+FEWEST_ROWS = 100
+"""Rows in common, several times as many as there are coefficients."""
+AVERAGED_TIME = 0.01
+"""Seconds over which the wrench is averaged for the scan, half of its step."""
+SHORTEST_STEP = 1e-6
+"""Seconds: stamps that stand still would have steps of zero."""
+CONVERGED = 1e-7
+"""Seconds of a last step of the refinement, far below any std of an offset."""
+OTHER_OFFSET = 0.1
+"""Seconds from the best offset, from which a minimum is another one."""
+AS_DEEP = 0.1
+"""Of the depth of the deepest minimum, by which another one may be less deep and fit as well."""
+KNOWN_STEP = 0.02
+"""Of the coarser step, for a motion known at instants, and stamps on a fitted clock: an offset is known no better."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +174,10 @@ class MotionRegressors:
         """At other instants (m,), or as derivatives by time: free regressors of the forces (m, d + 1) with a constant,
         shared ones (m, r, d), and free ones of the torques (m, k).
         """
-        found, d = self.spline(instants, order), self.dimension
+        values, d = self.spline(instants, order), self.dimension
         constant = np.full((len(instants), 1), 1.0 if order == 0 else 0.0)
-        vectors = found[:, d : d + self.shared[0].size].reshape(len(instants), -1, d)
-        return np.hstack([found[:, :d], constant]), vectors, np.hstack([found, constant])
+        vectors = values[:, d : d + self.shared[0].size].reshape(len(instants), -1, d)
+        return np.hstack([values[:, :d], constant]), vectors, np.hstack([values, constant])
 
     def of_forces(self, instants: Array) -> Array:
         """Free regressors (m, d + 1) of the forces alone at other instants (m,)."""
@@ -209,9 +227,9 @@ def _forces(velocity: Array, levers: list[Array]) -> Array:
 
 def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around: float = 0.0) -> OffsetReading | None:
     """The offset of the wrench (n, p) at its stamps (n,), searched about `around`; None where too little overlaps."""
-    reach = min(LARGEST_OFFSET, 0.25 * float(min(np.ptp(stamps), np.ptp(motion.instants))))
+    reach = min(LARGEST_OFFSET, SEARCHED_SHARE * float(min(np.ptp(stamps), np.ptp(motion.instants))))
     inside = (stamps - around > motion.instants[0] + reach) & (stamps - around < motion.instants[-1] - reach)
-    if inside.sum() < 100 or np.ptp(stamps[inside]) < SHORTEST:
+    if inside.sum() < FEWEST_ROWS or np.ptp(stamps[inside]) < SHORTEST:
         return None
     readings, size = wrench, wrench[inside].std(axis=0)
     size[: motion.dimension] = size[: motion.dimension].max()  # forces share coefficients
@@ -225,7 +243,7 @@ def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around:
     offset, std, weights = _refined(motion, *refined, float(scan[best]))
     share = 1 - float(np.exp(_cost(motion, *coarse, offset) - _cost(motion, *coarse, None)))
     sure = std < LARGEST_STD and share > LEAST_CORRELATION and 0 < best < len(scan) - 1
-    others = tuple(float(scan[i]) for i in _deep_minima(costs) if abs(i - best) * SCAN_STEP > 0.1)
+    others = tuple(float(scan[i]) for i in _deep_minima(costs) if abs(i - best) * SCAN_STEP > OTHER_OFFSET)
     shares = 1 - np.exp(costs - _cost(motion, *coarse, None))
     forces = readings[known, : motion.dimension]
     aligned = AlignmentCurves.of(motion.of_forces, stamps[known], forces, offset, around)
@@ -237,7 +255,7 @@ def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around:
 
 def _averaged(stamps: Array, wrench: Array) -> tuple[Array, Array]:
     """Wrench averaged over a few samples, at the mean of their stamps."""
-    group = max(int(0.01 / max(float(np.median(np.diff(stamps))), 1e-6)), len(stamps) // SCAN_ROWS, 1)
+    group = max(int(AVERAGED_TIME / max(float(np.median(np.diff(stamps))), SHORTEST_STEP)), len(stamps) // SCAN_ROWS, 1)
     count = len(stamps) // group * group
     return stamps[:count].reshape(-1, group).mean(axis=1), wrench[:count].reshape(-1, group, wrench.shape[1]).mean(
         axis=1
@@ -251,7 +269,7 @@ def _cost(motion: MotionRegressors, stamps: Array, wrench: Array, offset: float 
     regressors = np.ones((len(stamps), 1))
     if offset is not None:
         regressors = motion.of_forces(stamps - offset)
-    residual = wrench - regressors @ np.linalg.lstsq(regressors, wrench, rcond=1e-10)[0]
+    residual = wrench - regressors @ np.linalg.lstsq(regressors, wrench, rcond=RANK_TOLERANCE)[0]
     return float(np.mean(np.log(np.maximum((residual**2).sum(axis=0), TINY))))
 
 
@@ -259,7 +277,7 @@ def _deep_minima(costs: Array) -> list[int]:
     """Indices of minima as deep as the deepest within a tenth of its depth, as a periodic motion has them."""
     depth = float(np.median(costs) - costs.min())
     inner = [i for i in range(1, len(costs) - 1) if costs[i] <= min(costs[i - 1], costs[i + 1])]
-    return [i for i in inner if costs[i] < costs.min() + 0.1 * depth]
+    return [i for i in inner if costs[i] < costs.min() + AS_DEEP * depth]
 
 
 def _nearest_minimum(scan: Array, costs: Array) -> int:
@@ -274,7 +292,7 @@ def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: flo
     Rows are weighted anew in each iteration, so that a push or a tether that is taut at times counts little.
     """
     std, weights = np.inf, np.ones(len(stamps))
-    window = max(int(WEIGHT_WINDOW / max(float(np.median(np.diff(stamps))), 1e-6)), 1)
+    window = max(int(WEIGHT_WINDOW / max(float(np.median(np.diff(stamps))), SHORTEST_STEP)), 1)
     for _ in range(ITERATIONS):
         aligned = _AlignedFit(motion, stamps - offset, wrench, np.sqrt(weights))
         late, residual = aligned.late, aligned.residual
@@ -288,10 +306,9 @@ def _refined(motion: MotionRegressors, stamps: Array, wrench: Array, offset: flo
         blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
         std = float(np.sqrt((blocks**2).sum()) / information) * _misfit(residual)
         offset += change
-        if abs(change) < 1e-7:
+        if abs(change) < CONVERGED:
             break
-    # A motion known at discrete instants, and stamps on a fitted clock: a fiftieth of the coarser step.
-    floor = 0.02 * max(float(np.median(np.diff(motion.instants))), float(np.median(np.diff(stamps))))
+    floor = KNOWN_STEP * max(float(np.median(np.diff(motion.instants))), float(np.median(np.diff(stamps))))
     return offset, float(np.hypot(std, floor)), weights
 
 
@@ -442,5 +459,5 @@ class _Span:
     def _parts(self) -> tuple[Array, Array, Array]:
         """Singular vectors (n, r) and (r, k), and values (r,)."""
         left, values, right = np.linalg.svd(self.regressors, full_matrices=False)
-        kept = values > 1e-10 * values[0]
+        kept = values > RANK_TOLERANCE * values[0]
         return left[:, kept], values[kept], right[kept]

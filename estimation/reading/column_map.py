@@ -60,11 +60,11 @@ KINDS: Mapping[str, Mapping[str, float]] = {
 
 def name_and_unit(name: str) -> tuple[str, str | None]:
     """A column's name without its unit, and the unit where the name ends in one that is known: `Fx (N)`, `time_ms`."""
-    known = {unit for kind in KINDS.values() for unit in kind}
+    units = {unit for kind in KINDS.values() for unit in kind}
     for pattern in (IN_BRACKETS, AT_END):
-        found = pattern.match(name.strip())
-        if found and plain_unit(found["unit"]) in known:
-            return found["name"].strip(), plain_unit(found["unit"])
+        match = pattern.match(name.strip())
+        if match and plain_unit(match["unit"]) in units:
+            return match["name"].strip(), plain_unit(match["unit"])
     return name.strip(), None
 
 
@@ -76,6 +76,8 @@ VECTORS: Mapping[str, tuple[str, ...]] = {
 }
 """Columns by name that together are one vector; a map may give them one by one, or as one list."""
 OPTIONS = ("orientation", "orientation_columns", "orientation_of", "joints", "units", "wrench_axes", "rate", "offset")
+LARGEST_STATED = 1e9
+"""Beyond any rate in Hz and any offset in s; stamps since 1970 are 1.8e9 s."""
 REMEDY = 'write names as keys and columns as values, such as fx = "wrench.force.x"'
 
 
@@ -188,7 +190,7 @@ class _Checked:
         if (
             not isinstance(value, int | float)
             or isinstance(value, bool)
-            or not abs(value) < 1e9
+            or not abs(value) < LARGEST_STATED
             or (low is not None and value <= low)
         ):
             raise self.error(f"{quoted(key)} is {quoted(value)}, not a number that it can be", "give a number")
@@ -198,13 +200,13 @@ class _Checked:
         units = self.data.get("units", {})
         if not isinstance(units, dict):
             raise self.error("units is not a table", 'write units = { time = "ms", position = "mm", angle = "deg" }')
-        found = {}
+        factors = {}
         for kind, unit in units.items():
-            known = KINDS.get(kind)
-            if known is None:
+            spellings = KINDS.get(kind)
+            if spellings is None:
                 raise self.error(f"units.{quoted(kind)} is no kind of unit", f"use one of {', '.join(KINDS)}")
             plain = plain_unit(re.sub("^epoch(_in)?_?|^epoch$", "", str(unit))) or "s"
-            if plain not in known:
+            if plain not in spellings:
                 raise self.error(f"units.{kind} = {quoted(unit)} is not known", f"use one of {', '.join(UNITS[kind])}")
-            found[kind] = known[plain]
-        return found
+            factors[kind] = spellings[plain]
+        return factors

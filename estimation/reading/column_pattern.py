@@ -41,10 +41,10 @@ class ColumnPattern:
 
     def matched(self, name: str) -> tuple[str, str] | None:
         """Stem and part of a column's name; None when it does not match."""
-        found = re.fullmatch(self.regex, name, re.IGNORECASE)
-        if found is None:
+        match = re.fullmatch(self.regex, name, re.IGNORECASE)
+        if match is None:
             return None
-        groups = found.groupdict()
+        groups = match.groupdict()
         kind = (groups.get("kind") or "").lower()
         part = (groups.get("part") or "").lower()
         if kind:
@@ -54,7 +54,6 @@ class ColumnPattern:
 
 _SEP = r"[\[\]_./: -]*"
 _INDEX = r"[\[_./ ]+(?P<part>\d+)\]?"
-SIX = tuple("012345")
 XYZ = tuple("xyz")
 
 

@@ -18,18 +18,20 @@ from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 # Incomplete vector: columns that would be a wrench or an orientation, if none of them were missing.
 
 
+MOST_NAMES, SHOWN_PARTS = 8, 3
+"""Columns that a message names, and parts of a vector; of more the first and the last."""
 LEAST_SHARE = 0.5
 """Of a vector's columns that are there, below which its name is chance."""
 
 
 def columns_by_stem(pattern: ColumnPattern, table: LogTable) -> dict[str, dict[str, str]]:
     """Columns of a table that match a pattern, by stem and part."""
-    found: dict[str, dict[str, str]] = {}
+    by_stem: dict[str, dict[str, str]] = {}
     for name in table.columns:
         match = pattern.matched(name_and_unit(name)[0])
         if match is not None:
-            found.setdefault(match[0].lower(), {}).setdefault(match[1], name)
-    return found
+            by_stem.setdefault(match[0].lower(), {}).setdefault(match[1], name)
+    return by_stem
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class IncompleteVector:
 
     def __str__(self) -> str:
         present, missing = (tuple(map(cut, names)) for names in (self.present, self.missing))
-        shown = present if len(present) < 4 else (present[0], "..", present[-1])
+        shown = present if len(present) <= SHOWN_PARTS else (present[0], "..", present[-1])
         verb = "is" if len(missing) == 1 else "are"
         listed = ", ".join(shown).replace(", .., ", " .. ")
         return f"beside {listed}, {', '.join(missing)} {verb} missing"
@@ -198,7 +200,9 @@ class _Groups:
     def nearest(self) -> str:
         """The columns that there are, for a message."""
         names = [name for table in self.tables for name in table.columns]
-        return f" among {', '.join(map(cut, names[:8]))}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+        return f" among {', '.join(map(cut, names[:MOST_NAMES]))}" + (
+            f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+        )
 
     def incomplete_wrench(self) -> str:
         """What of a wrench there is and what lacks, for a message; empty where there is nothing of one."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.reading.delimited_text import TEXT_LENGTH
 from estimation.reading.log_reader import (
     Array,
     LogReader,
@@ -19,13 +20,16 @@ from estimation.reading.log_reader import (
     require_size,
     unique_names,
 )
+from estimation.recordings.column_table import PARQUET_MAGIC, parquet_file
 from modeling.errors import InputError
 
 # Bundle of arrays by name, as MATLAB, NumPy and HDF5 files hold them: those of equal length are a table.
 
 
-MOST_COLUMNS_OF_ARRAY = 64
-"""A two-dimensional array with more columns, and as many rows, is an image or a matrix, not a log."""
+MOST_COLUMNS_OF_ARRAY, MATRIX_RATIO = 64, 4
+"""A two-dimensional array with more columns, and fewer rows to each, is an image or a matrix."""
+FEWEST_SAMPLES = 3
+"""Elements from which an array may be a series; fewer are parameters."""
 
 
 def columns_of_array(name: str, array: NDArray[Any]) -> dict[str, Array]:
@@ -43,7 +47,7 @@ def columns_of_array(name: str, array: NDArray[Any]) -> dict[str, Array]:
         return {}
     samples = int(np.argmax(array.shape))
     rows = np.moveaxis(array, samples, 0).reshape(array.shape[samples], -1)
-    if rows.shape[1] > MOST_COLUMNS_OF_ARRAY and rows.shape[1] > rows.shape[0] // 4:
+    if rows.shape[1] > MOST_COLUMNS_OF_ARRAY and rows.shape[1] > rows.shape[0] // MATRIX_RATIO:
         return {}
     if array.ndim == 1 or rows.shape[1] == 1:
         return {name or "column_1": rows[:, 0].astype(np.float64)}
@@ -57,7 +61,7 @@ def tables_of_arrays(arrays: Mapping[str, NDArray[Any]], *, name: str, kind: str
     for key, array in arrays.items():
         for column, values in columns_of_array(key, array).items():
             by_rows.setdefault(len(values), {})[column] = values
-    samples = {rows: columns for rows, columns in by_rows.items() if rows >= 3}
+    samples = {rows: columns for rows, columns in by_rows.items() if rows >= FEWEST_SAMPLES}
     tables = []
     for rows, columns in samples.items():
         require_columns(len(columns), where)
@@ -71,6 +75,8 @@ def tables_of_arrays(arrays: Mapping[str, NDArray[Any]], *, name: str, kind: str
 
 
 NUMPY_MAGIC = b"\x93NUMPY"
+NUMPY_HEADER = 1000
+"""Bytes that hold the header of an array of one type."""
 LARGEST_ARCHIVE = 1 << 30
 """Bytes of all arrays of an .npz together."""
 
@@ -96,7 +102,7 @@ class NumpyArrays(LogReader):
     def _arrays(path: Path, *, single: bool) -> dict[str, NDArray[Any]]:
         if single:
             with path.open("rb") as stream:
-                if b"|O'" in stream.read(1000):
+                if b"|O'" in stream.read(NUMPY_HEADER):
                     what = "an array of Python objects is a pickle, which can run programs and is never opened"
                     raise InputError(what=what, where=str(path), remedy="save the numbers as arrays of numbers")
             return {
@@ -110,6 +116,8 @@ class NumpyArrays(LogReader):
 # Reader of Excel workbooks (.xlsx), one table a sheet; formulas by the values that were saved with them.
 
 
+ROW_SHARE = 0.5
+"""Of a row's filled cells that are numbers: sheets have titles and dates beside them."""
 HEADER_ROWS = 30
 """Rows from the top among which the header is looked for."""
 LARGEST_BOOK = 256 << 20
@@ -133,8 +141,8 @@ class Excel(LogReader):
         with source.path.open("rb") as stream:
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
             sheets = [(sheet.title, _rows(sheet, str(source.path))) for sheet in book.worksheets]
-        found = [_table(f"{source.name}:{title}", rows) for title, rows in sheets if rows]
-        return [table for table in found if table is not None]
+        tables = [_table(f"{source.name}:{title}", rows) for title, rows in sheets if rows]
+        return [table for table in tables if table is not None]
 
 
 def _rows(sheet: Any, where: str) -> list[tuple[Any, ...]]:
@@ -160,7 +168,7 @@ def _number(cell: Any) -> float:
 
 def _is_data(row: Sequence[Any]) -> bool:
     filled = [cell for cell in row if cell is not None and cell != ""]
-    return bool(filled) and sum(np.isfinite(_number(cell)) for cell in filled) >= 0.5 * len(filled)
+    return bool(filled) and sum(np.isfinite(_number(cell)) for cell in filled) >= ROW_SHARE * len(filled)
 
 
 def _table(name: str, rows: Sequence[Sequence[Any]]) -> LogTable | None:
@@ -189,6 +197,7 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 MATLAB_OFFSET = 512
 """Bytes of MATLAB's own header in front of HDF5."""
 MOST_CELLS = 100
+"""Elements of a MATLAB cell that are looked into."""
 NO_SAMPLES = ("char", "cell", "struct", "function_handle")
 
 
@@ -246,27 +255,26 @@ class Parquet(LogReader):
 
     def recognises(self, source: SourceFile) -> bool:
         """By its magic string."""
-        return source.head.startswith(b"PAR1")
+        return source.head.startswith(PARQUET_MAGIC)
 
     def tables(self, source: SourceFile) -> list[LogTable]:
         """One table."""
         import pyarrow as pa  # slow to import
-        import pyarrow.parquet as pq
 
-        with source.on_disk() as path, pq.ParquetFile(path) as file:
+        with source.on_disk() as path, parquet_file(path) as file:
             require_columns(file.metadata.num_columns, str(source.path))
             require_size(file.metadata.num_columns * file.metadata.num_rows, str(source.path))
             table = file.read()
         columns: dict[str, Array] = {}
         texts: dict[str, tuple[str, ...]] = {}
-        for name, column in zip(table.column_names, table.columns, strict=True):
+        for name, column in zip(unique_names(table.column_names), table.columns, strict=True):
             kind = column.type
             if pa.types.is_timestamp(kind):
                 columns[name] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy().astype(np.float64) * 1e-9
             elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
                 columns[name] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
             else:
-                texts[name] = tuple(str(value)[:60] for value in column.slice(0, 3).to_pylist())
+                texts[name] = tuple(str(value)[:TEXT_LENGTH] for value in column.slice(0, 3).to_pylist())
         return [LogTable(name=source.name, kind="Parquet", columns=columns, texts=texts)]
 
 
@@ -299,16 +307,16 @@ class Matlab(LogReader):
         return tables_of_arrays(arrays, name=source.name, kind="MATLAB", where=str(source.path))
 
 
-def collect_arrays(name: str, value: Any, found: dict[str, NDArray[Any]], depth: int = 0) -> None:
+def collect_arrays(name: str, value: Any, arrays: dict[str, NDArray[Any]], depth: int = 0) -> None:
     """Add the numeric arrays in a value of `loadmat` by their paths: `struct.field`, `cell{1}`."""
     if depth > DEEPEST:
         return
     fields = getattr(value, "_fieldnames", None)
     if fields is not None:
         for field in fields:
-            collect_arrays(f"{name}.{field}", getattr(value, field), found, depth + 1)
+            collect_arrays(f"{name}.{field}", getattr(value, field), arrays, depth + 1)
     elif isinstance(value, np.ndarray) and value.dtype == object:
-        for place, element in enumerate(value.ravel()[:100], 1):
-            collect_arrays(f"{name}{{{place}}}", element, found, depth + 1)
+        for place, element in enumerate(value.ravel()[:MOST_CELLS], 1):
+            collect_arrays(f"{name}{{{place}}}", element, arrays, depth + 1)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-        found[name] = value
+        arrays[name] = value

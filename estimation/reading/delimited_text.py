@@ -24,6 +24,7 @@ from estimation.reading.log_reader import (
     require_size,
     unique_names,
 )
+from estimation.recordings.column_table import parsed_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,7 +32,28 @@ if TYPE_CHECKING:
 
 SAMPLE_LINES = 300
 """Lines by which separator, decimal sign and header are recognised."""
+LAYOUT_LINES = 4 * SAMPLE_LINES
+"""Lines among which the first row of numbers is looked for: headers of hundreds of lines occur."""
+LEAST_SCORE = 0.1
+"""Share of the cells that are numbers in rows of one length, below which a text is no log."""
+LONE_COLUMN = 0.6
+"""Weight of a dialect that finds one column alone: any line is one cell of it."""
+ROW_SHARE = 0.3
+"""Of a row's filled cells that are numbers; the others may be states, modes and names."""
+SNIFFED_BYTES = 1 << 16
+"""By which text is told from binary content."""
+LATIN_SHARE = 0.7
+"""Of the bytes that are ASCII in a text; of random ones half are."""
+LONGEST_LINE = 4 * HEAD_BYTES
+"""Bytes: no robot writes a sample as long."""
 CHUNK_CELLS = 2_000_000
+"""Cells that are parsed at once, 16 MB of numbers."""
+FEWEST_CHUNK_ROWS = 1000
+"""Of a chunk, however many columns there are."""
+SPARE_ROWS, FEWEST_ROWS = 1.05, 100
+"""Factor on the rows that are expected by the length of the first lines, and rows more, so that arrays seldom grow."""
+TEXT_LENGTH, SHOWN_LENGTH, SHOWN_NAMES = 60, 20, 4
+"""Characters of a text that are kept and shown, and names that a message repeats."""
 TEXTS_KEPT = 5
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA = re.compile(r"[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
@@ -89,7 +111,7 @@ class DelimitedText(LogReader):
 
     def recognises(self, source: SourceFile) -> bool:
         """Text has no NUL and next to no other control characters, but in UTF-16."""
-        head = source.head[:65536]
+        head = source.head[:SNIFFED_BYTES]
         if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return True
         return bool(head.strip()) and len(head.translate(None, BINARY)) == len(head) and _is_mostly_text(head)
@@ -104,7 +126,7 @@ class DelimitedText(LogReader):
 
 def _is_mostly_text(head: bytes) -> bool:
     """Latin letters and digits, signs and white space: random bytes are above 127 in every second case."""
-    return len(head.translate(None, ABOVE_ASCII)) > 0.7 * len(head)
+    return len(head.translate(None, ABOVE_ASCII)) > LATIN_SHARE * len(head)
 
 
 def encoding_of(head: bytes) -> str:
@@ -139,7 +161,7 @@ class _Text(io.TextIOBase):
             raise self.source.error("binary content among the lines", "give a text file that is whole")
         newline = max(block.rfind(b"\n"), block.rfind(b"\r"))
         self.since_newline = len(block) - newline if newline >= 0 else self.since_newline + len(block)
-        if self.since_newline > 4 * HEAD_BYTES:
+        if self.since_newline > LONGEST_LINE:
             raise self.source.error("a line longer than 4 MB", "give a text file with one sample a line")
         text = self.decoder.decode(block, not block).replace("\r\n", "\n").replace("\r", "\n")
         if not text and block:
@@ -157,7 +179,7 @@ def _layout(source: SourceFile, text: str) -> Layout:
         lines = lines[:-1]  # the last one may be cut
         if not lines:
             raise source.error("row 1 is longer than 1 MB", "give a text file with one sample a line")
-    lines = lines[: 4 * SAMPLE_LINES]
+    lines = lines[:LAYOUT_LINES]
     if not any(line.strip() for line in lines):
         raise source.error("the file is empty", "give a log with rows of numbers")
     dialect, width = _dialect(source, lines)
@@ -176,13 +198,13 @@ def _dialect(source: SourceFile, lines: Sequence[str]) -> tuple[Dialect, int]:
     best, best_rank = (DIALECTS[0], 0.0, 0), (-1.0, False)
     for dialect in DIALECTS:
         score, width = _score(sample, dialect)
-        rank = (round(score, 2) * (1.0 if width > 1 else 0.6), width > 1)
+        rank = (round(score, 2) * (1.0 if width > 1 else LONE_COLUMN), width > 1)
         if rank > best_rank:
             best, best_rank = (dialect, score, width), rank
         if best_rank == (1.0, True):
             break  # none is better
     dialect, score, width = best
-    if score < 0.1:
+    if score < LEAST_SCORE:
         raise source.error("no rows of numbers are found in its first lines", "give a text file with one sample a line")
     return dialect, width
 
@@ -205,7 +227,7 @@ def _first_row(lines: Sequence[str], dialect: Dialect, width: int) -> int:
             continue
         cells = [cell for cell in dialect.cells(line) if cell.lower() not in MISSING]
         numbers = sum(map(dialect.is_number, cells))
-        if numbers and numbers >= 0.3 * len(cells):
+        if numbers and numbers >= ROW_SHARE * len(cells):
             return place
     return 0
 
@@ -257,7 +279,7 @@ def _table(source: SourceFile, layout: Layout, text: _Text) -> LogTable:
     if layout.has_header and (
         again := [name for name in names if re.search(r"\.\d+$", name) and name not in layout.names]
     ):
-        notes.append((f"duplicated or unnamed column, renamed: {', '.join(again[:4])}", len(again), False))
+        notes.append((f"duplicated or unnamed column, renamed: {', '.join(again[:SHOWN_NAMES])}", len(again), False))
     title = f"text, separated by {_SEPARATOR[layout.dialect.separator]}"
     title += ", decimal comma" if layout.dialect.decimal == "," else ""
     title += "" if layout.has_header else ", without header"
@@ -270,22 +292,13 @@ _SEPARATOR = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": 
 def _chunks(source: SourceFile, layout: Layout, text: _Text, columns: int) -> Iterator[pd.DataFrame]:
     import pandas as pd  # slow to import
 
-    dialect = layout.dialect
+    separator = layout.dialect.separator
     try:
-        yield from pd.read_csv(
-            text,
-            sep=r"\s+" if dialect.separator in (" ", ", ") else dialect.separator,
-            decimal=dialect.decimal,
-            header=None,
-            names=list(range(columns)),
-            index_col=False,
-            skiprows=layout.skipped,
-            comment=layout.comment,
-            skipinitialspace=True,
-            na_values=["-", "--", "none", "None"],
-            on_bad_lines="warn",
-            chunksize=max(CHUNK_CELLS // columns, 1000),
-        )
+        yield from parsed_rows(
+            text, max(CHUNK_CELLS // columns, FEWEST_CHUNK_ROWS), sep=r"\s+" if separator in (" ", ", ") else separator,
+            decimal=layout.dialect.decimal, header=None, names=list(range(columns)), skiprows=layout.skipped,
+            comment=layout.comment, na_values=["-", "--", "none", "None"], on_bad_lines="warn",
+        )  # fmt: skip
     except pd.errors.EmptyDataError:
         return
     except pd.errors.ParserError as error:
@@ -296,7 +309,7 @@ def _expected_rows(source: SourceFile) -> int:
     """Lines of the file by the length of the first ones, a little more than likely; few of a compressed file."""
     lines = source.head.count(b"\n") + 1
     size = source.path.stat().st_size if source.compression is None else len(source.head)
-    return int(1.05 * size * lines / max(len(source.head), 1)) + 100
+    return int(SPARE_ROWS * size * lines / max(len(source.head), 1)) + FEWEST_ROWS
 
 
 class _Columns:
@@ -336,7 +349,7 @@ class _Columns:
         if wrong.any():
             self.bad[place] += int(wrong.sum())
             for cell in cells[wrong].drop_duplicates()[:TEXTS_KEPT]:
-                self.texts[place].setdefault(cell[:60])
+                self.texts[place].setdefault(cell[:TEXT_LENGTH])
         return numbers.to_numpy(dtype=np.float64)
 
     def finished(self) -> tuple[dict[str, Array], dict[str, tuple[str, ...]], list[tuple[str, int, bool]]]:
@@ -356,7 +369,7 @@ class _Columns:
                     shown = next(iter(self.texts[place]))
                     notes.append(
                         (
-                            f"cells of {name} that are no numbers, such as {shown[:20]!r}, taken as missing",
+                            f"cells of {name} that are no numbers, such as {shown[:SHOWN_LENGTH]!r}, taken as missing",
                             self.bad[place],
                             False,
                         )

@@ -27,7 +27,7 @@ from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.reading_report import spans
 from estimation.recordings.sign_convention import in_sensor_frame
-from estimation.recordings.weight_fit import LEAST_EXPLAINED, weight_fit
+from estimation.recordings.weight_fit import LEAST_EXPLAINED, RANK_TOLERANCE, weight_fit
 from modeling.errors import InputError
 from modeling.kinematics.placement import COMPONENTS, Direction, motion_in_world
 from modeling.rig import SPATIAL_CHANNELS
@@ -80,7 +80,7 @@ def deviations(columns: Mapping[str, Array]) -> Deviations | None:
         return None
     down, moving = _motion({name: column[rows] for name, column in columns.items()})
     left, sizes, _ = np.linalg.svd(np.hstack([down, moving, np.ones((len(down), 1))]), full_matrices=False)
-    squares = _trimmed_squares(left[:, sizes > 1e-10 * sizes[0]], force)
+    squares = _trimmed_squares(left[:, sizes > RANK_TOLERANCE * sizes[0]], force)
     variance = float(squares[squares <= np.median(squares)].mean()) / 3 / QUIET_HALF
     outlying = squares > OUTLYING**2 * variance
     mass = _mass(down[~outlying], force[~outlying])
@@ -116,7 +116,7 @@ def _concentrated(basis: Array, force: Array, quiet: NDArray[np.bool_]) -> Array
 def _squares(basis: Array, force: Array, fitted: NDArray[np.bool_]) -> Array:
     """Squared residuals (m,) of the fit to some of the samples."""
     kept = basis[fitted]
-    solution = np.linalg.lstsq(kept.T @ kept, kept.T @ force[fitted], rcond=1e-10)[0]
+    solution = np.linalg.lstsq(kept.T @ kept, kept.T @ force[fitted], rcond=RANK_TOLERANCE)[0]
     residual = force - basis @ solution
     return np.asarray(np.einsum("nd,nd->n", residual, residual))
 
@@ -148,7 +148,7 @@ def _mass(direction: Array, force: Array) -> float | None:
     fits = [weight_fit(GRAVITY * direction, force, mounting=sign * np.eye(3)) for sign in (1.0, -1.0)]
     straight = min(fits, key=lambda fit: fit.rms)
     free = np.hstack([direction, np.ones((len(direction), 1))])
-    residual = force - free @ np.linalg.lstsq(free, force, rcond=1e-10)[0]
+    residual = force - free @ np.linalg.lstsq(free, force, rcond=RANK_TOLERANCE)[0]
     is_rigid = straight.rms < STRAIGHT * float(np.sqrt(np.mean(residual**2)))
     explains = straight.explained > LEAST_EXPLAINED and not straight.shows_no_weight
     return straight.mass if explains and is_rigid else None
@@ -162,9 +162,9 @@ def require_plausible_speed(columns: Mapping[str, Array], rate: float, group: Co
     if any(name_and_unit(name)[1] for name in group.columns):
         return
     angles = {name: columns[name] for name in columns if re.fullmatch(r"q\d+", name)}
-    found = impossible_speed(angles, 1 / rate)
-    if found is not None:
-        fast = found[1]
+    fastest = impossible_speed(angles, 1 / rate)
+    if fastest is not None:
+        fast = fastest[1]
         turn = float(max(np.ptp(column) for column in angles.values()))
         what = f"joint angles {group.columns[0]} .. {group.columns[-1]} could be radians ({turn:.3g} rad at speeds of"
         what += f" {fast:.3g} rad/s) or degrees ({np.radians(turn):.3g} rad at {np.radians(fast):.2g} rad/s)"
@@ -215,34 +215,34 @@ class FrameCheck:
         group = self.mapping.orientation
         if group is None:
             return columns
-        found = frame_evidence(columns, self.direction)
-        if found is not None and found.is_better:
-            if not self._is_better_taken(found, group, is_moved=is_moved):
+        evidence = frame_evidence(columns, self.direction)
+        if evidence is not None and evidence.is_better:
+            if not self._is_better_taken(evidence, group, is_moved=is_moved):
                 return columns
             columns = columns | {new: columns[old] for new, old in ROLLED}
         elif self._is_unstated(group):
             self._require_order(columns, group)
         in_world = columns if self.direction is None else motion_in_world(columns, self.direction)
         deviating = None if stamps is None else self._deviations(in_world, stamps)
-        self._note_missing_weight(in_world, found, deviating)
+        self._note_missing_weight(in_world, evidence, deviating)
         return columns
 
     def _note_missing_weight(
-        self, columns: dict[str, Array], found: FrameEvidence | None, deviating: Deviations | None
+        self, columns: dict[str, Array], evidence: FrameEvidence | None, deviating: Deviations | None
     ) -> None:
         """Say that the readings show no weight, unless those without contact do."""
         if _spread_of_gravity(columns) < FLATTEST:
             what = "the sensor hardly turns: these readings cannot tell a tool's weight from the zero"
             self.log.suspicious(what, self.mapping.wrench.table.name)
-        elif found is not None and found.shows_no_weight and (deviating is None or deviating.mass is None):
-            self.log.suspicious(found.weight_sentence, self.mapping.wrench.table.name)
+        elif evidence is not None and evidence.shows_no_weight and (deviating is None or deviating.mass is None):
+            self.log.suspicious(evidence.weight_sentence, self.mapping.wrench.table.name)
 
-    def _is_better_taken(self, found: FrameEvidence, group: ColumnGroup, *, is_moved: bool) -> bool:
+    def _is_better_taken(self, evidence: FrameEvidence, group: ColumnGroup, *, is_moved: bool) -> bool:
         """Name the better reading; whether it is taken."""
-        if found.best.meaning != W_FIRST or not self._is_unstated(group) or is_moved:
-            self.log.suspicious(f"{found.sentence}; {found.best.advice}", group.table.name)
+        if evidence.best.meaning != W_FIRST or not self._is_unstated(group) or is_moved:
+            self.log.suspicious(f"{evidence.sentence}; {evidence.best.advice}", group.table.name)
             return False
-        self.log.mended(f"no name states the quaternion's order, and {found.sentence}; taken so", group.table.name)
+        self.log.mended(f"no name states the quaternion's order, and {evidence.sentence}; taken so", group.table.name)
         return True
 
     def _is_unstated(self, group: ColumnGroup) -> bool:
@@ -262,16 +262,16 @@ class FrameCheck:
 
     def _deviations(self, columns: dict[str, Array], stamps: Array) -> Deviations | None:
         """The times at which the force is none of a weight, which are named if they are more than a few."""
-        found = deviations(columns)
-        if found is None or found.share < LEAST_SHARE:
+        deviating = deviations(columns)
+        if deviating is None or deviating.share < LEAST_SHARE:
             return None
-        what = f"the force deviates from a weight by more than {OUTLYING} times its usual {found.usual:.2g} N:"
+        what = f"the force deviates from a weight by more than {OUTLYING} times its usual {deviating.usual:.2g} N:"
         what += " contact, or another effect that is strongest then"
-        what += f"; the rest shows a tool of about {found.mass:.2g} kg" if found.mass is not None else ""
-        at = spans(stamps[sampled_rows(columns)], found.outlying)
-        count = round(found.share * len(stamps))
+        what += f"; the rest shows a tool of about {deviating.mass:.2g} kg" if deviating.mass is not None else ""
+        at = spans(stamps[sampled_rows(columns)], deviating.outlying)
+        count = round(deviating.share * len(stamps))
         self.log.suspicious(what, self.mapping.wrench.table.name, count, len(stamps), at, FORCES)
-        return found
+        return deviating
 
 
 def _spread_of_gravity(columns: Mapping[str, Array]) -> float:

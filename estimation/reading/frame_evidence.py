@@ -175,20 +175,20 @@ def _free_direction(
         return
     turn = to_sensor_frame(quaternion)
     moments = WeightMoments.of(turn, a, force, GRAVITY)
-    found = estimated_gravity(moments, independent_samples(len(force), at_rest=at_rest), near_axis=TILT)
-    if found.is_upright:
+    gravity = estimated_gravity(moments, independent_samples(len(force), at_rest=at_rest), near_axis=TILT)
+    if gravity.is_upright:
         return
-    specific = (_turned(turn, a / GRAVITY - np.array(d)) for d in (found.direction, found.rival))
+    specific = (_turned(turn, a / GRAVITY - np.array(d)) for d in (gravity.direction, gravity.rival))
     free, rival = (_fitted("", "", along, force) for along in specific)
     if not free.fit.is_nearer_than(rival.fit):
         return
     if position is not None:
         upright, turned = (
             PulledTool.of(turn, position, a - GRAVITY * np.array(direction), force)
-            for direction in (upright_direction(3), found.direction)
+            for direction in (upright_direction(3), gravity.direction)
         )
-        found = replace(found, cable=cable_instead(upright, turned))
-    yield replace(free, meaning=found.meaning, advice=found.advice)
+        gravity = replace(gravity, cable=cable_instead(upright, turned))
+    yield replace(free, meaning=gravity.meaning, advice=gravity.advice)
 
 
 def _turned(turns: Array, vectors: Array) -> Array:

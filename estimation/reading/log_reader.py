@@ -57,18 +57,21 @@ class LogTable:
 def unique_names(names: Sequence[str]) -> list[str]:
     """The names, numbered where empty (`column_3`) and where they occur again (`x.2`)."""
     seen: dict[str, int] = {}
-    found = []
+    unique = []
     for place, name in enumerate(names, 1):
         base = name.strip() or f"column_{place}"
         seen[base] = seen.get(base, 0) + 1
-        found.append(base if seen[base] == 1 else f"{base}.{seen[base]}")
-    return found
+        unique.append(base if seen[base] == 1 else f"{base}.{seen[base]}")
+    return unique
 
 
 # Source file: a file of a robot's log, decompressed, with its first bytes to recognise it by.
 
 
 HEAD_BYTES = 1 << 20
+"""By which a format is recognised, and the layout of a text."""
+MAGIC_BYTES = 16
+"""By which a compression is recognised."""
 LARGEST_BINARY = 4 << 30
 """Bytes to which a compressed binary file may grow: a larger one is refused before it fills the disk."""
 COMPRESSED = {".gz": b"\x1f\x8b", ".bz2": b"BZh", ".xz": b"\xfd7zXZ\x00", ".zip": b"PK\x03\x04"}
@@ -181,7 +184,7 @@ class SourceFile:
     def _raw_start(self) -> bytes:
         try:
             with self.path.open("rb") as stream:
-                return stream.read(16)
+                return stream.read(MAGIC_BYTES)
         except OSError as error:
             reason = error.strerror or "cannot be read"
             raise self.error(reason, "give the path of a log file") from None
@@ -192,10 +195,18 @@ MAX_CELLS = 250_000_000
 MAX_COLUMNS = 20_000
 MOST_BAGS = 6
 """Bags below a folder that are named."""
+REASON_LENGTH = 160
+"""Characters of a library's own message that are repeated."""
 
 
 class LogReader(ABC):
-    """A file format. Its subclasses, in `estimation/logs/readers`, are tried on a source in the order of `rank`."""
+    """A file format of logs; a subclass registers itself, where `log_sources.py` imports its file.
+
+    title    its name in messages and in the list of what can be read
+    rank     readers are asked in ascending order of it, the first that recognises a source reads it; text, which nearly
+             anything is, has 100
+    repair   what to do about a file that its library cannot read
+    """
 
     title: ClassVar[str]
     rank: ClassVar[int] = 0
@@ -226,17 +237,17 @@ def tables_of(source: SourceFile) -> list[LogTable]:
         remedy = f"give one of: {titles}" if not bags else f"give the folder of a bag: {', '.join(bags)}"
         raise source.error(_strangeness(source), remedy)
     try:
-        found = [table for table in reader.tables(source) if table.columns and table.rows]
+        tables = [table for table in reader.tables(source) if table.columns and table.rows]
     except (TruewrenchError, KeyboardInterrupt):
         raise
     except MemoryError:
         raise source.error("larger than the memory that is free", "cut the log into parts") from None
     except Exception as error:  # a library's own, of a damaged file: there is no common base class
-        reason = " ".join(str(error).split())[:160].rstrip(".") or "it is damaged"
+        reason = " ".join(str(error).split())[:REASON_LENGTH].rstrip(".") or "it is damaged"
         raise source.error(f"cannot be read as {reader.title}: {reason}", reader.repair) from None
-    if not found:
+    if not tables:
         raise source.error(f"{reader.title} without samples", "give a log with rows of numbers")
-    return found
+    return tables
 
 
 def _strangeness(source: SourceFile) -> str:

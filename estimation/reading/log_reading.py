@@ -15,7 +15,7 @@ from estimation.reading.sample_mending import differ_slightly, repeat_lengths
 from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import (
     ColumnTable,
-    header_names,
+    table_file,
     table_from_columns,
     table_from_file,
     table_from_frame,
@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 
     from estimation.reading.column_map import ColumnMap
     from estimation.reading.log_import import ImportedRecording
-
-
-HEADER_BYTES = 1 << 16
 
 
 def read(
@@ -101,11 +98,11 @@ def read(
     as_it_stands = as_it_stands and not (rig is not None and rig.columns)
     if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):
         return _as_it_stands(Path(sources[0]), rig, strict=strict, one_run=one_run)
-    found = imported(
+    recorded = imported(
         *sources, rig=rig, preset=preset, map=map, period=period, strict=strict, one_run=one_run,
         clock_offset=clock_offset,
     )  # fmt: skip
-    return found.recording(rig)
+    return recorded.recording(rig)
 
 
 def imported(
@@ -143,29 +140,12 @@ def require_path(given: object) -> None:
 
 def is_recording(path: Path) -> bool:
     """Whether the columns of a CSV or Parquet file are called as FORMATS has them: a wrench and a motion."""
-    names = _names(path)
+    try:
+        names = set(table_file(path).names)
+    except InputError:
+        return False
     wrench = any(names.issuperset(channels) for channels in (PLANAR_CHANNELS, SPATIAL_CHANNELS))
     return wrench and ("q1" in names or "phi" in names or names.issuperset(QUATERNION))
-
-
-def _names(path: Path) -> set[str]:
-    try:
-        with path.open("rb") as stream:
-            start = stream.read(HEADER_BYTES)
-    except OSError:
-        return set()
-    if start.startswith(b"PAR1"):
-        import pyarrow as pa  # slow to import
-        import pyarrow.parquet as pq
-
-        try:
-            return set(pq.read_schema(path).names)
-        except (pa.ArrowException, OSError, ValueError):
-            return set()
-    try:
-        return set(header_names(start.decode("utf-8-sig", errors="replace"), str(path)))
-    except InputError:
-        return set()
 
 
 def read_with_rig(

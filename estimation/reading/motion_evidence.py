@@ -28,6 +28,7 @@ from estimation.reading.frame_evidence import (
 from estimation.reading.log_reader import Array
 from estimation.recordings.differentiation import Derivatives
 from estimation.recordings.motion import MotionForm
+from estimation.recordings.reading import FASTEST_QUANTILE
 from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import largest_deviation
 from estimation.recordings.sign_convention import to_sensor_frame
@@ -79,15 +80,15 @@ def _repeats_alike(recording: Recording) -> bool:
     """Whether there are repeats, of one motion."""
     if recording.repeats == 1 or recording.dt is None:
         return False
-    found = largest_deviation(recording.columns, recording.repeats)
-    return found is None or not found.gross
+    worst = largest_deviation(recording.columns, recording.repeats)
+    return worst is None or not worst.gross
 
 
 def impossible_speed(angles: Mapping[str, Array], dt: float) -> tuple[str, float] | None:
     """The fastest of angles (n,) sampled every dt s, and its speed in rad/s, where no arm is as fast; else None."""
     lag = max(round(SPEED_TIME / dt), 1)
     speeds = {
-        name: float(np.quantile(np.abs(column[lag:] - column[:-lag]), 0.99)) / lag / dt
+        name: float(np.quantile(np.abs(column[lag:] - column[:-lag]), FASTEST_QUANTILE)) / lag / dt
         for name, column in angles.items()
         if len(column) > 2 * lag
     }
@@ -129,9 +130,9 @@ def _free_direction(recording: Recording) -> Iterator[FrameReading]:
     """The reading with gravity along another direction of the base, where the data show it."""
     rig = recording.rig or Rig()
     sign = rig.sensor.convention or (Convention.ON_TOOL if recording.dimension == 2 else Convention.AUTO)
-    found = gravity_evidence([recording], gravity=rig.gravity, convention=sign, mirror_y=rig.sensor.mirror_y)
-    if found is not None:
-        yield _reading(found.meaning, found.advice, recording, down=found.direction)
+    direction = gravity_evidence([recording], gravity=rig.gravity, convention=sign, mirror_y=rig.sensor.mirror_y)
+    if direction is not None:
+        yield _reading(direction.meaning, direction.advice, recording, down=direction.direction)
 
 
 def _derived(recording: Recording) -> list[str]:
@@ -183,8 +184,8 @@ def _turns(recording: Recording) -> Array:
 def _specific_force(recording: Recording, down: Direction | None) -> Array:
     """Acceleration minus gravity in the world (n, k), m/s²; along -z, or -y, unless `down` is stated."""
     names = ("apx", "apy", "apz") if recording.dimension == 3 else ("ax", "ay")
-    found = np.stack([recording.signals[name] for name in names], axis=1)
-    return np.asarray(found - GRAVITY * np.array(down or upright_direction(recording.dimension)))
+    acceleration = np.stack([recording.signals[name] for name in names], axis=1)
+    return np.asarray(acceleration - GRAVITY * np.array(down or upright_direction(recording.dimension)))
 
 
 def _planar_mounting(recording: Recording) -> Array:

@@ -12,10 +12,11 @@ from estimation.reading.column_recognition import ColumnGroup, ColumnMapping
 from estimation.reading.log_reader import Array, LogTable
 from estimation.reading.orientation_form import OrientationForm, matrix_form, matrix_positions
 from estimation.reading.step_log import StepLog
+from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading_report import UsedColumns
 from modeling.errors import InputError, quoted
 
-QUATERNION, POSITION = ("qx", "qy", "qz", "qw"), ("px", "py", "pz")
+POSITION = ("px", "py", "pz")
 PLANAR_FORM = OrientationForm("planar")
 UNIT_NORM = 1e-3
 LARGEST_NUMBER = 1e9
@@ -82,11 +83,11 @@ class SiColumns:
             self.log.suspicious(what, group.table.name)
 
     def _pose(self, group: ColumnGroup) -> dict[str, Array]:
-        own = [group.table.columns[name] for name in group.columns]
-        plain = group.form == OrientationForm("xyzw") and len(own) == 4 and not self.stated.inverse
-        if plain and _is_continuous(own):
+        parts = [group.table.columns[name] for name in group.columns]
+        plain = group.form == OrientationForm("xyzw") and len(parts) == 4 and not self.stated.inverse
+        if plain and _is_continuous(parts):
             self._note(group, QUATERNION, str(group.form))
-            return dict(zip(QUATERNION, own, strict=True))  # as they are, without a copy
+            return dict(zip(QUATERNION, parts, strict=True))  # as they are, without a copy
         values = group.values()
         where = group.table.name
         place: Array | None = None
@@ -211,11 +212,11 @@ def _origin_of_inverse(turned: Array, place: Mapping[str, Array]) -> dict[str, A
     """The sensor's origin in the base, of the base's origin in the sensor: p = -R p' with R (n, 4) of the sensor."""
     from scipy.spatial.transform import Rotation  # slow to import
 
-    found = np.full((len(turned), 3), np.nan)
+    positions = np.full((len(turned), 3), np.nan)
     known = np.isfinite(turned).all(axis=1)
     origin = np.stack([place[name] for name in POSITION], axis=1)
-    found[known] = -Rotation.from_quat(turned[known]).apply(origin[known])
-    return dict(zip(POSITION, found.T, strict=True))
+    positions[known] = -Rotation.from_quat(turned[known]).apply(origin[known])
+    return dict(zip(POSITION, positions.T, strict=True))
 
 
 def in_sensor_axes(wrench: Mapping[str, Array], motion: Mapping[str, Array]) -> dict[str, Array]:
@@ -223,8 +224,8 @@ def in_sensor_axes(wrench: Mapping[str, Array], motion: Mapping[str, Array]) -> 
     from scipy.spatial.transform import Rotation  # slow to import
 
     turn = Rotation.from_quat(np.stack([motion[name] for name in QUATERNION], axis=1))
-    found: dict[str, Array] = {}
+    turned: dict[str, Array] = {}
     for names in (("fx", "fy", "fz"), ("tx", "ty", "tz")):
         vector = turn.apply(np.stack([wrench[name] for name in names], axis=1), inverse=True)
-        found |= dict(zip(names, vector.T, strict=True))
-    return found
+        turned |= dict(zip(names, vector.T, strict=True))
+    return turned

@@ -2,129 +2,24 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.reading.clock_offset import MotionRegressors, clock_offset
-from estimation.reading.column_pattern import PRESET_COLUMNS, PRESETS
-from estimation.reading.log_reader import ROS_TOPIC, TF_CHAIN, Array, LogTable
-from estimation.reading.repeat_cutting import aligned_runs, cut_into_repeats, one_run, separate_runs
-from estimation.reading.sample_mending import Series, Stream, interpolated_position, interpolated_quaternion
+from estimation.reading.log_reader import Array
+from estimation.reading.repeat_cutting import CutSeries, aligned_runs, cut_into_repeats, one_run, separate_runs
+from estimation.reading.sample_mending import ROUNDING, Series, Stream, interpolated_position, interpolated_quaternion
 from estimation.reading.step_log import StepLog
-from estimation.reading.time_column import EPOCH, time_column
 from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.motion import QUATERNION
+from estimation.recordings.motion_period import FEWEST_SAMPLES
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.reading_report import OffsetReading, PeriodReading
 from modeling.errors import InputError
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, STANDARD_GRAVITY, Rig
 
-# Joining of tables: names for headerless files whose layout a preset knows, and files that share their rows.
-
-
-WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
-UNNAMED = re.compile(r"column_\d+")
-POSE = ("px", "py", "pz", "qx", "qy", "qz", "qw")
-WRENCH_FILE = re.compile(r"wrench|force|torque|(?:^|[^a-z])ft(?:[^a-z]|$)|load", re.IGNORECASE)
-
-
-def is_headerless(table: LogTable) -> bool:
-    """Whether no column has a name of its own."""
-    return all(UNNAMED.fullmatch(name) for name in table.columns)
-
-
-def require_preset(tables: Sequence[LogTable], preset: str) -> None:
-    """InputError when no table looks as the preset says."""
-    names = [name for table in tables for name in table.columns]
-    if preset in PRESET_COLUMNS:
-        fits = any(re.search(PRESET_COLUMNS[preset], name, re.IGNORECASE) for name in names)
-    elif preset == "ros_bag":
-        fits = any(table.kind in (ROS_TOPIC, TF_CHAIN) for table in tables)
-    else:
-        fits = any(map(is_headerless, tables))
-        fits |= preset == "ros_csv" and any(name == "%time" or name.startswith("field.") for name in names)
-    if not fits:
-        shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-        what = f"the preset {preset} ({PRESETS[preset]}) does not fit: the columns are {shown}"
-        raise InputError(what=what, where=tables[0].name, remedy="leave out --preset, or name the columns by --map")
-
-
-def with_preset_names(tables: Sequence[LogTable], preset: str | None, log: StepLog) -> list[LogTable]:
-    """The tables, headerless ones with the names that their preset, or content beyond doubt, gives the columns."""
-    headerless = [table for table in tables if is_headerless(table)]
-    if preset == "kinova" or (len(headerless) > 1 and len(headerless) == len(tables) and _one_is_time(headerless)):
-        return [_named_by_file(table, log) if table in headerless else table for table in tables]
-    return [_named_by_layout(table, preset, log) if table in headerless else table for table in tables]
-
-
-def _named(table: LogTable, names: Sequence[str], log: StepLog) -> LogTable:
-    log.taken(f"no header; its columns taken as {', '.join(names)}", table.name)
-    return replace(table, columns=dict(zip(names, table.columns.values(), strict=True)))
-
-
-def _named_by_layout(table: LogTable, preset: str | None, log: StepLog) -> LogTable:
-    columns = list(table.columns.values())
-    if preset == "ros_csv" or (len(columns) == 8 and _is_ros_echo(columns)):
-        return _named(table, ("header.stamp.sec", "header.stamp.nanosec", *WRENCH), log) if len(columns) == 8 else table
-    if preset == "xyz_quaternion_wrench":
-        return _of_length(table, ("time", *POSE, *WRENCH), preset, log)
-    if preset == "joints_deg_wrench":
-        joints = len(columns) - 6
-        return _of_length(table, (*(f"q{i + 1} (deg)" for i in range(joints)), *WRENCH), preset, log)
-    return table
-
-
-def _of_length(table: LogTable, names: Sequence[str], preset: str, log: StepLog) -> LogTable:
-    if len(table.columns) != len(names):
-        what = f"{len(table.columns)} columns, and {preset} has {len(names)}"
-        raise InputError(what=what, where=table.name, remedy="name its columns (column_1, ..) in a map")
-    return _named(table, names, log)
-
-
-def _is_ros_echo(columns: Sequence[Array]) -> bool:
-    """Seconds since 1970, nanoseconds below 1e9, and six more."""
-    seconds, nanoseconds = (column[np.isfinite(column)] for column in columns[:2])
-    whole = len(seconds) and bool((seconds == np.round(seconds)).all() and (nanoseconds == np.round(nanoseconds)).all())
-    return bool(whole) and EPOCH[0] < seconds[0] < EPOCH[1] and bool(((nanoseconds >= 0) & (nanoseconds < 1e9)).all())
-
-
-def _one_is_time(tables: Sequence[LogTable]) -> bool:
-    lengths = {table.rows for table in tables}
-    single = [table for table in tables if len(table.columns) == 1]
-    return len(lengths) == 1 and any(time_column(table, factor=1.0) is not None for table in single)
-
-
-def _named_by_file(table: LogTable, log: StepLog) -> LogTable:
-    """Time alone, or wrench, or joints: by number of columns, and where it is six, by the file's name."""
-    count = len(table.columns)
-    if count == 1:
-        return _named(table, ("time",), log)
-    if count == 6 and WRENCH_FILE.search(table.name):
-        return _named(table, WRENCH, log)
-    if count == 7 and re.search(r"pose|tcp|cart", table.name, re.IGNORECASE):
-        return _named(table, POSE, log)
-    return _named(table, tuple(f"q{i + 1}" for i in range(count)), log)
-
-
-def joined_by_rows(tables: Sequence[LogTable], stated_time: str | None, log: StepLog) -> list[LogTable]:
-    """The tables, those without time joined row by row to the one of as many rows that has one."""
-    timed = [t for t in tables if (stated_time in t.columns if stated_time else time_column(t, factor=1.0) is not None)]
-    plain = [table for table in tables if table not in timed]
-    joined = []
-    for host in timed or plain[:1]:
-        others = [table for table in plain if table is not host and table.rows == host.rows]
-        plain = [table for table in plain if table not in others and table is not host]
-        columns = dict(host.columns)
-        for other in others:
-            columns |= {name if name not in columns else f"{other.name}:{name}": c for name, c in other.columns.items()}
-            log.taken(f"no time of its own, joined row by row to {host.name}", other.name, other.rows)
-        joined.append(replace(host, columns=columns) if others else host)
-    return [*joined, *plain]
-
-
-QUATERNION = ("qx", "qy", "qz", "qw")
 SMALLEST_SHIFT = 0.05
 """Of a sample: a smaller offset is not worth an interpolation."""
 
@@ -132,6 +27,12 @@ SAME_STAMPS = 0.9
 """Share of the wrench's stamps that the motion's hold exactly, from which on one clock has stamped both."""
 CLIPPED = 0.05
 """Of a sample: by so much a sample of the wrench may lie outside the motion, which is taken as its end then."""
+FEW_MISSING = 0.2
+"""Share of a column's cells below which empty ones are interpolated; of more the column would be invented."""
+ZERO_STD = 2
+"""Standard deviations: an offset within 95 % of zero is none."""
+NAMED_OFFSETS = 3
+"""Offsets that would fit as well that a message names."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -171,54 +72,60 @@ def on_one_clock(
     if shift:
         text = f"stamps of the wrench moved by {-shift * 1e3:.4g} ms"
         log.mended(text, wrench.where, wrench.samples)
-    instants = wrench.instants - shift
     columns = dict(wrench.columns)
     if others:
-        slack = CLIPPED * wrench.dt
-        low = max(one.start for one in others) - slack
-        high = min(one.instants[-1] for one in others) + slack
-        inside = (instants >= low) & (instants <= high)
-        if inside.sum() < 20:
-            what = f"the stamps of {wrench.where} and {others[0].where} do not overlap"
-            raise InputError(
-                what=what,
-                where=wrench.where,
-                remedy="give logs of one run, or state the offset: --clock-offset 12.3 (s)",
-            )
-        columns = {name: column[inside] for name, column in columns.items()}
-        for one in others:
-            columns |= _at(one, instants[inside])
-            log.taken(
-                f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum())
-            )
-    clean = _finite(columns, wrench.where, log)
+        columns = _with_motion(columns, wrench, others, wrench.instants - shift, log)
+    columns = _finite(columns, wrench.where, log)
+    cut = _cut(columns, wrench, period, log, whole=whole)
+    return CommonClock(columns=cut.columns, rate=1 / cut.dt, offset=offset, period=cut.period)
+
+
+def _with_motion(
+    columns: Mapping[str, Array], wrench: Series, others: Sequence[Series], instants: Array, log: StepLog
+) -> dict[str, Array]:
+    """Columns of the wrench, those of other series beside them, at its instants (n,) that all of them cover."""
+    slack = CLIPPED * wrench.dt
+    low = max(one.start for one in others) - slack
+    high = min(one.instants[-1] for one in others) + slack
+    inside = (instants >= low) & (instants <= high)
+    if inside.sum() < FEWEST_SAMPLES:
+        what = f"the stamps of {wrench.where} and {others[0].where} do not overlap"
+        remedy = "give logs of one run, or state the offset: --clock-offset 12.3 (s)"
+        raise InputError(what=what, where=wrench.where, remedy=remedy)
+    joined = {name: column[inside] for name, column in columns.items()}
+    for one in others:
+        joined |= _at(one, instants[inside])
+        log.taken(f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum()))
+    return joined
+
+
+def _cut(columns: dict[str, Array], wrench: Series, period: float | None, log: StepLog, *, whole: bool) -> CutSeries:
+    """The columns in repeats: the runs that the wrench has, or those of its motion's period."""
     lengths = np.array(wrench.lengths)
     if wrench.runs > 1 and np.ptp(lengths) > 0:
-        cut = aligned_runs(clean, wrench.dt, lengths, wrench.where, log)
-    elif wrench.runs > 1:
-        cut = separate_runs(clean, wrench.dt, wrench.runs)
-    elif whole:
-        cut = one_run(clean, wrench.dt)
-    else:
-        cut = cut_into_repeats(clean, wrench.dt, period, wrench.where, log)
-    return CommonClock(columns=cut.columns, rate=1 / cut.dt, offset=offset, period=cut.period)
+        return aligned_runs(columns, wrench.dt, lengths, wrench.where, log)
+    if wrench.runs > 1:
+        return separate_runs(columns, wrench.dt, wrench.runs)
+    return one_run(columns, wrench.dt) if whole else cut_into_repeats(columns, wrench.dt, period, wrench.where, log)
 
 
 def _at(series: Series, instants: Array) -> dict[str, Array]:
     """The columns of a series at other instants."""
-    own = series.instants
-    found: dict[str, Array] = {}
+    stamps = series.instants
+    columns: dict[str, Array] = {}
     if set(QUATERNION) <= set(series.columns):
         quaternions = np.stack([series.columns[name] for name in QUATERNION], axis=1)
-        found |= dict(zip(QUATERNION, interpolated_quaternion(own, quaternions, instants).T, strict=True))
+        columns |= dict(zip(QUATERNION, interpolated_quaternion(stamps, quaternions, instants).T, strict=True))
     for name, column in series.columns.items():
-        if name in found:
+        if name in columns:
             continue
         smooth = name[0] in "pq" and bool(np.isfinite(column).all())
-        found[name] = (
-            interpolated_position(own, column[:, None], instants)[:, 0] if smooth else np.interp(instants, own, column)
+        columns[name] = (
+            interpolated_position(stamps, column[:, None], instants)[:, 0]
+            if smooth
+            else np.interp(instants, stamps, column)
         )
-    return found
+    return columns
 
 
 def _estimated(
@@ -227,7 +134,7 @@ def _estimated(
     """The offset between the clocks of wrench and motion, where the motion's kinematics are known."""
     motion = others[0]
     start, stop = max(o.start for o in others), min(o.instants[-1] for o in others)
-    instants = motion.instants[(motion.instants >= start - 1e-9) & (motion.instants <= stop + 1e-9)]
+    instants = motion.instants[(motion.instants >= start - ROUNDING) & (motion.instants <= stop + ROUNDING)]
     columns = {name: column for one in others for name, column in _at(one, instants).items()}
     channels = PLANAR_CHANNELS if "tau" in wrench.columns else SPATIAL_CHANNELS
     dummy = {channel: np.zeros(len(instants)) for channel in channels}
@@ -251,37 +158,39 @@ def _estimated(
             f"its clock begins {around:.6g} s after that of {motion.where}: their first samples are aligned",
             wrench.where,
         )
-    found = clock_offset(regressors, wrench.instants, np.stack([wrench.columns[c] for c in channels], axis=1), around)
-    if found is None:
+    offset = clock_offset(regressors, wrench.instants, np.stack([wrench.columns[c] for c in channels], axis=1), around)
+    if offset is None:
         log.suspicious(
             f"too short to estimate its clock offset against {motion.where}; the stamps are believed", wrench.where
         )
         return None
-    return _judged(found, wrench, motion, log, same_stamps)
+    return _judged(offset, wrench, motion, log, same_stamps)
 
 
-def _judged(found: OffsetReading, wrench: Series, motion: Series, log: StepLog, same_stamps: bool) -> OffsetReading:
+def _judged(reading: OffsetReading, wrench: Series, motion: Series, log: StepLog, same_stamps: bool) -> OffsetReading:
     """The offset, applied where it is known and differs from zero by more than its interval and a part of a sample.
 
     Between streams with the same stamps it is not applied: what the rigid tool lacks looks like an offset, too.
     """
-    if not found.applied:
+    if not reading.applied:
         what = f"the clock offset against {motion.where} cannot be estimated from this motion;"
         what += " the stamps are believed, unless --clock-offset states it (s)"
         log.suspicious(what, wrench.where)
-        return found
-    if found.alternatives:
-        others = ", ".join(f"{offset:.3g}" for offset in found.alternatives[:3])
+        return reading
+    if reading.alternatives:
+        others = ", ".join(f"{offset:.3g}" for offset in reading.alternatives[:NAMED_OFFSETS])
         log.suspicious(
             f"the motion is periodic: an offset of {others} s would fit as well; the smallest is taken", wrench.where
         )
-    small = abs(found.offset) < max(2 * found.std, SMALLEST_SHIFT * wrench.dt)
+    small = abs(reading.offset) < max(ZERO_STD * reading.std, SMALLEST_SHIFT * wrench.dt)
     if same_stamps and not small:
-        what = f"seems {found.offset * 1e3:.3g} ms late against {motion.where}, whose stamps are the same: not applied,"
+        what = (
+            f"seems {reading.offset * 1e3:.3g} ms late against {motion.where}, whose stamps are the same: not applied,"
+        )
         what += " as what acts on the tool besides its weight looks like that, too; a delay is left to the diagnosis,"
         what += " unless --clock-offset (clock_offset=) states an offset of the clocks, s"
         log.suspicious(what, wrench.where)
-    return replace(found, applied=not small and not same_stamps)
+    return replace(reading, applied=not small and not same_stamps)
 
 
 def have_same_stamps(streams: Sequence[Stream]) -> bool:
@@ -292,15 +201,15 @@ def have_same_stamps(streams: Sequence[Stream]) -> bool:
 
 def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str, Array]:
     """Auxiliary columns with empty cells interpolated where few are missing, else left out."""
-    found = {}
+    complete = {}
     for name, column in columns.items():
         missing = int((~np.isfinite(column)).sum())
-        if missing and missing < 0.2 * len(column):
+        if missing and missing < FEW_MISSING * len(column):
             known = np.flatnonzero(np.isfinite(column))
             column = np.interp(np.arange(len(column)), known, column[known])
             log.mended(f"empty cells of {name} interpolated", where, missing, len(column))
         elif missing:
             log.taken(f"{name} is left out: mostly empty", where, missing, len(column))
             continue
-        found[name] = np.round(column) if name == "repeat" else column
-    return found
+        complete[name] = np.round(column) if name == "repeat" else column
+    return complete

@@ -16,6 +16,8 @@ UNIT_TOLERANCE, WORST_UNIT = 0.02, 0.1
 """Deviations of a norm from 1: of the median from which it is another form, and of one row that is damaged."""
 LARGEST = 1e6
 """A number beyond which no row is a pose."""
+NO_TRANSLATION = 1e-9
+"""Of the entries of a homogeneous matrix that are zero by definition."""
 
 
 @dataclass(frozen=True)
@@ -63,21 +65,21 @@ class OrientationForm:
         """
         from scipy.spatial.transform import Rotation  # slow to import
 
-        found = np.full((len(values), 4), np.nan)
+        quaternions = np.full((len(values), 4), np.nan)
         known = (np.abs(values) < LARGEST).all(axis=1)
         rows = values[known]
         if self.name in ("xyzw", "wxyz"):
             turned = _unit(rows, where)
-            found[known] = turned if self.name == "xyzw" else np.roll(turned, -1, axis=1)
+            quaternions[known] = turned if self.name == "xyzw" else np.roll(turned, -1, axis=1)
         elif self.name == "rotation_vector":
-            found[known] = Rotation.from_rotvec(rows).as_quat()
+            quaternions[known] = Rotation.from_rotvec(rows).as_quat()
         elif self.name == "euler":
-            found[known] = Rotation.from_euler(self.angles, rows).as_quat()
+            quaternions[known] = Rotation.from_euler(self.angles, rows).as_quat()
         else:
             matrices = _orthonormal(matrix_blocks(rows, self), where)
             sound = np.isfinite(matrices).all(axis=(1, 2))
-            found[np.flatnonzero(known)[sound]] = Rotation.from_matrix(matrices[sound]).as_quat()
-        return found
+            quaternions[np.flatnonzero(known)[sound]] = Rotation.from_matrix(matrices[sound]).as_quat()
+        return quaternions
 
 
 def matrix_blocks(values: Array, form: OrientationForm) -> Array:
@@ -109,7 +111,7 @@ def matrix_form(values: Array) -> OrientationForm:
     if values.shape[1] == 16:
         last_row = np.nanmax(np.abs(values[:, 12:15]), initial=0.0)
         last_column = np.nanmax(np.abs(values[:, [3, 7, 11]]), initial=0.0)
-        return OrientationForm("matrix_rows" if last_row < 1e-9 < last_column else "matrix_columns")
+        return OrientationForm("matrix_rows" if last_row < NO_TRANSLATION < last_column else "matrix_columns")
     return OrientationForm("matrix_columns")
 
 

@@ -123,13 +123,13 @@ def checked(recording: Recording) -> Recording:
 
 def note_motion(recording: Recording, log: StepLog, how: str = "") -> None:
     """Log what the weight and the speed show against the units, axes and orientation as read; `how` to mend it."""
-    found = motion_evidence(recording)
-    if found is not None and found.is_better:
-        mending = how if found.best.advice.endswith("in a map") else ""
-        log.suspicious(f"{found.sentence}; {found.best.advice}{mending}", recording.name)
+    evidence = motion_evidence(recording)
+    if evidence is not None and evidence.is_better:
+        mending = how if evidence.best.advice.endswith("in a map") else ""
+        log.suspicious(f"{evidence.sentence}; {evidence.best.advice}{mending}", recording.name)
         return
-    if found is not None and found.shows_no_weight:
-        log.suspicious(found.weight_sentence, recording.name)
+    if evidence is not None and evidence.shows_no_weight:
+        log.suspicious(evidence.weight_sentence, recording.name)
     if recording.dt is not None:
         rows = recording.samples_per_repeat
         angles = {name: recording.columns[name][:rows] for name in angle_names(recording)}

@@ -20,19 +20,24 @@ from estimation.reading.sample_mending import (
     slight_difference,
 )
 from estimation.reading.step_log import StepLog
-from estimation.recordings.motion_period import MotionPeriod, motion_period, whole_repeats
+from estimation.recordings.motion import QUATERNION
+from estimation.recordings.motion_period import FEWEST_SAMPLES, MotionPeriod, motion_period, whole_repeats
 from estimation.recordings.reading_report import PeriodReading, Span, spans
 from estimation.recordings.repeat_motion import largest_deviation
+from estimation.recordings.weight_fit import SMALLEST_DIVISOR
 from modeling.errors import InputError
 from modeling.rig import SPATIAL_CHANNELS
 
-QUATERNION = ("qx", "qy", "qz", "qw")
 SMALLEST_SHIFT = 0.05
 """Of a sample: repeats that drift less against the clock over the whole record are not interpolated."""
-FEWEST_SAMPLES = 20
-"""Of one repeat."""
 IDENTICAL = 1e-6
 """Difference of readings between repeats over their size, below which no sensor has measured them."""
+PHASE_SLACK = 0.1
+"""Of a sample: a period that much short of a whole number of samples is cut into that number of them."""
+SURE_STD = 3
+"""Standard deviations by which a stated period differs from the fitted one beyond doubt."""
+LATENESS_STEPS = 4
+"""Gauss-Newton steps to the lateness of runs, from a few samples to below a hundredth of one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,10 +62,10 @@ def cut_into_repeats(columns: dict[str, Array], dt: float, stated: float | None,
         return _cut_as_stated(columns, dt, stated, where, log)
     if "repeat" in columns:
         return _counted(columns, dt, where, log)
-    found = motion_period(columns, dt)
-    if found is None or _needs_mending(found, dt, len(next(iter(columns.values()))), log, where):
+    period = motion_period(columns, dt)
+    if period is None or _needs_mending(period, dt, len(next(iter(columns.values()))), log, where):
         return one_run(columns, dt)
-    cut = _cut(columns, dt, found, where, log)
+    cut = _cut(columns, dt, period, where, log)
     if _readings_are_identical(cut):
         log.taken("the motion repeats, and all readings with it: no noise can be estimated; one run", where)
         return one_run(columns, dt)
@@ -82,12 +87,12 @@ def separate_runs(columns: Mapping[str, Array], dt: float, runs: int) -> CutSeri
 # ----------------------------------------------------------------------------------------- periods
 
 
-def _needs_mending(found: MotionPeriod, dt: float, samples: int, log: StepLog, where: str) -> bool:
+def _needs_mending(period: MotionPeriod, dt: float, samples: int, log: StepLog, where: str) -> bool:
     """Whether a strict reading forbids to cut by a period that nobody stated."""
-    per_repeat, step = _grid(found, dt)
-    if not log.strict or (step == dt and per_repeat * found.repeats == samples):
+    per_repeat, step = _grid(period, dt)
+    if not log.strict or (step == dt and per_repeat * period.repeats == samples):
         return False
-    what = f"the motion repeats every {found.period:.7g} s: one run, as repeats would have to be interpolated or cut"
+    what = f"the motion repeats every {period.period:.7g} s: one run, as repeats would have to be interpolated or cut"
     log.taken(what, where)
     return True
 
@@ -101,14 +106,14 @@ def _cut_as_stated(columns: dict[str, Array], dt: float, period: float, where: s
         raise InputError(
             what=what, where="--period", remedy="give the period of a motion that ran at least twice, or --no-period"
         )
-    found = motion_period(columns, dt, near=period)
-    if found is not None and abs(found.period - period) <= max(0.5 * _last_digit(period), 3 * found.std):
-        if abs(found.period - period) > 3 * found.std:
+    fitted = motion_period(columns, dt, near=period)
+    if fitted is not None and abs(fitted.period - period) <= max(0.5 * _last_digit(period), SURE_STD * fitted.std):
+        if abs(fitted.period - period) > SURE_STD * fitted.std:
             log.taken(
-                f"the stated period of {period:g} s is {found.period:.7g} s by least squares, which is taken", where
+                f"the stated period of {period:g} s is {fitted.period:.7g} s by least squares, which is taken", where
             )
-        return _cut(columns, dt, found, where, log)
-    what = "its repeats differ" if found is None else f"by least squares it is {found.period:.7g} s"
+        return _cut(columns, dt, fitted, where, log)
+    what = "its repeats differ" if fitted is None else f"by least squares it is {fitted.period:.7g} s"
     what = f"the motion does not repeat with a period of {period:g} s: {what}"
     as_stated = MotionPeriod(
         period=period, std=0.0, start=0.0, repeats=repeats, scatter=0.0, deviation=1.0, chance=0.0, correlation=0.0
@@ -128,29 +133,29 @@ def _last_digit(stated: float) -> float:
     return float(Decimal(1).scaleb(int(Decimal(repr(stated)).as_tuple().exponent)))
 
 
-def _grid(found: MotionPeriod, dt: float) -> tuple[int, float]:
+def _grid(period: MotionPeriod, dt: float) -> tuple[int, float]:
     """Samples of one repeat, and their step: that of the clock where the repeats drift little against it.
 
     Otherwise the step is longer than the clock's by less than a sample in a repeat, as a shorter one would leave the
     upper end of the noise's spectrum empty.
     """
-    nearest = round(found.period / dt)
-    if abs(found.period / dt - nearest) * found.repeats < max(SMALLEST_SHIFT, found.std / dt * found.repeats):
+    nearest = round(period.period / dt)
+    if abs(period.period / dt - nearest) * period.repeats < max(SMALLEST_SHIFT, period.std / dt * period.repeats):
         return nearest, dt
-    per_repeat = int(found.period / dt + 0.1)
-    return per_repeat, found.period / per_repeat
+    per_repeat = int(period.period / dt + PHASE_SLACK)
+    return per_repeat, period.period / per_repeat
 
 
-def _cut(columns: dict[str, Array], dt: float, found: MotionPeriod, where: str, log: StepLog) -> CutSeries:
+def _cut(columns: dict[str, Array], dt: float, period: MotionPeriod, where: str, log: StepLog) -> CutSeries:
     """Whole repeats of a period, equally many samples each."""
     samples = len(next(iter(columns.values())))
-    per_repeat, step = _grid(found, dt)
-    first = int(found.start / dt + 0.5)
-    count = found.repeats * per_repeat
+    per_repeat, step = _grid(period, dt)
+    first = int(period.start / dt + 0.5)
+    count = period.repeats * per_repeat
     if first + count > samples and step == dt:
         first = max(samples - count, 0)
     if first + count > samples and step == dt:  # the last repeat lacks a sample
-        return _cut(columns, dt, replace(found, repeats=found.repeats - 1), where, log)
+        return _cut(columns, dt, replace(period, repeats=period.repeats - 1), where, log)
     if step == dt:
         kept = {name: column[first : first + count] for name, column in columns.items()}
     else:
@@ -162,12 +167,12 @@ def _cut(columns: dict[str, Array], dt: float, found: MotionPeriod, where: str, 
     if left:
         what = f"samples outside the whole repeats left out: {before:.4g} s before, {after:.4g} s after them"
         log.mended(what, where, left, samples, _outside(columns, first, last))
-    log.taken(f"cut into {found.repeats} repeats of {per_repeat} samples", where)
+    log.taken(f"cut into {period.repeats} repeats of {per_repeat} samples", where)
     reading = PeriodReading(
-        period=found.period, std=found.std, repeats=found.repeats, samples=per_repeat, deviation=found.deviation,
-        chance=found.chance, correlation=found.correlation, before=before, after=after,
+        period=period.period, std=period.std, repeats=period.repeats, samples=per_repeat, deviation=period.deviation,
+        chance=period.chance, correlation=period.correlation, before=before, after=after,
     )  # fmt: skip
-    head = {"time": _ticks(count, step), "repeat": _numbers(found.repeats, per_repeat)}
+    head = {"time": _ticks(count, step), "repeat": _numbers(period.repeats, per_repeat)}
     rows = (first, last) if left else None
     return CutSeries(columns={**head, **_without_repeat(kept)}, dt=step, period=reading, kept=rows)
 
@@ -186,7 +191,7 @@ def _readings_are_identical(cut: CutSeries) -> bool:
     for name in (*SPATIAL_CHANNELS, "tau"):
         if name in cut.columns:
             runs = cut.columns[name].reshape(repeats, -1)
-            if np.abs(runs - runs.mean(axis=0)).max() <= IDENTICAL * max(np.ptp(runs), 1e-300):
+            if np.abs(runs - runs.mean(axis=0)).max() <= IDENTICAL * max(np.ptp(runs), SMALLEST_DIVISOR):
                 return True
     return False
 
@@ -194,19 +199,19 @@ def _readings_are_identical(cut: CutSeries) -> bool:
 def _resampled(columns: Mapping[str, Array], places: Array) -> dict[str, Array]:
     """Columns at places (m,), in samples: the motion by splines, all else band-limited."""
     stamps = np.arange(len(next(iter(columns.values()))), dtype=np.float64)
-    found: dict[str, Array] = {}
+    resampled: dict[str, Array] = {}
     if set(QUATERNION) <= set(columns):
         quaternions = np.stack([columns[name] for name in QUATERNION], axis=1)
-        found |= dict(zip(QUATERNION, interpolated_quaternion(stamps, quaternions, places).T, strict=True))
-    motion = [name for name in columns if name[0] in "pq" and name not in found]
+        resampled |= dict(zip(QUATERNION, interpolated_quaternion(stamps, quaternions, places).T, strict=True))
+    motion = [name for name in columns if name[0] in "pq" and name not in resampled]
     others = [name for name in columns if name[0] not in "pq"]
     if motion:
         smooth = np.stack([np.unwrap(columns[n]) if n == "phi" else columns[n] for n in motion], axis=1)
-        found |= dict(zip(motion, interpolated_position(stamps, smooth, places).T, strict=True))
+        resampled |= dict(zip(motion, interpolated_position(stamps, smooth, places).T, strict=True))
     if others:
         series = np.stack([columns[name] for name in others], axis=1)
-        found |= dict(zip(others, band_limited(series, places).T, strict=True))
-    return {name: found[name] for name in columns}
+        resampled |= dict(zip(others, band_limited(series, places).T, strict=True))
+    return {name: resampled[name] for name in columns}
 
 
 # ----------------------------------------------------------------------------------- counted repeats
@@ -220,11 +225,11 @@ def _counted(columns: dict[str, Array], dt: float, where: str, log: StepLog) -> 
         lengths = repeat_lengths(columns["repeat"])
     if len(lengths) < 2 or not differ_slightly(lengths) or lengths.min() < FEWEST_SAMPLES:
         return one_run(columns, dt)
-    found = motion_period(_without_repeat(columns), dt, near=float(lengths.mean()) * dt)
+    period = motion_period(_without_repeat(columns), dt, near=float(lengths.mean()) * dt)
     what = f"repeats of {lengths.min()} to {lengths.max()} samples: "
-    if found is not None and found.repeats >= len(lengths) - 1:
+    if period is not None and period.repeats >= len(lengths) - 1:
         log.mended(f"{what}cut anew by the period of the motion", where, len(columns["repeat"]))
-        return _cut(columns, dt, found, where, log)
+        return _cut(columns, dt, period, where, log)
     return aligned_runs(columns, dt, lengths, where, log)
 
 
@@ -278,14 +283,14 @@ def _lateness(runs: Sequence[Mapping[str, Array]]) -> Array:
     scale = np.array([np.std(runs[0][name]) for name in names])
     motions = [np.stack([run[name] for name in names], axis=1) / scale for run in runs]
     inner = np.arange(np.ceil(reach), samples - np.ceil(reach))
-    for _ in range(4):
+    for _ in range(LATENESS_STEPS):
         moved = [
             interpolated_position(np.arange(float(len(motion))), motion, inner + shift)
             for motion, shift in zip(motions, late, strict=True)
         ]
         mean = np.mean(moved, axis=0)
         slope = np.gradient(mean, axis=0)
-        change = -np.einsum("rsk,sk->r", moved - mean, slope) / max(float((slope**2).sum()), 1e-300)
+        change = -np.einsum("rsk,sk->r", moved - mean, slope) / max(float((slope**2).sum()), SMALLEST_DIVISOR)
         late = np.clip(late + change - change.mean(), -reach, reach)
     return np.asarray(late)
 

@@ -23,6 +23,11 @@ from estimation.reading.sample_mending import interpolated_position, interpolate
 
 # Transform tree: the pose of a frame in the root of a bag's tf, from fixed and moving transforms.
 
+LATE = 1e-3
+"""Seconds by which messages are received after their stamps, from which it is said: a wrench is delayed by as much."""
+NUMBERS_OF_MESSAGE = 10
+"""Of any type that is read, with its stamps."""
+
 
 @dataclass(frozen=True)
 class Transform:
@@ -45,11 +50,11 @@ class TransformTree:
 
     def chain(self, frame: str) -> list[str]:
         """Child frames from a frame up to the root; none when tf does not know the frame."""
-        found: list[str] = []
-        while frame in self.series and frame not in found:
-            found.append(frame)
+        frames: list[str] = []
+        while frame in self.series and frame not in frames:
+            frames.append(frame)
             frame = self.series[frame][0].parent
-        return found
+        return frames
 
     def pose_columns(self, frame: str) -> dict[str, Array]:
         """Pose of the frame in the root at the stamps of the fastest moving transform; none of a frame that rests."""
@@ -79,16 +84,16 @@ class TransformTree:
         values = np.array([transform.values for transform in series])
         if series[0].fixed or len(series) < 3:
             return np.tile(values[-1, :3], (len(stamps), 1)), np.tile(values[-1, 3:], (len(stamps), 1))
-        own, first = np.unique([transform.stamp for transform in series], return_index=True)
+        instants, first = np.unique([transform.stamp for transform in series], return_index=True)
         values = values[first]
-        if len(own) == len(stamps) and np.array_equal(own, stamps):
+        if len(instants) == len(stamps) and np.array_equal(instants, stamps):
             return values[:, :3], values[:, 3:]
-        return interpolated_position(own, values[:, :3], stamps), interpolated_quaternion(own, values[:, 3:], stamps)
+        return interpolated_position(instants, values[:, :3], stamps), interpolated_quaternion(
+            instants, values[:, 3:], stamps
+        )
 
 
 ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
-WORST_LATENESS = 0.02
-"""Seconds by which header and receive stamp may differ before it is worth a note."""
 
 
 class RosBag(LogReader):
@@ -111,7 +116,7 @@ class RosBag(LogReader):
         with source.on_disk() as path:
             for topic, kind, received, message in messages(path):
                 EXTRACTORS[kind](topics, topic, message, received * 1e-9)
-                require_size(topics.messages * 10, str(source.path))
+                require_size(topics.messages * NUMBERS_OF_MESSAGE, str(source.path))
             found = topics.tables()
             unread = unread_topics(path) if not topics.frames else ()
         if not found and unread:
@@ -180,7 +185,7 @@ class _Topics:
         columns: dict[str, Array] = dict(zip(("stamp", *names), values, strict=True))
         late = np.array(self.lateness.get(topic, [0.0]))
         notes = []
-        if np.median(np.abs(late)) > 1e-3:
+        if np.median(np.abs(late)) > LATE:
             what = f"header stamps used; received {np.median(late) * 1e3:.3g} ms later in the median,"
             what += f" {np.max(late) * 1e3:.3g} ms at most"
             notes.append((what, len(late), False))

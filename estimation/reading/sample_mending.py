@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from estimation.reading.log_reader import Array
 from estimation.reading.step_log import StepLog
-from estimation.recordings.reading import JITTER_WINDOW, missing_samples
+from estimation.recordings.motion_period import FEWEST_SAMPLES
+from estimation.recordings.reading import (
+    JITTER_WINDOW,
+    LATE_STEP,
+    STEP_TOLERANCE,
+    missing_samples,
+    wander,
+)
 from estimation.recordings.reading_report import ClockReading, Span, merged, spans
 from modeling.errors import InputError
 
@@ -53,6 +60,11 @@ KAISER = 8.0
 FRACTIONS = 2048
 """Positions between two samples for which weights are tabulated; between them they are linear, to 1e-7."""
 ROWS_AT_ONCE = 4096
+"""Places that are interpolated at once: their windows are 4 MB a column."""
+CUBIC_POINTS = 4
+"""Points that determine a cubic."""
+LARGEST_CUBIC_TURN = 0.3
+"""Radians between neighbours, above which the components of a quaternion bend more than a cubic follows."""
 
 
 def band_limited(values: Array, places: Array) -> Array:
@@ -66,7 +78,7 @@ def band_limited(values: Array, places: Array) -> Array:
     padded = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
     windows = sliding_window_view(padded, 2 * reach, axis=0)
     table = _weights(reach)
-    found = np.empty((len(places), values.shape[1]))
+    interpolated = np.empty((len(places), values.shape[1]))
     for start in range(0, len(places), ROWS_AT_ONCE):
         inside = np.clip(places[start : start + ROWS_AT_ONCE], 0, len(values) - 1)
         base = np.floor(inside).astype(np.intp)
@@ -74,8 +86,8 @@ def band_limited(values: Array, places: Array) -> Array:
         row = np.minimum(fraction.astype(np.intp), FRACTIONS - 1)
         share = (fraction - row)[:, None]
         weights = table[row] * (1 - share) + table[row + 1] * share
-        found[start : start + ROWS_AT_ONCE] = np.einsum("mkj,mj->mk", windows[base + 1], weights)
-    return found
+        interpolated[start : start + ROWS_AT_ONCE] = np.einsum("mkj,mj->mk", windows[base + 1], weights)
+    return interpolated
 
 
 def _weights(reach: int) -> Array:
@@ -95,7 +107,7 @@ def interpolated_position(stamps: Array, values: Array, instants: Array) -> Arra
     from scipy.interpolate import CubicSpline  # slow to import
 
     inside = np.clip(instants, stamps[0], stamps[-1])
-    if len(stamps) < 4:
+    if len(stamps) < CUBIC_POINTS:
         return np.stack([np.interp(inside, stamps, column) for column in values.T], axis=1)
     return np.asarray(CubicSpline(stamps, values)(inside))
 
@@ -105,7 +117,7 @@ def interpolated_quaternion(stamps: Array, quaternions: Array, instants: Array) 
 
     Slerp between the neighbours, plus what a cubic spline of the rotation vector relative to slerp's chord adds is, for
     small steps, a cubic spline of the sign-continuous components, normalised: its error is of order (omega dt)^4, that
-    of slerp (alpha dt²)/8. Steps of more than 0.3 rad, where components bend, are taken by slerp.
+    of slerp (alpha dt²)/8. Where a step is larger than `LARGEST_CUBIC_TURN`, all are taken by slerp.
     """
     from scipy.spatial.transform import Rotation, Slerp  # slow to import
 
@@ -114,19 +126,35 @@ def interpolated_quaternion(stamps: Array, quaternions: Array, instants: Array) 
     signs = np.cumprod(np.concatenate([[1.0], np.where(cosine < 0, -1.0, 1.0)]))
     unit = unit * signs[:, None]
     inside = np.clip(instants, stamps[0], stamps[-1])
-    if len(stamps) < 4 or 2 * np.arccos(np.clip(np.abs(cosine).min(), 0, 1)) > 0.3:
+    if len(stamps) < CUBIC_POINTS or 2 * np.arccos(np.clip(np.abs(cosine).min(), 0, 1)) > LARGEST_CUBIC_TURN:
         return np.asarray(Slerp(stamps, Rotation.from_quat(unit))(inside).as_quat())
-    found = interpolated_position(stamps, unit, inside)
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    components = interpolated_position(stamps, unit, inside)
+    return np.asarray(components / np.linalg.norm(components, axis=1, keepdims=True))
 
 
 LONGEST_FILL = 5
 """Samples in a row that are interpolated; a longer gap cuts the recording."""
 NEIGHBOURS = 6
 """Samples on either side of a filled gap that its cubic goes through."""
-FEWEST = 20
 MOST_UNEVEN = 100
 """Mean step over the median one, above which stamps are damaged: samples taken on events are less uneven."""
+COARSE_SHARE = 0.05
+"""Of the rows with other values at the stamp of the row before, from which stamps are coarse."""
+RESTART_SHARE, RESTART_STEPS = 0.01, 50
+"""Of the record's length, and usual steps, by which time falls back where another run begins; rows out of order are
+nearer."""
+WHOLE_TOLERANCE, WHOLE_SHARE = 0.3, 0.99
+"""Of a step, and share of the steps that are as near to a whole number of them, so that rounding counts the samples."""
+FEW_LATE = 0.01
+"""Share of late steps from which gaps are so near to each other that a long window would hold several."""
+SHORT_WINDOW = JITTER_WINDOW // 4
+"""Samples over which stamps are compared then."""
+MENDED_WANDER, MENDED_WANDER_SHARE = 1.5, 0.002
+"""Samples, and share of the record, by which stamps may leave a uniform clock and are put on it still."""
+SAME_INSTANT = 0.05
+"""Of a step: a sample so soon after another is the same one, and would bend a spline."""
+ROUNDING = 1e-9
+"""Seconds by which an instant on the end of an interval may lie outside it."""
 STAMP = " stamp"
 """Column, under a name that no log has, that takes the stamps through all that is done to the rows."""
 
@@ -176,7 +204,7 @@ def mended_runs(stream: Stream, log: StepLog) -> Series:
         return mended(stream, log)
     laid = replace(stream, stamps=_end_to_end(stream.stamps, starts))
     pieces = [_piece(laid, part) for part in np.split(np.arange(len(repeat)), starts)]
-    if min(len(piece.stamps) for piece in pieces) < FEWEST:
+    if min(len(piece.stamps) for piece in pieces) < FEWEST_SAMPLES:
         return mended(stream, log)
     attempt = StepLog(strict=log.strict)
     runs = [mended(piece, attempt) for piece in pieces]
@@ -208,7 +236,7 @@ def mended(stream: Stream, log: StepLog) -> Series:
     total = len(stream.stamps)
     rows = _timed_rows(stream, log)
     rows = _increasing_rows(stream, rows, log)
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_SAMPLES:
         what = f"only {len(rows)} of {total} rows can be used"
         raise InputError(what=what, where=stream.where, remedy="record longer, or state the columns in a map")
     stamps = stream.stamps[rows]
@@ -261,7 +289,7 @@ def _increasing_rows(stream: Stream, rows: Index, log: StepLog) -> Index:
     differs = np.zeros(len(same), dtype=bool)
     for name in stream.essential:
         differs |= stream.columns[name][rows[same]] != stream.columns[name][rows[same - 1]]
-    if differs.sum() > 0.05 * len(rows):
+    if differs.sum() > COARSE_SHARE * len(rows):
         log.taken(
             "stamps are too coarse to tell neighbouring samples apart; their order is used",
             stream.where,
@@ -279,12 +307,13 @@ def _increasing_rows(stream: Stream, rows: Index, log: StepLog) -> Index:
 
 
 def _longest_run(stream: Stream, rows: Index, log: StepLog) -> Index:
-    """Where time falls back by more than a hundredth of a run, another run begins."""
+    """Where time falls back by more than `RESTART_SHARE` of a run, another run begins."""
     stamps = stream.stamps[rows]
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_SAMPLES:
         return rows
     fall = np.diff(stamps)
-    restarts = np.flatnonzero(fall < -max(0.01 * float(np.ptp(stamps)), 50 * float(np.median(np.abs(fall))))) + 1
+    far = max(RESTART_SHARE * float(np.ptp(stamps)), RESTART_STEPS * float(np.median(np.abs(fall))))
+    restarts = np.flatnonzero(fall < -far) + 1
     if not restarts.size:
         return rows
     runs = np.split(rows, restarts)
@@ -303,14 +332,15 @@ def _ticks(stamps: Array) -> Index:
     """
     steps = np.diff(stamps)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
-    plain = steps[np.abs(steps - usual) < 0.5 * usual]
+    plain = steps[np.abs(steps - usual) < STEP_TOLERANCE * usual]
     usual = float(plain.mean()) if len(plain) else usual
     counts = np.minimum(np.round(steps / usual), LONGEST_FILL + 2)
-    if np.quantile(np.abs(steps / usual - np.round(steps / usual)), 0.99) < 0.3 and (counts >= 1).all():
+    offs = np.abs(steps / usual - np.round(steps / usual))
+    if np.quantile(offs, WHOLE_SHARE) < WHOLE_TOLERANCE and (counts >= 1).all():
         return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     extra = np.zeros(len(stamps), dtype=np.int64)
-    few = (steps > 1.5 * usual).mean() < 0.01
-    for i, lost in missing_samples(stamps, JITTER_WINDOW if few else JITTER_WINDOW // 4):
+    few = (steps > LATE_STEP * usual).mean() < FEW_LATE
+    for i, lost in missing_samples(stamps, JITTER_WINDOW if few else SHORT_WINDOW):
         extra[i] = round(min(max(lost, 1), LONGEST_FILL + 1))
     return np.arange(len(stamps)) + np.cumsum(extra)
 
@@ -343,24 +373,24 @@ def _line(stamps: Array, ticks: Index) -> tuple[float, float, Array]:
 
 
 def _is_irregular(deviation: Array) -> bool:
-    """Whether the stamps wander from the clock as jitter does not: medians of windows by more than 1.5 samples."""
-    window = min(max(len(deviation) // 10, 1), JITTER_WINDOW)
-    pieces = np.array_split(deviation, max(len(deviation) // window, 1))
-    wander = max(abs(float(np.median(piece))) for piece in pieces)
-    return wander > max(1.5, 0.002 * len(deviation))
+    """Whether the stamps wander from the clock so much that the samples are better interpolated.
+
+    Sooner than where a recording is refused for it, as an interpolation costs less than a refusal.
+    """
+    return wander(deviation) > max(MENDED_WANDER, MENDED_WANDER_SHARE * len(deviation))
 
 
 def _regular(stream: Stream, rows: Index, stamps: Array, log: StepLog) -> Series:
     """The stream interpolated at the median rate, where the samples were taken irregularly."""
     steps = np.diff(stamps)
     dt = float(np.median(steps[steps > 0]))
-    apart = np.concatenate([[True], steps > 0.05 * dt])
+    apart = np.concatenate([[True], steps > SAME_INSTANT * dt])
     rows, stamps = rows[apart], stamps[apart]
     mean = float(stamps[-1] - stamps[0]) / len(stamps)
     if mean > MOST_UNEVEN * dt:
         what = f"its stamps step by {dt:.3g} s as a rule, and by {mean:.3g} s on average: many are damaged"
         raise InputError(what=what, where=stream.where, remedy="correct them, or state in a map: rate = 500 (Hz)")
-    instants = np.arange(stamps[0], stamps[-1] + 1e-9, dt)
+    instants = np.arange(stamps[0], stamps[-1] + ROUNDING, dt)
     log.mended(f"sampled irregularly: interpolated at {1 / dt:.6g} Hz", stream.where, len(instants))
     columns = {name: np.interp(instants, stamps, column[rows]) for name, column in stream.columns.items()}
     smooth = [name for name in stream.essential if name[0] in "pq"]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.reading.column_map import TIME, name_and_unit
+from estimation.reading.column_map import TIME, ColumnMap, name_and_unit
 from estimation.reading.column_pattern import NANOSECONDS, SECONDS, TIME_NAMES
 from estimation.reading.log_reader import Array, LogTable
+from estimation.reading.step_log import StepLog
+from estimation.recordings.column_table import LARGEST_VALUE
+from estimation.recordings.reading import is_regular
 from modeling.errors import InputError
 
 EPOCH = (1.0e9, 2.2e9)
@@ -24,9 +27,16 @@ SAME_SPAN = 0.01
 STRAY = 50
 """Usual steps by which a stamp is off both its neighbours, which agree with each other, from which it is damaged: no
 clock jumps for one row, and stamps that are late or out of order stay nearer."""
-LARGEST_STAMP = 1e20
-"""Beyond stamps in any unit: those in ns since 1970 are 1.8e18."""
 UNIT_NAMES = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+UNITS_BY_STEP = ((1e-3, "ms", 1.5, 500.0), (1e-6, "us", 500.0, 3e5), (1e-9, "ns", 3e5, 3e8))
+"""Factor and name of a unit, and the steps from which and below which it is meant: robots' logs have 2 to 2000 rows a
+second, and a step of 1 counts samples."""
+FEWEST_STAMPS = 3
+"""Of which any order says something."""
+INCREASING_SHARE, CHANGING_SHARE = 0.9, 0.2
+"""Of the steps of a time: a log may have rows out of order, and stamps as coarse as five rows to a tick."""
+EXACT_SECONDS = 1e6
+"""Beyond which whole seconds are taken off the stamps, so that a double resolves them to 1e-10 s."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,6 +47,52 @@ class TimeColumn:
     stamps: Array
     epoch: float
     how: str
+
+
+class TableTimes:
+    """The times of an import's tables, each found once, and logged: as a map states them, or as recognised."""
+
+    def __init__(self, stated: ColumnMap, log: StepLog) -> None:
+        self.stated, self.log = stated, log
+        self.known: dict[int, TimeColumn | None] = {}
+
+    def of(self, table: LogTable) -> TimeColumn | None:
+        """The time of a table; None without one. Raises InputError when its unit is in doubt."""
+        if id(table) not in self.known:
+            self.known[id(table)] = self._found(table)
+        return self.known[id(table)]
+
+    def _found(self, table: LogTable) -> TimeColumn | None:
+        stated = self.stated.columns.get("time")
+        stated = stated if stated in table.columns else None
+        franka = any("o_t_ee" in name.lower() or "_ext_hat_" in name.lower() for name in table.columns)
+        time = time_column(table, stated=stated, factor=self.stated.factor("time"), milliseconds=franka)
+        if time is None and self.stated.rate is not None:
+            stamps = np.arange(table.rows) / self.stated.rate
+            time = TimeColumn(columns=(), stamps=stamps, epoch=0.0, how=f"{self.stated.rate:g} Hz, as stated")
+        if time is not None:
+            self.log.taken(f"time from {' and '.join(time.columns) or 'no column'}: {time.how}", table.name)
+        return time
+
+    def are_known(self, tables: Sequence[LogTable]) -> bool:
+        """Whether the tables have a time: all of them, or none. Raises InputError where some have, or one decreases."""
+        untimed = [table for table in tables if self.of(table) is None]
+        for table in untimed:
+            falling = decreasing_time(table)
+            if falling is not None:
+                what = f"column {falling} decreases from row to row, and time increases"
+                raise InputError(what=what, where=table.name, remedy="give the rows in the order of time")
+        if len(untimed) == len(tables):
+            return False
+        for table in untimed:
+            what = "no time is recognised in this source, and another source has one"
+            raise InputError(what=what, where=table.name, remedy='name it in a map: time = "column"')
+        return True
+
+    def epoch(self, tables: Sequence[LogTable]) -> float:
+        """The epoch that the stamps of these tables are counted from: the smallest since 1970, else 0."""
+        epochs = [time.epoch for table in tables if (time := self.of(table)) is not None]
+        return min(epochs) if min(epochs) > 0 or max(epochs) == 0 else 0.0
 
 
 def time_column(
@@ -56,37 +112,37 @@ def time_column(
         if _increases(table.columns[name]):
             return _undisputed(table, _one(table, name, factor, milliseconds), milliseconds)
     unnamed = [name for name in table.columns if re.fullmatch(r"column_\d+", name)]
-    regular = [name for name in unnamed if _increases(table.columns[name]) and _is_regular(table.columns[name])]
+    regular = [name for name in unnamed if _increases(table.columns[name]) and is_regular(table.columns[name])]
     if len(unnamed) == len(table.columns) and regular:
         epochs = [name for name in regular if EPOCH[0] < np.nanmedian(table.columns[name]) < EPOCH[1] * 1e9]
         return _one(table, (epochs or regular)[0], factor, milliseconds)
     return None
 
 
-def _undisputed(table: LogTable, found: TimeColumn, milliseconds: bool) -> TimeColumn:
+def _undisputed(table: LogTable, chosen: TimeColumn, milliseconds: bool) -> TimeColumn:
     """The time found by a plain name, where no other plain name tells another time. Raises InputError."""
     plain = [n for n in table.columns if any(re.fullmatch(p, name_and_unit(n)[0], re.IGNORECASE) for p in PLAIN_NAMES)]
-    if not set(found.columns) <= set(plain):
-        return found
+    if not set(chosen.columns) <= set(plain):
+        return chosen
     for name in plain:
-        if name in found.columns or not (_increases(table.columns[name]) and _is_regular(table.columns[name])):
+        if name in chosen.columns or not (_increases(table.columns[name]) and is_regular(table.columns[name])):
             continue
         try:
             other = _one(table, name, None, milliseconds)
         except InputError:  # a count of samples
             continue
-        spans = [float(np.nanmax(one.stamps) - np.nanmin(one.stamps)) for one in (found, other)]
+        spans = [float(np.nanmax(one.stamps) - np.nanmin(one.stamps)) for one in (chosen, other)]
         if abs(spans[0] - spans[1]) > SAME_SPAN * max(spans):
             means = [
                 f"{one.columns[0]} ({span:.4g} s, {(table.rows - 1) / span:.5g} Hz)"
-                for one, span in zip((found, other), spans, strict=True)
+                for one, span in zip((chosen, other), spans, strict=True)
             ]
             raise InputError(
                 what=f"the time could be {means[0]} or {means[1]}; accelerations would differ by the square of that",
                 where=table.name,
-                remedy=f'state it in a map: time = "{found.columns[0]}", or "{name}"',
+                remedy=f'state it in a map: time = "{chosen.columns[0]}", or "{name}"',
             )
-    return found
+    return chosen
 
 
 def _called_time(table: LogTable) -> Iterator[str]:
@@ -107,9 +163,9 @@ def _pair(table: LogTable) -> TimeColumn | None:
     """Seconds and nanoseconds in two columns, those of a header before any other."""
     names = sorted(table.columns, key=lambda name: "header" not in name.lower())
     for name in names:
-        found = re.fullmatch(SECONDS, name, re.IGNORECASE)
-        other = found and next(
-            (n for n in names if (m := re.fullmatch(NANOSECONDS, n, re.IGNORECASE)) and m["stem"] == found["stem"]),
+        seconds = re.fullmatch(SECONDS, name, re.IGNORECASE)
+        other = seconds and next(
+            (n for n in names if (m := re.fullmatch(NANOSECONDS, n, re.IGNORECASE)) and m["stem"] == seconds["stem"]),
             None,
         )
         if other:
@@ -121,22 +177,15 @@ def _pair(table: LogTable) -> TimeColumn | None:
 
 def _increases(column: Array) -> bool:
     known = column[np.isfinite(column)]
-    if len(known) < 3:
+    if len(known) < FEWEST_STAMPS:
         return False
     steps = np.diff(known)
-    return bool((steps >= 0).mean() > 0.9 and (steps > 0).mean() > 0.2)
-
-
-def _is_regular(column: Array) -> bool:
-    """Whether most steps are alike, as no measured quantity's are."""
-    steps = np.diff(column[np.isfinite(column)])
-    middle = float(np.median(steps))
-    return middle > 0 and bool((np.abs(steps - middle) < 0.5 * middle).mean() > 0.8)
+    return bool((steps >= 0).mean() > INCREASING_SHARE and (steps > 0).mean() > CHANGING_SHARE)
 
 
 def _without_strays(column: Array) -> Array:
     """The stamps, NaN where they are damaged: a single one that is far off, while its neighbours are not."""
-    is_stamp = np.abs(column) < LARGEST_STAMP
+    is_stamp = np.abs(column) < LARGEST_VALUE
     known = np.flatnonzero(is_stamp)
     stamps = column[known]
     steps = np.diff(stamps)
@@ -161,7 +210,7 @@ def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -
     known = column[np.isfinite(column)]
     start = float(known[0]) if len(known) else 0.0
     # Whole seconds are taken off before scaling, or stamps of 1e18 ns would be rounded to 0.2 µs once more.
-    epoch = np.floor(start * factor) if abs(start * factor) > 1e6 else 0.0
+    epoch = np.floor(start * factor) if abs(start * factor) > EXACT_SECONDS else 0.0
     stamps = column * factor if epoch == 0.0 else (column - epoch / factor) * factor
     return TimeColumn(columns=(name,), stamps=stamps, epoch=float(epoch), how=how)
 
@@ -178,7 +227,7 @@ def _recognised_factor(column: Array, name: str, where: str, milliseconds: bool)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     if step <= SURE_SECONDS:
         return 1.0, "s"
-    for factor, unit, least, most in ((1e-3, "ms", 1.5, 500.0), (1e-6, "us", 500.0, 3e5), (1e-9, "ns", 3e5, 3e8)):
+    for factor, unit, least, most in UNITS_BY_STEP:
         if least <= step < most or (unit == "ms" and milliseconds and step < most):
             return factor, f"{unit}, recognised by their step of {step:.6g}"
     what = f"column {name} steps by {step:.4g}: seconds, milliseconds or a count of samples?"

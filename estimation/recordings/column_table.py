@@ -7,10 +7,12 @@ import io
 import re
 import shlex
 import warnings
-from collections.abc import Container, Iterable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +22,7 @@ from modeling.errors import InputError, cut
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
+    from pyarrow import parquet as pq
 
 
 # SI unit of a signal of the motion by its name.
@@ -55,6 +58,12 @@ OWN_NAMES = re.compile(r"f[xyz]|t[xyz]|tau|phi|q[xyzw]|q[1-9]\d*")
 """Columns of a recording's wrench or motion: a table without any is a log of another layout."""
 SHOWN_NAMES = 3
 """Names of a log's columns that a message repeats."""
+FILE_REMEDY = "give the path of a CSV or Parquet file"
+HEADER_BYTES = 1 << 20
+"""Bytes of a file that its header may have: tens of thousands of names, more than any robot writes."""
+PARQUET_MAGIC = b"PAR1"
+PARQUET_BUFFER = 2**18
+"""Bytes of each column read from a Parquet file at once, whatever the length of its row groups."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +80,20 @@ class ColumnTable:
     def row(self, index: int) -> int:
         """Row in the file of a sample; a CSV's header is row 1."""
         return self.first_row + index
+
+    def rows(self, start: int, end: int) -> ColumnTable:
+        """The rows from start to end, without a copy."""
+        columns = {name: values[start:end] for name, values in self.columns.items()}
+        return ColumnTable(columns=columns, where=self.where, first_row=self.first_row + start)
+
+    @staticmethod
+    def joined(tables: Sequence[ColumnTable]) -> ColumnTable:
+        """Consecutive tables of the same columns as one."""
+        first = tables[0]
+        if len(tables) == 1:
+            return first
+        columns = {name: np.concatenate([table.columns[name] for table in tables]) for name in first.columns}
+        return ColumnTable(columns=columns, where=first.where, first_row=first.first_row)
 
     def error(self, what: str, remedy: str) -> InputError:
         """An InputError about this table."""
@@ -90,37 +113,225 @@ def _numeric_remedy(where: str) -> str:
     return f"make the column numeric, remove it, or {import_remedy(where)}"
 
 
-def table_from_file(path: Path) -> ColumnTable:
-    """The table in a CSV or Parquet file; rows are counted with a CSV's header as row 1."""
-    content = _content(path)
-    parquet = path.suffix.lower() in (".parquet", ".pq") or content.startswith(b"PAR1")
-    return _parquet_table(content, str(path)) if parquet else _csv_table(content, str(path))
+class TableFile(ABC):
+    """A CSV or Parquet file with the columns of a recording: its names, and its rows at once or in stretches.
+
+    Strict where an import of logs mends and reports: a fit takes every row as it stands, so that whatever is no finite
+    number, in a column that is wanted, is an error that names the cell. Text is UTF-8, with commas between the columns
+    and points in the numbers, in any of the usual line ends.
+
+    path     for messages, and of the file, which is opened again for each pass
+    names    of the columns
+    content  the bytes of the file where they were read already, so that a pipe can be read too
+    """
+
+    def __init__(self, path: Path, content: bytes | None, start: bytes) -> None:
+        self.path, self.content = path, content
+        self.names = self._names(start)
+
+    @abstractmethod
+    def _names(self, start: bytes) -> tuple[str, ...]:
+        """The names of the columns, of a file with this start."""
+
+    @abstractmethod
+    def stretches(self, size: int | None = None, wanted: Sequence[str] | None = None) -> Iterator[ColumnTable]:
+        """The wanted columns, by default all, in tables of `size` rows, the last one shorter; by default in one.
+
+        Raises InputError, with the row in the file, for a value that is not a finite number.
+        """
+
+    def error(self, what: str, remedy: str) -> InputError:
+        """An InputError about this file."""
+        return InputError(what=what, where=str(self.path), remedy=remedy)
 
 
-def _content(path: Path) -> bytes:
+def table_file(path: Path, content: bytes | None = None) -> TableFile:
+    """The file at that path, of which only the names are read; `content` has its bytes where they are known.
+
+    Raises InputError where it cannot be read, or its columns have not the names of a recording.
+    """
     if path.is_char_device():  # /dev/zero has no end
-        raise InputError(
-            what="a device, no recording", where=str(path), remedy="give the path of a CSV or Parquet file"
-        )
+        raise InputError(what="a device, no recording", where=str(path), remedy=FILE_REMEDY)
+    try:
+        with path.open("rb") if content is None else io.BytesIO(content) as stream:
+            start = stream.read(HEADER_BYTES)
+    except OSError as error:
+        raise unreadable(path, error) from None
+    if not start.strip():
+        raise InputError(what="the file is empty", where=str(path), remedy="give a recording with a header row")
+    return (ParquetFile if start.startswith(PARQUET_MAGIC) else CsvFile)(path, content, start)
+
+
+def table_from_file(path: Path) -> ColumnTable:
+    """The table in a CSV or Parquet file, which is read once; rows are counted with a CSV's header as row 1."""
+    if path.is_char_device():
+        return next(table_file(path).stretches())  # raises
     try:
         content = path.read_bytes()
     except OSError as error:
-        if path.is_dir():
-            what, remedy = "a directory, no recording", import_remedy(str(path))
-        else:
-            what, remedy = error.strerror or "cannot be read", "give the path of a CSV or Parquet file"
-        raise InputError(what=what, where=str(path), remedy=remedy) from None
-    if not content.strip():
-        raise InputError(what="the file is empty", where=str(path), remedy="give a recording with a header row")
-    return content
+        raise unreadable(path, error) from None
+    table = next(table_file(path, content).stretches(), None)
+    if table is None or not table.columns or not len(table):
+        raise InputError(what="there are no samples", where=str(path), remedy="give a recording with rows")
+    return table
 
 
-def _csv_table(content: bytes, where: str) -> ColumnTable:
-    text = _decoded(content, where)
-    names = header_names(text, where)
-    values = _plain_values(text, len(names))
-    columns = _pandas_columns(text, names, where) if values is None else dict(zip(names, values, strict=True))
-    return _nonempty_table(columns, where=where, first_row=2)
+def unreadable(path: Path, error: OSError) -> InputError:
+    """The InputError of a path that the system cannot read."""
+    if path.is_dir():
+        return InputError(what="a directory, no recording", where=str(path), remedy=import_remedy(str(path)))
+    return InputError(what=f"cannot be read: {error.strerror or error}", where=str(path), remedy=FILE_REMEDY)
+
+
+class ParquetFile(TableFile):
+    """A Parquet file; rows are counted from 1."""
+
+    def _names(self, start: bytes) -> tuple[str, ...]:
+        with self._damage_refused(), parquet_file(self._source()) as file:
+            names = file.schema_arrow.names
+        return tuple(
+            require_own_names([name for name in names if not PANDAS_INDEX_NAME.fullmatch(name)], str(self.path))
+        )
+
+    def stretches(self, size: int | None = None, wanted: Sequence[str] | None = None) -> Iterator[ColumnTable]:
+        """As of any; across row groups, of whose pages few are in memory at once where a size is given."""
+        columns, row = list(self.names if wanted is None else wanted), 1
+        with self._damage_refused():
+            if size is None:
+                with parquet_file(self._source()) as file:
+                    yield table_from_arrow(file.read(columns), str(self.path))
+                return
+            held: list[ColumnTable] = []
+            with parquet_file(self._source(), pre_buffer=False, buffer_size=PARQUET_BUFFER) as file:
+                for batch in file.iter_batches(batch_size=size, columns=columns, use_threads=False):
+                    held.append(table_from_arrow(batch, str(self.path), row))
+                    row += batch.num_rows
+                    while sum(map(len, held)) >= size:
+                        joined = ColumnTable.joined(held)
+                        yield joined.rows(0, size)
+                        held = [joined.rows(size, len(joined))] if len(joined) > size else []
+            if held and sum(map(len, held)):
+                yield ColumnTable.joined(held)
+
+    def _source(self) -> Path | BinaryIO:
+        return self.path if self.content is None else io.BytesIO(self.content)
+
+    @contextmanager
+    def _damage_refused(self) -> Iterator[None]:
+        import pyarrow as pa  # slow to import, and a CSV does not need it
+
+        try:
+            yield
+        except (OSError, ValueError, pa.ArrowException) as error:
+            raise self.error(f"cannot be read as Parquet: {error}", FILE_REMEDY) from None
+
+
+def parquet_file(source: BinaryIO | Path, **options: Any) -> pq.ParquetFile:
+    """A Parquet file, opened; its own `read` needs no pandas, unlike `pyarrow.parquet.read_table`."""
+    import pyarrow.parquet as pq  # slow to import, and a CSV does not need it
+
+    return pq.ParquetFile(source, **options)
+
+
+class CsvFile(TableFile):
+    """A CSV file; rows are counted with its header as row 1."""
+
+    def _names(self, start: bytes) -> tuple[str, ...]:
+        text = start.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+        if len(start) == HEADER_BYTES and "\n" not in text:
+            raise self.error("row 1 is longer than 1 MB", import_remedy(str(self.path)))
+        try:
+            return tuple(header_names(text, str(self.path)))
+        except InputError:  # the cause may be that it is no text
+            first = text.partition("\n")[0]
+            if "\0" in first:
+                raise self._binary() from None
+            if "\ufffd" in first:
+                raise self._not_text() from None
+            raise
+
+    def stretches(self, size: int | None = None, wanted: Sequence[str] | None = None) -> Iterator[ColumnTable]:
+        """As of any; of columns that are not wanted a cell may be anything."""
+        columns = self.names if wanted is None else tuple(wanted)
+        try:
+            with self._text() as stream:
+                if size is not None:
+                    yield from self._parsed(stream, size, columns)
+                    return
+                text = stream.read()
+            values = _plain_values(text, len(self.names))
+            if values is None:
+                yield from self._parsed(io.StringIO(text), text.count("\n") + 1, columns)
+            else:
+                numbers = {name: column for name, column in zip(self.names, values, strict=True) if name in columns}
+                yield ColumnTable(columns=numbers, where=str(self.path), first_row=2)
+        except UnicodeDecodeError as error:
+            raise self._not_text(f": {error}") from None
+
+    def _text(self) -> _Text:
+        try:
+            return _Text(self.path.open("rb") if self.content is None else io.BytesIO(self.content), self._binary)
+        except OSError as error:
+            raise unreadable(self.path, error) from None
+
+    def _parsed(self, text: io.TextIOBase, size: int, wanted: Sequence[str]) -> Iterator[ColumnTable]:
+        """The wanted columns of any CSV of finite numbers there, quoted ones too; InputError for any other."""
+        import pandas as pd  # slow to import
+
+        numbers = dict.fromkeys(wanted, np.float64)
+        frames = parsed_rows(text, size, header=0, names=[*self.names], dtype=numbers, skip_blank_lines=False)
+        row = 2
+        try:
+            while True:
+                with warnings.catch_warnings():  # rows that are too long would be cut off with no more than a warning
+                    warnings.simplefilter("error", pd.errors.ParserWarning)
+                    frame = next(frames, None)
+                if frame is None:
+                    return
+                yield table_from_frame(frame[list(wanted)], str(self.path), row)
+                row += len(frame)
+        except UnicodeDecodeError:
+            raise
+        except (InputError, ValueError, OverflowError, pd.errors.ParserWarning) as error:
+            with self._text() as lines:
+                raise_first_bad_cell(lines, self.names, str(self.path), wanted)
+            if isinstance(error, InputError):
+                raise
+            raise self.error(f"cannot be read: {error}", "correct the file") from None
+
+    def _binary(self) -> InputError:
+        return self.error("a binary file, no recording in CSV or Parquet", import_remedy(str(self.path)))
+
+    def _not_text(self, reason: str = "") -> InputError:
+        return self.error(f"not UTF-8 text{reason}", import_remedy(str(self.path)))
+
+
+class _Text(io.TextIOWrapper):
+    """UTF-8 text of a stream, lines ending in one way, without white space at its end; refused if it has NUL."""
+
+    def __init__(self, stream: BinaryIO, refusal: Callable[[], InputError]) -> None:
+        super().__init__(stream, encoding="utf-8-sig")
+        self.refusal, self.blanks = refusal, ""
+
+    def read(self, size: int | None = -1) -> str:
+        """About `size` characters, by default all; none at the end."""
+        while block := super().read(size):
+            if "\0" in block:
+                raise self.refusal()
+            text = self.blanks + block
+            kept = text.rstrip()
+            self.blanks = text[len(kept) :]
+            if kept:
+                return kept
+        return ""
+
+
+def parsed_rows(text: io.TextIOBase, size: int, **layout: Any) -> Iterator[pd.DataFrame]:
+    """The rows of a text in frames of `size`, as pandas parses them in this layout, its options; exact to a double."""
+    import pandas as pd  # slow to import
+
+    with pd.read_csv(text, index_col=False, skipinitialspace=True, chunksize=size, **layout) as frames:
+        yield from frames
 
 
 def _plain_values(text: str, columns: int) -> Array | None:
@@ -135,44 +346,8 @@ def _plain_values(text: str, columns: int) -> Array | None:
         values = np.loadtxt(io.StringIO(body), delimiter=",", comments=None, ndmin=2)
     except ValueError:
         return None
-    whole = values.shape == (body.count("\n"), columns)  # NumPy passes over rows that are empty
+    whole = values.shape == (body.count("\n") + 1, columns)  # NumPy passes over rows that are empty
     return np.ascontiguousarray(values.T) if whole and _are_plausible(values) else None
-
-
-def _pandas_columns(text: str, names: list[str], where: str) -> dict[str, Array]:
-    """The columns of any CSV of finite numbers, quoted ones too; InputError for any other."""
-    import pandas as pd  # slow to import
-
-    try:
-        with warnings.catch_warnings():
-            # Rows that are too long would be cut off with no more than this warning.
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            frame = pd.read_csv(
-                io.StringIO(text),
-                header=0,
-                names=names,
-                index_col=False,
-                dtype=np.float64,
-                skip_blank_lines=False,
-            )
-        if _are_plausible(frame.to_numpy()):
-            return {name: frame[name].to_numpy(dtype=float) for name in names}
-        problem = "a value is missing, or no number that is measured"
-    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # parser errors are ValueErrors
-        problem = str(error)
-    raise_first_bad_cell(io.StringIO(text), names, where, names)
-    raise InputError(what=problem, where=where, remedy="correct the file")
-
-
-def _decoded(content: bytes, where: str) -> str:
-    remedy = import_remedy(where)
-    if b"\0" in content:
-        raise InputError(what="a binary file, no recording in CSV or Parquet", where=where, remedy=remedy)
-    try:
-        text = content.decode("utf-8-sig").rstrip() + "\n"
-    except UnicodeDecodeError as error:
-        raise InputError(what=f"not UTF-8 text: {error}", where=where, remedy=remedy) from None
-    return text.replace("\r\n", "\n").replace("\r", "\n")  # the csv module refuses lines that end in CR only
 
 
 def header_names(text: str, where: str) -> list[str]:
@@ -257,20 +432,6 @@ def _implausible(name: str, value: object, row: int, where: str) -> InputError:
     return InputError(
         what=what, where=where, remedy=f"replace it by a number below {LARGEST_VALUE:g}, or remove the row"
     )
-
-
-def _parquet_table(content: bytes, where: str) -> ColumnTable:
-    import pyarrow as pa  # slow to import, and a CSV does not need it
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.ParquetFile(io.BytesIO(content)).read()  # `read_table` would import pandas
-    except (pa.ArrowException, OSError, ValueError) as error:
-        what = f"not a Parquet file: {error}"
-        raise InputError(what=what, where=where, remedy="give a CSV or Parquet file") from None
-    require_own_names(table.column_names, where)
-    wanted = table.select([name for name in table.column_names if not PANDAS_INDEX_NAME.fullmatch(name)])
-    return _nonempty_table(table_from_arrow(wanted, where).columns, where=where, first_row=1)
 
 
 def table_from_arrow(table: pa.Table | pa.RecordBatch, where: str, first_row: int = 1) -> ColumnTable:

@@ -120,6 +120,19 @@ REGULAR_SHARE = 0.8
 """Share of holds of nearly the same length from which a lower rate, and no standstill, is behind them."""
 ROUNDING = 0.02
 """Of a row: of the line through the instants, which the rows determine to a part of one."""
+FEWEST_HOLDS, MOST_NEW = 20, 0.67
+"""Holds, and share of rows with a new value, from which and up to which a lower rate is behind them: a clock of
+whole rows has half at most."""
+HOLD_SLACK = 4
+"""Part of a hold by which it may be longer or shorter, but a row, where two clocks drift against each other."""
+ONE_QUANTUM = 1e-6
+"""Of a step: rounding of quanta in decimal digits."""
+SLOPE_TOLERANCE = 1e-6
+"""Of the range of slopes, far below what the rows determine."""
+FEWEST_LINES = 64
+"""Of a spectrum, from which three octaves of it determine a slope."""
+STEEPEST = -4.0
+"""Power of the frequency: linear interpolation of a slow log falls as f^-4."""
 
 
 def held_rows(columns: Iterable[Array], samples: int) -> tuple[NDArray[np.bool_], int]:
@@ -132,10 +145,10 @@ def held_rows(columns: Iterable[Array], samples: int) -> tuple[NDArray[np.bool_]
     for column in columns:
         changed[1:] |= column[1:] != column[:-1]
     holds = np.diff(np.flatnonzero(changed))
-    if len(holds) < 20 or changed.mean() > 0.67:
+    if len(holds) < FEWEST_HOLDS or changed.mean() > MOST_NEW:
         return changed, 0
     usual = int(np.median(holds))
-    regular = (np.abs(holds - usual) <= max(1, usual // 4)).mean() if usual > 1 else 0.0
+    regular = (np.abs(holds - usual) <= max(1, usual // HOLD_SLACK)).mean() if usual > 1 else 0.0
     return changed, usual if regular > REGULAR_SHARE else 0
 
 
@@ -168,7 +181,7 @@ class TrueSamples:
         # The first value may have been held for some rows before the record began.
         rows = rows[1:] if rows[1] - rows[0] < held else rows
         holds = np.diff(rows)
-        usual = float(np.mean(holds[np.abs(holds - held) <= max(1, held // 4)]))
+        usual = float(np.mean(holds[np.abs(holds - held) <= max(1, held // HOLD_SLACK)]))
         index = np.concatenate([[0], np.cumsum(np.maximum(np.round(holds / usual), 1))]).astype(int)
         every = np.arange(index[-1] + 1)  # a motion that pauses has new values that are not seen to be new
         step, late = _narrowest(index, rows)
@@ -186,7 +199,7 @@ def _steps_are_of_one_size(column: Array) -> bool:
     """Whether a column changes by one quantum at a time: a slow motion of coarse resolution, and nothing held."""
     steps = np.abs(np.diff(column))
     steps = steps[steps > 0]
-    return steps.size == 0 or float(np.mean(np.abs(steps - np.median(steps)) < 1e-6 * np.median(steps))) > 0.5
+    return steps.size == 0 or float(np.mean(np.abs(steps - np.median(steps)) < ONE_QUANTUM * np.median(steps))) > 0.5
 
 
 def _narrowest(index: NDArray[np.intp], rows: NDArray[np.intp]) -> tuple[float, Array]:
@@ -197,7 +210,7 @@ def _narrowest(index: NDArray[np.intp], rows: NDArray[np.intp]) -> tuple[float, 
     middle, reach = float(np.polyfit(index, rows, 1)[0]), 2.0 / index[-1]
     low, high = middle - reach, middle + reach
     ratio = (np.sqrt(5) - 1) / 2
-    while high - low > 1e-6 * reach:
+    while high - low > SLOPE_TOLERANCE * reach:
         left, right = high - ratio * (high - low), low + ratio * (high - low)
         if np.ptp(rows - left * index) <= np.ptp(rows - right * index):
             high = right
@@ -315,14 +328,14 @@ def line_noise_floor(power: Array) -> Array:
     """
     lines = np.arange(len(power), dtype=float)
     rounding = np.finfo(float).eps ** 2 * float(power.max()) + np.finfo(float).tiny
-    if len(power) < 64:
+    if len(power) < FEWEST_LINES:
         flat = float(np.median(power[len(power) // 2 :])) / np.log(2)
         return np.full(len(power), max(flat, rounding))
     edges = np.unique(np.round(np.geomspace(len(power) / 8, len(power), 9)).astype(int))
     pieces = [slice(a, b) for a, b in pairwise(edges)]
     level = np.log([max(float(np.median(power[piece])) / np.log(2), rounding) for piece in pieces])
     middle = np.log([float(lines[piece].mean()) for piece in pieces])
-    slope = float(np.clip(_robust_slope(level, middle), -4.0, 0.0))
+    slope = float(np.clip(_robust_slope(level, middle), STEEPEST, 0.0))
     height = float(np.median(level - slope * middle))
     floor: Array = np.maximum(np.exp(height + slope * np.log(np.maximum(lines, 1.0))), rounding)
     return floor

@@ -26,6 +26,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.recordings.weight_fit import SMALLEST_DIVISOR
+
 Array = NDArray[np.float64]
 
 TOLERANCE = 0.005
@@ -40,7 +42,7 @@ LEAST_MOTION = {"angle": 0.01, "position": 2e-3, "acceleration": 0.1}
 LEAST_SIGNAL = 5.0
 """Standard deviation of the motion over that of its noise, below which a component cannot be judged."""
 FEWEST_SAMPLES = 20
-"""Of one repeat."""
+"""Of one repeat: fewer do not determine a motion and its acceleration."""
 MOST_ROWS = 1 << 16
 """Rows that are searched; of longer recordings every m-th."""
 CANDIDATES = 24
@@ -52,6 +54,26 @@ REST = 0.01
 """Of the motion: a part at either end that moves less is a rest."""
 BLOCKS = 40
 """Blocks of one period: what does not repeat and is slower than two of them is seen."""
+EXACT = 0.1 * TOLERANCE
+"""What does not repeat of a motion that a program repeats exactly; longer candidates than that are multiples of it."""
+NEARLY_AS_DEEP = 0.02
+"""Of the motion's power: minima of the difference function so much less deep are candidates too."""
+NOISE_STD = 5
+"""By which a sample differs from a rest, and not by noise."""
+NOISE_LIMIT = 8
+"""Times the noise's variance that a squared difference of two samples may have: its mean is 2."""
+SEEN_SINGLY = 30
+"""Times the noise's variance, from which a tolerance shows in single differences; else means are taken."""
+GROWTH = 4
+"""Times as many repeats in the next refinement, whose period errs by less than a sample over them."""
+LEAST_SQUARES_STEPS = 6
+"""Of one refinement, which converges in two or three."""
+CONVERGED = 1e-4
+"""Samples over the whole stretch."""
+CHANCE_STD = 4
+"""Standard deviations of the noise's mean square, beyond which what does not repeat is not by chance."""
+LEAST_MOVING = 0.25
+"""Of the variation of each group, in the mean repeat; what moves less in it stands still most of the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,13 +110,13 @@ def motion_period(columns: Mapping[str, Array], dt: float, *, near: float | None
     ]
     if not groups:
         return None
-    found = _Search(groups).best(None if near is None else near / (dt * every))
-    return None if found is None else _in_seconds(found, dt * every)
+    in_rows = _Search(groups).best(None if near is None else near / (dt * every))
+    return None if in_rows is None else _in_seconds(in_rows, dt * every)
 
 
-def _in_seconds(found: MotionPeriod, dt: float) -> MotionPeriod:
-    times = {name: getattr(found, name) * dt for name in ("period", "std", "start", "scatter")}
-    return replace(found, **times)
+def _in_seconds(in_rows: MotionPeriod, dt: float) -> MotionPeriod:
+    times = {name: getattr(in_rows, name) * dt for name in ("period", "std", "start", "scatter")}
+    return replace(in_rows, **times)
 
 
 # ---------------------------------------------------------------------------------------- components
@@ -169,20 +191,22 @@ class _Search:
 
     def best(self, near: float | None) -> MotionPeriod | None:
         """The shortest period that repeats as well as the best does; None without any."""
-        found: list[MotionPeriod] = []
+        periods: list[MotionPeriod] = []
         for lag in self._candidates() if near is None else iter([near]):
             judged = self._judged(lag, near)
-            found += [] if judged is None else [judged]
-            if judged is not None and judged.deviation <= np.hypot(0.1 * TOLERANCE, judged.chance):
+            periods += [] if judged is None else [judged]
+            if judged is not None and judged.deviation <= np.hypot(EXACT, judged.chance):
                 break  # longer ones are multiples of it
-        if not found:
+        if not periods:
             return None
-        enough = max(2 * min(one.deviation for one in found), 0.1 * TOLERANCE)
-        return min((one for one in found if one.deviation <= np.hypot(enough, one.chance)), key=lambda one: one.period)
+        enough = max(2 * min(one.deviation for one in periods), EXACT)
+        return min(
+            (one for one in periods if one.deviation <= np.hypot(enough, one.chance)), key=lambda one: one.period
+        )
 
     def _without_rests(self) -> Array:
         """The motion without a rest at its beginning and at its end, which no period of it has."""
-        reach = 5 * np.sqrt(float(self.noise.sum())) + REST
+        reach = NOISE_STD * np.sqrt(float(self.noise.sum())) + REST
         ends = [np.abs(self.x - end).max(axis=1) > reach for end in (self.x[0], self.x[-1])]
         first = int(np.argmax(ends[0]))
         last = len(self.x) - int(np.argmax(ends[1][::-1]))
@@ -196,23 +220,23 @@ class _Search:
         if not inner.size:
             return
         before, here, after = d[inner - 1], d[inner], d[inner + 1]
-        bend = np.maximum(before - 2 * here + after, 1e-300)
+        bend = np.maximum(before - 2 * here + after, SMALLEST_DIVISOR)
         place, depth = inner + 0.5 * (before - after) / bend, here - (before - after) ** 2 / (8 * bend)
         deepest = np.argsort(depth, kind="stable")[: CANDIDATES // 2]
-        nearly = np.flatnonzero(depth <= depth.min() + 0.02)[:CANDIDATES]
+        nearly = np.flatnonzero(depth <= depth.min() + NEARLY_AS_DEEP)[:CANDIDATES]
         for i in np.union1d(deepest, nearly):
             yield float(place[i])
 
     def _judged(self, lag: float, near: float | None) -> MotionPeriod | None:
         """The period near a lag, with its evidence; None where the motion does not repeat with it."""
-        found, first, last = (lag, 0.0, 0.0), 0, 0
+        line, first, last = (lag, 0.0, 0.0), 0, 0
         for tolerance in STRETCH_TOLERANCES:
-            first, last = self._stretch(found[0], tolerance)
-            refined = self._refined(found[0], first, last)
+            first, last = self._stretch(line[0], tolerance)
+            refined = self._refined(line[0], first, last)
             if refined is None or abs(refined[0] - lag) > LARGEST_CORRECTION * lag:
                 return None
-            found = refined
-        period, std, scatter = found
+            line = refined
+        period, std, scatter = line
         repeats = whole_repeats(last - first, period)
         if repeats < 2 or (near is None and not self._is_most_of_the_motion(first, last, period)):
             return None
@@ -232,8 +256,8 @@ class _Search:
         change = interpolated(self.x, lag + np.arange(float(count))) - self.x[:count]
         noise, allowed = float(self.noise.sum()), len(self.groups) * tolerance**2
         # Means are sharper against noise, but blur where the repeats begin and end.
-        smooth = _running_mean((change**2).sum(axis=1), int(lag / BLOCKS) if 30 * noise > allowed else 0)
-        alike = smooth < 8 * noise + allowed
+        smooth = _running_mean((change**2).sum(axis=1), int(lag / BLOCKS) if SEEN_SINGLY * noise > allowed else 0)
+        alike = smooth < NOISE_LIMIT * noise + allowed
         bounds = np.flatnonzero(np.diff(np.concatenate([[0], alike.astype(np.int8), [0]])))
         if not bounds.size:
             return 0, 0
@@ -260,18 +284,18 @@ class _Search:
             period, most = corrected[0], whole_repeats(last - first, corrected[0])
             if repeats >= most:
                 return corrected
-            repeats = min(4 * repeats, most)
+            repeats = min(GROWTH * repeats, most)
 
     def _corrected(self, period: float, first: int, repeats: int) -> tuple[float, float, float] | None:
         """The same of so many repeats, by a few steps of least squares; None where they lead away."""
         std = scatter = 0.0
-        for _ in range(6):
+        for _ in range(LEAST_SQUARES_STEPS):
             line = self._line(self._folds(first, period, repeats), period)
             if line is None or abs(line[0]) > LARGEST_CORRECTION * period:
                 return None
             change, std, scatter = line
             period += change
-            if abs(change) * repeats < 1e-4:
+            if abs(change) * repeats < CONVERGED:
                 break
         return period, std, scatter
 
@@ -304,18 +328,18 @@ class _Search:
         repeats, phases, _ = folds.shape
         length = max(phases // BLOCKS, 1)
         blocks = phases // length
-        own = (folds - folds.mean(axis=0))[:, : blocks * length].reshape(repeats, blocks, length, -1).mean(axis=2)
-        power = (own**2).sum(axis=(0, 1)) / ((repeats - 1) * blocks)
-        found = np.array([power[a:b].sum() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)])
+        departure = (folds - folds.mean(axis=0))[:, : blocks * length].reshape(repeats, blocks, length, -1).mean(axis=2)
+        power = (departure**2).sum(axis=(0, 1)) / ((repeats - 1) * blocks)
+        by_group = np.array([power[a:b].sum() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)])
         chance = self.noise / length
-        slack = 4 * chance * np.sqrt(2 / ((repeats - 1) * blocks))
-        return np.sqrt(np.maximum(found - chance, 0.0)), np.sqrt(slack)
+        slack = CHANCE_STD * chance * np.sqrt(2 / ((repeats - 1) * blocks))
+        return np.sqrt(np.maximum(by_group - chance, 0.0)), np.sqrt(slack)
 
     def _is_moving(self, folds: Array) -> bool:
         """Whether the repeats hold most of the motion's variation, in every group, and more than one move."""
         power = folds.mean(axis=0).var(axis=0)
-        found = np.array([power[a:b].sum() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)])
-        return bool((found > 0.25).all())
+        by_group = np.array([power[a:b].sum() for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)])
+        return bool((by_group > LEAST_MOVING).all())
 
     def _is_most_of_the_motion(self, first: int, last: int, period: float) -> bool:
         """Whether nearly all the way is inside; way is counted between means over a fortieth of a period."""
@@ -355,7 +379,7 @@ def difference_function(x: Array) -> Array:
     total = np.concatenate([[0.0], np.cumsum((x**2).sum(axis=1))])
     both = total[n - np.arange(lags)] + total[n] - total[:lags]
     count = n - np.arange(lags)
-    return np.asarray((both - 2 * correlation) / (2 * count) / max(total[n] / n, 1e-300))
+    return np.asarray((both - 2 * correlation) / (2 * count) / max(total[n] / n, SMALLEST_DIVISOR))
 
 
 def interpolated(x: Array, places: Array) -> Array:

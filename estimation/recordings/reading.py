@@ -6,15 +6,22 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimation.multiplicity import normal_isf
-from estimation.recordings.column_table import ColumnTable, import_remedy, table_from_columns, table_from_file
+from estimation.recordings.column_table import (
+    ColumnTable,
+    import_remedy,
+    table_from_columns,
+    table_from_file,
+)
 from estimation.recordings.motion import QUATERNION, Motion, MotionColumns, MotionForm, numbered_names
+from estimation.recordings.motion_period import FEWEST_SAMPLES
 from estimation.recordings.recording import Recording
+from estimation.recordings.weight_fit import SMALLEST_DIVISOR
 from modeling.errors import InputError
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 from modeling.space import Space
@@ -23,6 +30,7 @@ from modeling.space import Space
 
 
 JOINT_ANGLE = re.compile(r"q[1-9]\d*")
+Array: TypeAlias = NDArray[np.float64]
 KINEMATICS = {Space.PLANE: "link_lengths", Space.SPACE: "urdf"}
 
 
@@ -40,9 +48,9 @@ def wrench_channels(table: ColumnTable) -> tuple[str, ...]:
     if "tau" in planar and lone:
         what = f"a mixed wrench: the planar tau together with {', '.join(lone)}"
         raise table.error(what, "keep fx, fy, tau or fx, fy, fz, tx, ty, tz")
-    expected, found = (SPATIAL_CHANNELS, spatial) if lone else (PLANAR_CHANNELS, planar)
-    missing = [channel for channel in expected if channel not in found]
-    if not found:
+    expected, present = (SPATIAL_CHANNELS, spatial) if lone else (PLANAR_CHANNELS, planar)
+    missing = [channel for channel in expected if channel not in present]
+    if not present:
         raise table.error("no wrench: fx, fy, tau or fx, fy, fz, tx, ty, tz are missing", _record(table))
     if missing:
         raise table.error(f"the wrench is missing {_listed(missing)}", _record(table))
@@ -113,8 +121,59 @@ def _listed(names: Sequence[str]) -> str:
 # Uniform sample clock by least squares from jittering time stamps.
 
 
-JITTER_WINDOW = 50  # most samples over which stamps are compared: longer than a burst of a buffered driver
-MISSING_SAMPLE_STEP = 0.75  # samples of lasting delay in the stamps from which samples count as missing
+JITTER_WINDOW = 50
+"""Most samples over which stamps are compared: longer than a burst of a buffered driver."""
+WINDOWS = 10
+"""Windows that a short record has at least, or its medians would hide where it wanders."""
+MISSING_SAMPLE_STEP = 0.75
+"""Samples of lasting delay in the stamps from which samples count as missing: one, less a quarter for jitter."""
+LATE_STEP = 1.5
+"""Usual steps from which a step may hide a missing sample: half way between one step and two."""
+BURST_STEP = 0.75
+"""Mean steps below which the median one shows that a driver hands samples over in bursts."""
+BURST_QUANTILE, BURST_SLACK = 0.98, 0.4
+"""Of the steps, the one before each burst is among the longest fiftieth; by so much more of a step it may jitter."""
+CHANCE_STD = 5
+"""Of the delay's median, whose own error is 1.25 std / sqrt(m): four times that is not by chance."""
+STEP_TOLERANCE = 0.5
+"""Of the median step, by which another may differ and be one step still: half way to none and to two."""
+REGULAR_SHARE = 0.8
+"""Of the steps that are alike in stamps; those of a measured quantity are alike in fewer."""
+MOST_WANDER, WANDER_SHARE = 3.0, 0.01
+"""Samples, and share of the record, by which stamps may leave a uniform clock in a recording."""
+SEPARATE_STEP = 3
+"""Steps between the last sample of a repeat and the first of the next, above which a pause separates them."""
+
+
+def is_regular(column: Array) -> bool:
+    """Whether most steps of a column (n,) are alike, as no measured quantity's are; rows without a number count not."""
+    steps = np.diff(column[np.isfinite(column)])
+    middle = float(np.median(steps)) if len(steps) else 0.0
+    return middle > 0 and bool((np.abs(steps - middle) < STEP_TOLERANCE * middle).mean() > REGULAR_SHARE)
+
+
+def wander(deviation: Array) -> float:
+    """By how much stamps wander from a clock as jitter does not: the largest median of a window of deviations (n,)."""
+    window = _window(len(deviation))
+    pieces = np.array_split(deviation, max(len(deviation) // window, 1))
+    return max(abs(float(np.median(piece))) for piece in pieces)
+
+
+def _window(samples: int, most: int = JITTER_WINDOW) -> int:
+    return min(max(samples // WINDOWS, 1), most)
+
+
+def require_increasing(stamps: Array, where: str, first_row: int, remedy: str, before: float = -np.inf) -> None:
+    """InputError, with a remedy, for stamps (n,) of which one is not later than that before it.
+
+    first_row  the row of the first stamp in its file; before, the stamp that precedes it
+    """
+    wrong = np.flatnonzero(np.diff(stamps, prepend=before) <= 0)
+    if wrong.size:
+        i = int(wrong[0])
+        earlier = stamps[i - 1] if i else before
+        what = f"time does not increase at row {first_row + i} ({earlier:.9g} s, then {stamps[i]:.9g} s)"
+        raise InputError(what=what, where=where, remedy=remedy)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +193,8 @@ class SampleClock:
         and where the stamps follow no uniform clock.
         """
         stamps = np.asarray(stamps, dtype=float)
-        _require_increasing(stamps, where, first_row)
+        remedy = "sort the rows, or number separate runs in `repeat`"
+        require_increasing(stamps, where, first_row, remedy)
         _require_no_missing_samples(stamps, where, first_row)
         count = np.arange(len(stamps)) - (len(stamps) - 1) / 2
         dt = float(count @ stamps / (count @ count))
@@ -144,15 +204,6 @@ class SampleClock:
     def times(self, samples: int) -> NDArray[np.float64]:
         """Seconds since the first sample."""
         return np.arange(samples, dtype=np.float64) * np.float64(self.dt)
-
-
-def _require_increasing(stamps: NDArray[np.float64], where: str, first_row: int) -> None:
-    steps = np.diff(stamps)
-    wrong = np.flatnonzero(steps <= 0)
-    if wrong.size:
-        i = int(wrong[0]) + 1
-        what = f"time does not increase at row {first_row + i} ({stamps[i - 1]:.9g} s, then {stamps[i]:.9g} s)"
-        raise InputError(what=what, where=where, remedy="sort the rows, or number separate runs in `repeat`")
 
 
 def _require_no_missing_samples(stamps: NDArray[np.float64], where: str, first_row: int) -> None:
@@ -167,13 +218,13 @@ def missing_samples(stamps: NDArray[np.float64], window: int = JITTER_WINDOW) ->
 
     A delayed stamp is followed by punctual ones; after missing samples all stamps stay delayed.
     """
-    window = min(max(len(stamps) // 10, 1), window)
+    window = _window(len(stamps), window)
     step = float(np.median(stamps[window:] - stamps[:-window])) / window
     delay = stamps / step - np.arange(len(stamps))
     steps = np.diff(stamps) / step
     # A driver that hands over bursts makes a long step before each of them; only longer ones are gaps.
-    bursts = float(np.median(steps)) < 0.75
-    usual = float(np.quantile(steps, 0.98)) + 0.4 if bursts else 1.5
+    bursts = float(np.median(steps)) < BURST_STEP
+    usual = float(np.quantile(steps, BURST_QUANTILE)) + BURST_SLACK if bursts else LATE_STEP
     suspected = np.flatnonzero(steps > usual) + 1
     if not suspected.size:
         return
@@ -181,37 +232,36 @@ def missing_samples(stamps: NDArray[np.float64], window: int = JITTER_WINDOW) ->
     for i in suspected:
         before, after = delay[max(i - window, 0) : i], delay[i : i + window]
         lost = float(np.median(after) - np.median(before))
-        # The median of m stamps errs by 1.25 / sqrt(m) of their jitter; four times that is not by chance.
-        chance = 5 * jitter * np.sqrt(1 / len(before) + 1 / len(after))
+        chance = CHANCE_STD * jitter * np.sqrt(1 / len(before) + 1 / len(after))
         if lost > max(MISSING_SAMPLE_STEP, chance):
             yield int(i), lost
 
 
 def _require_uniform_rate(delay: NDArray[np.float64], dt: float, where: str) -> None:
-    window = min(max(len(delay) // 10, 1), JITTER_WINDOW)
-    pieces = [np.median(piece) for piece in np.array_split(delay, max(len(delay) // window, 1))]
-    deviation = float(np.max(np.abs(pieces))) / dt
-    if deviation > max(3.0, 0.01 * len(delay)):
+    deviation = wander(delay) / dt
+    if deviation > max(MOST_WANDER, WANDER_SHARE * len(delay)):
         what = f"the time stamps deviate by {deviation:.0f} samples from a uniform clock"
         raise InputError(what=what, where=where, remedy="resample at a uniform rate, or record at one")
 
 
-if TYPE_CHECKING:
-    pass
-
-Array: TypeAlias = NDArray[np.float64]
-
-MIN_SAMPLES = 20  # of one repeat: fewer do not determine a motion and its acceleration
-MIN_POSES = 3  # static: with fewer, weight and zero of three channels are collinear
-CLOSE, SMOOTH = 0.05, 0.8  # rad between the rows of a run, and correlation of one increment with the next
-LONG_RUN = 100  # rows: more static poses than anybody takes in an order as smooth
-LONG_STEP, SLOWEST = 0.3, 0.01  # s and rad/s: nobody records a run as slowly, of a motion as slow
-STILL = 0.5  # rad, by which a sensor that stands still does not turn
+MIN_POSES = 3
+"""At rest: with fewer, weight and zero of three channels are collinear."""
+CLOSE, SMOOTH = 0.05, 0.8
+"""Radians between the rows of a run, and correlation of one increment with the next; poses have more, and less."""
+LONG_RUN = 100
+"""Rows: more static poses than anybody takes in an order as smooth."""
+LONG_STEP, SLOWEST = 0.3, 0.01
+"""s and rad/s: nobody records a run as slowly, of a motion as slow."""
+FASTEST_QUANTILE = 0.99
+"""Of the speeds, the one that is taken as the fastest: damaged rows are fewer than a hundredth."""
+STILL = 0.5
+"""Radians by which a sensor that stands still does not turn."""
 NEARLY_TIME = re.compile(
     r"(?:.*[^a-z])?(?:time|stamps?|time_?stamps?|clock|secs?|seconds|t)(?:[^a-z].*)?|time_?[a-z]{1,3}", re.IGNORECASE
 )
 BY_MAP = "bring the log in by `truewrench import` or `tw.read` with a map"
-NORM_TOLERANCE = 1e-2  # of a unit quaternion: errors of printed digits and interpolation are far smaller
+NORM_TOLERANCE = 1e-2
+"""Of a unit quaternion: errors of printed digits and interpolation are far smaller."""
 
 
 def read(path: str | Path, *, rig: Rig | None = None) -> Recording:
@@ -260,7 +310,7 @@ def _require_poses(table: ColumnTable) -> None:
 
     Increments of a run are alike from row to row; those of poses are not, though several rows may be taken in each.
     """
-    stamps = [name for name in table.columns if NEARLY_TIME.fullmatch(name) and _is_regular(table.columns[name])]
+    stamps = [name for name in table.columns if NEARLY_TIME.fullmatch(name) and _is_clock(table.columns[name])]
     if stamps:
         what = f"there is no column time, and {stamps[0]} increases steadily as one: a run, or static poses?"
         remedy = f"name it time, in s, or {BY_MAP}; for static poses remove {stamps[0]}"
@@ -276,7 +326,7 @@ def _require_poses(table: ColumnTable) -> None:
 def _lag_correlation(increments: Array) -> float:
     """Correlation of increments (k, n) with the next ones, about zero: 1 of a smooth motion, -1/2 of random poses."""
     product = float((increments[:, 1:] * increments[:, :-1]).sum())
-    return product / max(float((increments**2).sum()), 1e-300)
+    return product / max(float((increments**2).sum()), SMALLEST_DIVISOR)
 
 
 def _require_seconds(table: ColumnTable, dt: float) -> None:
@@ -284,7 +334,7 @@ def _require_seconds(table: ColumnTable, dt: float) -> None:
     if dt < LONG_STEP:
         return
     steps = _steps(table)
-    fastest = float(np.quantile(steps, 0.99)) / dt
+    fastest = float(np.quantile(steps, FASTEST_QUANTILE)) / dt
     if fastest < SLOWEST and steps.sum() > STILL:
         what = f"time steps by {dt:.6g}, and the motion is no faster than {fastest:.2g} rad/s if that is in seconds:"
         remedy = f'give time in s, or {BY_MAP} that has units = {{ time = "ms" }}'
@@ -306,11 +356,9 @@ def _angles(table: ColumnTable) -> Array:
     return np.asarray(2 * q * np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 0, 1.0, -1.0))
 
 
-def _is_regular(column: Array) -> bool:
-    """Whether a column increases by steps that are mostly alike."""
-    steps = np.diff(column)
-    middle = float(np.median(steps)) if len(steps) else 0.0
-    return bool(middle > 0 and (steps >= 0).all() and (np.abs(steps - middle) < 0.5 * middle).mean() > 0.8)
+def _is_clock(column: Array) -> bool:
+    """Whether a column increases from row to row by steps that are mostly alike."""
+    return is_regular(column) and bool((np.diff(column) >= 0).all())
 
 
 def _require_direction(table: ColumnTable, rig: Rig | None, axes: int) -> None:
@@ -354,7 +402,7 @@ def _require_equal(table: ColumnTable, repeat: Array, starts: NDArray[np.int64])
 
 def _require_samples(table: ColumnTable, repeats: int) -> None:
     samples = len(table) // repeats
-    least, noun = (MIN_SAMPLES, "samples") if "time" in table.columns else (MIN_POSES, "static poses")
+    least, noun = (FEWEST_SAMPLES, "samples") if "time" in table.columns else (MIN_POSES, "static poses")
     if samples < least:
         each = "" if repeats == 1 else " in each repeat"
         what = f"too few {noun}{each}: {samples}, and at least {least} are needed"
@@ -368,7 +416,8 @@ def _time(table: ColumnTable, repeats: int) -> tuple[Array | None, bool]:
     runs = table.columns["time"].reshape(repeats, -1)
     gaps = runs[1:, 0] - runs[:-1, -1]
     # A pause between repeats separates them as a restart does: Fourier lines of the whole record do not span it.
-    separate = bool(np.any((gaps <= 0) | (gaps > 3 * (runs[:, -1:] - runs[:, :1]).mean() / (runs.shape[1] - 1))))
+    pause = SEPARATE_STEP * (runs[:, -1:] - runs[:, :1]).mean() / (runs.shape[1] - 1)
+    separate = bool(np.any((gaps <= 0) | (gaps > pause)))
     segments = runs if separate else runs.reshape(1, -1)
     clocks = [
         SampleClock.of(stamps, where=table.where, first_row=table.row(i * segments.shape[1]))

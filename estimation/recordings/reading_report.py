@@ -41,6 +41,8 @@ def extremes(x: Array, y: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]
 
 MOST_SPANS = 400
 """Intervals that a picture can tell apart; nearer ones are one."""
+SPLIT_SPANS = 100 * MOST_SPANS
+"""Intervals up to which samples are told apart before near ones are merged; more would take seconds."""
 INTERVAL_BINS, LONGEST_INTERVAL = 80, 4.0
 """Bins of a histogram of sampling intervals, and its end in medians."""
 Span: TypeAlias = tuple[float, float]
@@ -142,7 +144,7 @@ def spans(stamps: Array, of_samples: NDArray[np.bool_] | NDArray[np.int64]) -> t
     if not len(index):
         return ()
     apart = np.flatnonzero(np.diff(index) > 1) + 1
-    runs = np.split(index, apart) if len(apart) < 100 * MOST_SPANS else [index]
+    runs = np.split(index, apart) if len(apart) < SPLIT_SPANS else [index]
     return merged([(float(stamps[run[0]]), float(stamps[run[-1]])) for run in runs])
 
 
@@ -161,6 +163,14 @@ def merged(found: Sequence[Span]) -> tuple[Span, ...]:
     return tuple(joined)
 
 
+Z_95 = 1.96
+"""Standard deviations of a normal estimate on either side of a 95 % interval."""
+LEAST_SHARE = 1e-4
+"""Below which a share is said to be less than that."""
+FINEST_STD = 1e-9
+"""Seconds: finer digits of a period are rounding of the stamps."""
+SHOWN_NAMES = 3
+"""Columns that are named one by one; of more the first and the last."""
 FINEST_PERIOD = 1e-6
 """Resolution with which a period is written, s."""
 FINEST_JITTER = 1e-6
@@ -236,7 +246,7 @@ class OffsetReading:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval, s."""
-        return self.offset - 1.96 * self.std, self.offset + 1.96 * self.std
+        return self.offset - Z_95 * self.std, self.offset + Z_95 * self.std
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,14 +272,14 @@ class PeriodReading:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval, s."""
-        return self.period - 1.96 * self.std, self.period + 1.96 * self.std
+        return self.period - Z_95 * self.std, self.period + Z_95 * self.std
 
     def __str__(self) -> str:
-        digits = int(np.clip(1 - np.floor(np.log10(max(self.std, 1e-9))), 2, 6))
-        text = f"The motion repeats: period {self.period:.{digits}f} s (95 % interval {_half_width(1.96 * self.std)}),"
+        digits = int(np.clip(1 - np.floor(np.log10(max(self.std, FINEST_STD))), 2, 6))
+        text = f"The motion repeats: period {self.period:.{digits}f} s (95 % interval {_half_width(Z_95 * self.std)}),"
         text += f" {self.repeats} whole repeats of {self.samples} samples. What does not repeat is"
         text += f" {_percent(self.deviation)} of the motion"
-        return text + (f" (chance adds up to {_percent(self.chance)})." if self.chance > 1e-4 else ".")
+        return text + (f" (chance adds up to {_percent(self.chance)})." if self.chance > LEAST_SHARE else ".")
 
 
 def _jitter(clock: ClockReading) -> float:
@@ -283,7 +293,7 @@ def _half_width(seconds: float) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share > 1e-4 else "less than 0.01 %"
+    return f"{100 * share:.2g} %" if share > LEAST_SHARE else "less than 0.01 %"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -382,4 +392,4 @@ def _offset_sentence(offset: OffsetReading) -> str:
 
 
 def _shortened(names: tuple[str, ...]) -> str:
-    return ", ".join(names) if len(names) < 4 else f"{names[0]} .. {names[-1]}"
+    return ", ".join(names) if len(names) <= SHOWN_NAMES else f"{names[0]} .. {names[-1]}"

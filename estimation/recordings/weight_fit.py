@@ -37,6 +37,16 @@ LEAST_WEIGHT = 0.5
 LEAST_MASS = 0.03
 """kg: less than the plate by which a tool is fastened to a sensor."""
 FEWEST_BLOCKS = 3
+SMALLEST_DIVISOR = 1e-300
+"""In place of a divisor of zero, such as the power of a channel that never changes: far below any square measured."""
+RANK_TOLERANCE = 1e-10
+"""Of the largest singular value: smaller ones are rounding of a regressor that is none."""
+SMALLEST_SQUARE = 1e-30
+"""N²: below the square of any force that is resolved, so that logarithms of a perfect fit are finite."""
+SMALLEST_SPREAD = 1e-9
+"""Of logarithms of ratios, which are the same in all blocks of simulated readings without noise."""
+SHORTEST_CABLE = 1e-9
+"""Metres, in place of a cable's length of zero."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +69,7 @@ class WeightFit:
     @property
     def explained(self) -> float:
         """Share of the readings' power that the weight explains."""
-        return 1 - float(self.squares.mean()) / max(self.power, 1e-300)
+        return 1 - float(self.squares.mean()) / max(self.power, SMALLEST_DIVISOR)
 
     def log_ratio(self, other: WeightFit) -> float:
         """ln of the other residual's rms over this one's."""
@@ -76,7 +86,7 @@ class WeightFit:
         ratios = self.block_ratios(other)
         if len(ratios) < FEWEST_BLOCKS or ratios.mean() <= 0:
             return False
-        deviation = max(float(ratios.std(ddof=1)), 1e-9) / np.sqrt(len(ratios))
+        deviation = max(float(ratios.std(ddof=1)), SMALLEST_SPREAD) / np.sqrt(len(ratios))
         level = LEVELS.misread / alternatives
         return bool(float(ratios.mean()) > deviation * float(student_isf(level, len(ratios) - 1)))
 
@@ -109,7 +119,7 @@ def weight_fit(direction: Array, force: Array, *, mounting: Array | None = None,
 
 
 def _positive(square: float) -> float:
-    return max(float(square), 1e-30)
+    return max(float(square), SMALLEST_SQUARE)
 
 
 # Pull fit: the weight of a rigid tool whose mounting is unknown, with a cable that pulls the tool beside it.
@@ -166,7 +176,7 @@ class PulledTool:
         every = slice(None, None, -(-len(force) // ROWS))
         columns = np.ones((len(force), 1)) if terms is None else np.hstack([np.ones((len(force), 1)), terms])
         left, sizes, _ = np.linalg.svd(columns[every] / _norms(columns[every]), full_matrices=False)
-        basis = left[:, sizes > 1e-10 * sizes[0]]
+        basis = left[:, sizes > RANK_TOLERANCE * sizes[0]]
         own = force[every] - basis @ (basis.T @ force[every])
         return cls(
             to_sensor=to_sensor[every], position=position[every], specific=specific[every], force=own, basis=basis
@@ -223,7 +233,9 @@ class PulledTool:
         stiffness, anchor, length, point = cable[0], cable[1 : axes + 1], cable[axes + 1], cable[axes + 2 :]
         vector = _turned(self.to_sensor, anchor - self.position) - point
         distance = np.linalg.norm(vector, axis=1, keepdims=True)
-        return np.asarray(stiffness * np.maximum(distance - length, 0.0) / np.maximum(distance, 1e-9) * vector)
+        return np.asarray(
+            stiffness * np.maximum(distance - length, 0.0) / np.maximum(distance, SHORTEST_CABLE) * vector
+        )
 
     def _along(self, pull: Array) -> Array:
         """What the weight is a multiple of (n, d), less what the basis spans."""
@@ -260,4 +272,4 @@ def _turned(turns: Array, vectors: Array) -> Array:
 
 
 def _norms(columns: Array) -> Array:
-    return np.asarray(np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+    return np.asarray(np.maximum(np.linalg.norm(columns, axis=0), SMALLEST_DIVISOR))
