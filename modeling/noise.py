@@ -304,10 +304,10 @@ class NoiseModel(StationaryNoise):
         if not self.order or count <= first:
             return series[..., first:].copy()
         each = series[..., first - self.order :].reshape(-1, len(self.covariance), count - first + self.order)
-        found = np.zeros((*each.shape[:2], count - first))
+        innovations = np.zeros((*each.shape[:2], count - first))
         for column, channel in np.argwhere(each.any(axis=2)).tolist():  # most derivatives are zero in most channels
-            found[column, channel] = np.convolve(each[column, channel], self._filters[channel], "valid")
-        return found.reshape(*series.shape[:-1], count - first)
+            innovations[column, channel] = np.convolve(each[column, channel], self._filters[channel], "valid")
+        return innovations.reshape(*series.shape[:-1], count - first)
 
     @cached_property
     def _filters(self) -> Array:

@@ -63,9 +63,9 @@ def typeset_units(text: str) -> str:
     return _MINUS.sub("−", _UNIT_PRODUCT.sub("·", text))
 
 
-def _typeset_power(found: re.Match[str]) -> str:
-    lead = "" if found[1] == "1" else f"{found[1]}·"
-    return f"{lead}10{_superscript(int(found[2]))}"
+def _typeset_power(power: re.Match[str]) -> str:
+    lead = "" if power[1] == "1" else f"{power[1]}·"
+    return f"{lead}10{_superscript(int(power[2]))}"
 
 
 def format_number(value: float | None, digits: int = 3) -> str:

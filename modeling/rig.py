@@ -46,9 +46,9 @@ def _entries(data: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 def _text(value: Any) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {_text(element)}" for name, element in value.items())
     if isinstance(value, list):
-        inner = ", ".join(_text(part) for part in value)
+        inner = ", ".join(_text(element) for element in value)
         return f"[{inner}]" if value and not isinstance(value[0], list) else inner
     return f"{value:g}" if isinstance(value, float) else str(value)
 

@@ -65,17 +65,17 @@ class CodeText:
         """Names of everything in the programs of a fitted model."""
         parameters = [p.symbol for p in fitted.parameters]
         given = zip(signals(*fitted.inputs), identifiers(fitted.inputs, "u_"), strict=True)
-        known = zip(parameters, identifiers([s.name for s in parameters], "p_"), strict=True)
+        parameter_names = zip(parameters, identifiers([s.name for s in parameters], "p_"), strict=True)
         places = [
             *((*pair, style.signal.format(i)) for i, pair in enumerate(given)),
-            *((*pair, style.parameter.format(i)) for i, pair in enumerate(known)),
+            *((*pair, style.parameter.format(i)) for i, pair in enumerate(parameter_names)),
             *((s, f"residual_{i}", f"measured[{i}] - predicted[{i}]") for i, s in enumerate(fitted.residual)),
         ]
         lines = fitted.program.delay_lines
         statements = (*fitted.program.statements, *lines, *fitted.contact.statements)
-        own = list(dict.fromkeys(symbol for statement in statements for symbol in statement.symbols))
+        computed = list(dict.fromkeys(symbol for statement in statements for symbol in statement.symbols))
         names = {symbol: name for symbol, name, _ in places}
-        names |= dict(zip(own, identifiers([s.name.removeprefix("sample:") for s in own], "x_"), strict=True))
+        names |= dict(zip(computed, identifiers([s.name.removeprefix("sample:") for s in computed], "x_"), strict=True))
         names |= {symbol: style.kept.format(i) for i, symbol in enumerate(fitted.program.states)}
         return cls(style, names, tuple(places))
 

@@ -103,8 +103,8 @@ class ToolInertia:
         if model.space is Space.PLANE:
             what = "a planar model has one moment of inertia and no centre of mass across its plane"
             raise InputError(what=what, where=WHERE, remedy="identify the tool with a six-axis sensor")
-        known = dict(zip((p.name for p in model.parameters), np.isfinite(np.diag(covariance)), strict=True))
-        _require_identifiable([n for n in ("m", "mx", "my", "mz") if not known[n]])
+        identifiable = dict(zip((p.name for p in model.parameters), np.isfinite(np.diag(covariance)), strict=True))
+        _require_identifiable([n for n in ("m", "mx", "my", "mz") if not identifiable[n]])
         place = [p.name for p in model.parameters].index("m")
         pseudo = pseudo_inertia(model.base).over([p.name for p in model.parameters])
         matrix = pseudo.at(theta)
@@ -114,7 +114,11 @@ class ToolInertia:
                 what=f"the mass is {mass:.4g} kg", where=WHERE, remedy="see what the model lacks: diagnose"
             )
         second = matrix[:3, :3] - np.outer(first, first) / mass
-        central = None if any(not known[n] for n in known if n[0] == "I" and len(n) == 3) else _consistent(second)
+        central = (
+            None
+            if any(not identifiable[n] for n in identifiable if n[0] == "I" and len(n) == 3)
+            else _consistent(second)
+        )
         centre_modes, inertia_modes = _modes(matrix, np.tensordot(_one_std_changes(covariance), pseudo.slopes, axes=1))
         return cls(
             mass=mass,
@@ -184,8 +188,8 @@ def _consistent(second: Array) -> Array:
 
 def _one_std_changes(covariance: Array) -> Array:
     """Uncorrelated changes (k, k) of k parameters, by one std each; zero of what is not identifiable."""
-    known = np.isfinite(np.diag(covariance))
-    variances, directions = np.linalg.eigh(np.where(np.outer(known, known), covariance, 0.0))
+    identifiable = np.isfinite(np.diag(covariance))
+    variances, directions = np.linalg.eigh(np.where(np.outer(identifiable, identifiable), covariance, 0.0))
     return np.asarray((directions * np.sqrt(np.maximum(variances, 0.0))).T)
 
 

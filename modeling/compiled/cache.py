@@ -58,7 +58,7 @@ def canonical_data(thing: object) -> Any:
         case float():
             return float(thing)
         case tuple() | list():
-            return [canonical_data(part) for part in thing]
+            return [canonical_data(element) for element in thing]
         case Mapping():
             return {"mapping": sorted([canonical_data(key), canonical_data(value)] for key, value in thing.items())}
     kind = type(thing)
@@ -87,22 +87,22 @@ TRIM_INTERVAL = 64
 LIBRARIES = ("sympy", "casadi", "pydantic")
 
 
-def cached(what: PlainData, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
-    """`read` of the data that `derive` returns, or that the cache holds for the same `what`.
+def cached(key: PlainData, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
+    """`read` of the data that `derive` returns, or that the cache holds under the same `key`.
 
-    `what` is plain data with everything that the result depends on besides source and libraries. `read` raises
+    `key` is plain data with everything that the result depends on besides source and libraries. `read` raises
     ValueError, KeyError or TypeError for unexpected data, which are then derived again.
     """
     folder = _folder()
     if folder is None:
         return read(json.loads(json.dumps(derive())))
-    name = sha256_of(json.dumps([CACHE_FORMAT, *_origins(), what], sort_keys=True).encode())
+    name = sha256_of(json.dumps([CACHE_FORMAT, *_origins(), key], sort_keys=True).encode())
     path = folder / name[:2] / f"{name[2:]}.json"
     with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        found = read(json.loads(path.read_bytes()))
+        stored = read(json.loads(path.read_bytes()))
         with suppress(OSError):
             os.utime(path)  # time of last use, for trimming
-        return found
+        return stored
     text = json.dumps(derive())
     if source_digest(PACKAGE) == LOADED_SOURCE:
         with suppress(OSError):  # a folder that cannot be written is no error

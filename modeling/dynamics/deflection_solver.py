@@ -255,11 +255,11 @@ class _OscillatingTool:
         if self.oscillator.clock.periodic:
             return np.zeros((len(theta), *deflection.shape))
         changes = np.moveaxis(equations.mean_change(signals[:: self.thinned], theta), 2, 0)
-        found = np.zeros((len(theta), *deflection.shape))
-        for own, change in zip(found, changes, strict=True):
+        derivatives = np.zeros((len(theta), *deflection.shape))
+        for derivative, change in zip(derivatives, changes, strict=True):
             if change.any():
-                own += self.oscillator.change(deflection, _coefficients(change))
-        return found
+                derivative += self.oscillator.change(deflection, _coefficients(change))
+        return derivatives
 
     def solution(self, by_deflection: Array, right: Array, tolerance: float) -> Array:
         from scipy.sparse.linalg import LinearOperator, gmres
@@ -281,16 +281,16 @@ class _OscillatingTool:
         return self.oscillator.response(drive.reshape(right.shape))
 
     def derivatives(self, by_deflection: Array, rights: Array) -> Array:
-        found = np.zeros((len(rights), by_deflection.shape[2], rights.shape[2]))
+        derivatives = np.zeros((len(rights), by_deflection.shape[2], rights.shape[2]))
         moved = np.flatnonzero(rights.any(axis=(1, 2)))
         drives = self._direct_drives(by_deflection, rights[moved]) if len(moved) else None
         for number, place in enumerate(moved):
             right = rights[place]
             if drives is not None:
-                found[place] = self.oscillator.response(drives[number])
-            if drives is None or not _is_solution(by_deflection, found[place], right):
-                found[place] = self.solution(by_deflection, right, DERIVATIVE_TOLERANCE)
-        return found
+                derivatives[place] = self.oscillator.response(drives[number])
+            if drives is None or not _is_solution(by_deflection, derivatives[place], right):
+                derivatives[place] = self.solution(by_deflection, right, DERIVATIVE_TOLERANCE)
+        return derivatives
 
     def _direct_drives(self, by_deflection: Array, rights: Array) -> Array | None:
         """Drives (k, d, n) for right sides (k, d, n) by one factorisation; None where it is too large or singular."""
