@@ -168,8 +168,10 @@ def design(
     """
     arm, limits = arm_and_limits(rig)
     designable = (model or (planar if arm.space is Space.PLANE else spatial)(rig)).designable
-    known = None if values is None else {p.name: values[p.name] for p in designable.parameters if p.name in values}
-    experiment = Experiment.of(designable, arm, known, noise=noise)
+    design_values = (
+        None if values is None else {p.name: values[p.name] for p in designable.parameters if p.name in values}
+    )
+    experiment = Experiment.of(designable, arm, design_values, noise=noise)
     _require_identifiable(experiment, limits)
     chosen = series or FreeSeries(joints=arm.joints, harmonics=DEFAULT_HARMONICS, period=DEFAULT_PERIOD)
     require_enough_samples(chosen, samples)
@@ -199,16 +201,18 @@ def design(
             no_bound_reason=reason,
         )
 
-    found: tuple[LocalOptimum, ...] = ()
+    optima: tuple[LocalOptimum, ...] = ()
     try:
-        found = _search(task, starts, seed, executor, progress, reached)
+        optima = _search(task, starts, seed, executor, progress, reached)
         bound, reason = (
-            _bound(designable, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_REQUESTED
+            _bound(designable, arm, limits, samples, design_values, seed, executor, progress)
+            if bounded
+            else NOT_REQUESTED
         )
     except KeyboardInterrupt:
-        best = found or _best_so_far(task, reached)
+        best = optima or _best_so_far(task, reached)
         raise DesignInterrupted(result(best, None, "interrupted") if best else None) from None
-    return result(found, bound, reason)
+    return result(optima, bound, reason)
 
 
 def _best_so_far(task: DesignTask, reached: Sequence[LocalOptimum]) -> tuple[LocalOptimum, ...]:
@@ -344,10 +348,10 @@ def _bound(
             progress(DesignStage(f"bound, round {step.number}: optimality gap {step.best - step.lower:.2f}"))
 
     try:
-        found = upper_bound(
+        bound = upper_bound(
             model, arm, limits, samples=samples, values=values, seed=seed, executor=executor, progress=watch
         )
-        return found, ""
+        return bound, ""
     except InputError as error:
         return None, error.what
 

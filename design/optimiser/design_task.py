@@ -54,7 +54,7 @@ class DesignTask:
     def random(self, seed: Sequence[int]) -> Trajectory:
         """A random trajectory of few harmonics that uses nine tenths of its limits, projected on the series."""
         series = self.objective.series
-        found = random_feasible_trajectory(
+        motion = random_feasible_trajectory(
             FreeSeries(joints=series.joints, harmonics=LOW_HARMONICS, period=series.duration),
             self.limits,
             workspace=self.workspace,
@@ -62,7 +62,7 @@ class DesignTask:
             tip_length=self.tip_length,
             seed=seed,
         )
-        return self.towards_rest(found.projected(series), START_LIMIT_USE)
+        return self.towards_rest(motion.projected(series), START_LIMIT_USE)
 
     def varied(self, seed: Sequence[int], *, odd: bool) -> Trajectory:
         """A random trajectory that uses half its limits; odd in time about its mean posture with `odd`.

@@ -78,10 +78,10 @@ class NonlinearProgram:
         program = {"x": self.x, "f": self.f, "g": self.g}
         solver = ca.nlpsol("design", "ipopt", program, self._options(iterations, warm))
         with _SOLVER_LOCK:
-            found = solver(x0=self.start, lbg=self.low, ubg=self.high)
+            solution = solver(x0=self.start, lbg=self.low, ubg=self.high)
         stats: Mapping[str, Any] = solver.stats()
         return OptimiserSolution(
-            coefficients=np.array(found["x"]).ravel(),
+            coefficients=np.array(solution["x"]).ravel(),
             outcome=_STATUS.get(stats["return_status"], TerminationStatus.FAILED),
             evaluations=int(stats["n_call_nlp_f"]),
         )

@@ -23,10 +23,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class JointBlock:
-    """Limits of one joint, -1 <= A z[own] - middle <= 1: indices own (c,) of the coefficients that move it, A (R, c),
+    """Limits of one joint, -1 <= A z[moving] - middle <= 1: indices (c,) of the coefficients that move it, A (R, c),
     middle (R,), and the place of its rows among those of all joints."""
 
-    own: NDArray[np.intp]
+    moving: NDArray[np.intp]
     matrix: Array
     middle: Array
     place: slice
@@ -34,7 +34,7 @@ class JointBlock:
     @cached_property
     def square(self) -> tuple[NDArray[np.intp], ...]:
         """The indices of a joint's coefficients by themselves."""
-        return np.ix_(self.own, self.own)
+        return np.ix_(self.moving, self.moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Polytope:
 
     def change(self, step: Array) -> Array:
         """A step (R,): the change of the rows by a step (k,) of the coefficients."""
-        return np.concatenate([block.matrix @ step[block.own] for block in self.blocks])
+        return np.concatenate([block.matrix @ step[block.moving] for block in self.blocks])
 
     def slack(self, z: Array) -> Array:
         """(2, R): the slacks to the high and to the low limits at z (k,); positive inside."""
@@ -60,7 +60,7 @@ class Polytope:
         """A' (high - low) (k,) of multipliers (2, R)."""
         net, total = multipliers[0] - multipliers[1], np.zeros(self.size)
         for block in self.blocks:
-            total[block.own] += net[block.place] @ block.matrix
+            total[block.moving] += net[block.place] @ block.matrix
         return total
 
     def gram(self, weights: Array) -> Array:
@@ -152,7 +152,7 @@ class LimitConstraints:
     def graph(self, z: Any) -> tuple[Any, Array, Array]:
         """CasADi expression (R,) of the coefficients z (k,), with its low (R,) and high (R,)."""
         tip, low, high = self._tip(z)
-        linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.own.tolist()] - ca.DM(b.middle) for b in self.polytope.blocks])
+        linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.moving.tolist()] - ca.DM(b.middle) for b in self.polytope.blocks])
         ends = np.ones(linear.numel())
         places = len(self.tip)
         return (
@@ -170,23 +170,23 @@ class LimitConstraints:
     @cached_property
     def polytope(self) -> Polytope:
         """The joint limits at the instants."""
-        found, at = list[JointBlock](), 0
+        blocks, at = list[JointBlock](), 0
         for joint in range(self.series.joints):
-            own = np.flatnonzero(self.series.mixing[joint].any(axis=0))
-            matrix, middle = self._rows_of(joint, own)
-            found.append(JointBlock(own, matrix, middle, slice(at, at + len(middle))))
+            moving = np.flatnonzero(self.series.mixing[joint].any(axis=0))
+            matrix, middle = self._rows_of(joint, moving)
+            blocks.append(JointBlock(moving, matrix, middle, slice(at, at + len(middle))))
             at += len(middle)
-        return Polytope(tuple(found), self.series.size)
+        return Polytope(tuple(blocks), self.series.size)
 
-    def _rows_of(self, joint: int, own: NDArray[np.intp]) -> tuple[Array, Array]:
-        mixing = self.series.mixing[joint][:, own]
-        parts, middles = list[Array](), list[Array]()
+    def _rows_of(self, joint: int, moving: NDArray[np.intp]) -> tuple[Array, Array]:
+        mixing = self.series.mixing[joint][:, moving]
+        matrices, middles = list[Array](), list[Array]()
         for (order, j), times in self.instants.items():
             if j == joint:
                 middle, half = middle_and_half(self.limits, order)
-                parts.append(self.series.functions(times, order) @ mixing / half[j])
+                matrices.append(self.series.functions(times, order) @ mixing / half[j])
                 middles.append(np.full(len(times), middle[j] / half[j]))
-        return np.vstack(parts), np.concatenate(middles)
+        return np.vstack(matrices), np.concatenate(middles)
 
     def _tip(self, z: Any) -> tuple[Any, Array, Array]:
         """CasADi expression of the tip's limited coordinates (S, len(tip)), with the box low (S,) and high (S,), m."""

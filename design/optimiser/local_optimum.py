@@ -158,11 +158,11 @@ def _refined(
         if not np.isfinite(solution.coefficients).all():
             break
         motion = Trajectory(start.series, solution.coefficients)
-        found = contracted_optimum(task, motion, solution.outcome)
-        ended = TerminationStatus.FAILED if found is None else found.outcome
-        before, best = best, max((a for a in (best, found) if a is not None), key=lambda a: a.value, default=None)
+        contracted = contracted_optimum(task, motion, solution.outcome)
+        ended = TerminationStatus.FAILED if contracted is None else contracted.outcome
+        before, best = best, max((a for a in (best, contracted) if a is not None), key=lambda a: a.value, default=None)
         settled = before is not None and best is not None and best.value - before.value < least_gain
-        if found is not None and (found.contraction_loss < CONTRACTION_TOLERANCE or (round_ > 0 and settled)):
+        if contracted is not None and (contracted.contraction_loss < CONTRACTION_TOLERANCE or (round_ > 0 and settled)):
             break
         rows = rows.refined(solution.coefficients)
     if best is None:
@@ -222,7 +222,7 @@ def optimise(
             progress(result)
     if refused and not local_optima:
         raise refused[min(refused)]
-    return tuple(sorted((local_optima[number] for number in sorted(local_optima)), key=lambda found: -found.value))
+    return tuple(sorted((local_optima[number] for number in sorted(local_optima)), key=lambda optimum: -optimum.value))
 
 
 def _results(

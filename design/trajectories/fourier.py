@@ -86,9 +86,9 @@ def _grid(waves: Sequence[int], duration: float) -> Array:
 @lru_cache(maxsize=8)
 def _functions_on_grid(waves: tuple[int, ...], duration: float, order: int) -> Array:
     """Kept: the limits of every motion that is tried ask for the same. Not to be written to."""
-    found = _functions(waves, duration, _grid(waves, duration), order)
-    found.flags.writeable = False
-    return found
+    values = _functions(waves, duration, _grid(waves, duration), order)
+    values.flags.writeable = False
+    return values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,13 +207,13 @@ class PaperSeries(FourierSeries):
     @cached_property
     def mixing(self) -> Array:
         """All joints have the shared coefficients; each its own sines."""
-        shared, own, count = len(SHARED_HARMONICS), len(OWN_HARMONICS), len(self.waves)
-        mixing = np.zeros((self.joints, 1 + 2 * count, 2 * shared + own * self.joints))
+        shared, separate, count = len(SHARED_HARMONICS), len(OWN_HARMONICS), len(self.waves)
+        mixing = np.zeros((self.joints, 1 + 2 * count, 2 * shared + separate * self.joints))
         mixing[:, 1 : 1 + shared, :shared] = np.eye(shared)
         mixing[:, 1 + count : 1 + count + shared, shared : 2 * shared] = np.eye(shared)
         for j in range(self.joints):
-            start = 2 * shared + own * j
-            mixing[j, 1 + shared : 1 + count, start : start + own] = np.eye(own)
+            start = 2 * shared + separate * j
+            mixing[j, 1 + shared : 1 + count, start : start + separate] = np.eye(separate)
         return mixing
 
 
