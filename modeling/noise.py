@@ -16,12 +16,11 @@ from scipy.linalg import solve_toeplitz
 from modeling.errors import InputError
 from modeling.rig import Rig
 
-# Whitening of channels: inverse Cholesky factor of a covariance, its product with a series, and block means.
-
-
 Array = NDArray[np.float64]
 FourierLines = NDArray[np.complex128]
 SeriesOrLines = TypeVar("SeriesOrLines", Array, FourierLines)
+
+# Whitening of channels: inverse Cholesky factor of a covariance, its product with a series, and block means.
 
 
 def inverse_cholesky_factor(covariance: SeriesOrLines) -> SeriesOrLines:

@@ -18,11 +18,10 @@ from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
 from modeling.kinematics.placement import Direction, unit_direction
 from modeling.table import Table, shortened
 
-# Table of a rig: what its file states, by the names of the file.
-
-
 UNITS = {"link_lengths": "m", "tip_length": "m", "gravity": "m/s²", "x": "m", "y": "m", "z": "m"}
+"""Units of entries by their last key."""
 RATES = {"position": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+"""Suffixes of the unit of a joint's limits to the unit of its coordinate."""
 CHANNELS = ("noise", "range", "tolerance")
 """Entries with a number for each channel, N or N m."""
 
@@ -62,7 +61,8 @@ def _unit(key: str, joint_unit: str) -> str:
 RigTables: TypeAlias = dict[str, Any]
 """Validated rig data, as returned by `modeling.rig_schema.validated_tables`."""
 
-STANDARD_GRAVITY = 9.806  # m/s², the value of the chapter and of FORMATS
+STANDARD_GRAVITY = 9.806
+"""m/s²: the value of chapter 22 (Bassi et al.) and of the file formats."""
 CURRENT_FOLDER = Path()
 _CONVERTED = ("link_lengths", "spatial_arm", "gravity_direction")
 """Entries of [robot] that the rig keeps in another form."""

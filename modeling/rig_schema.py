@@ -21,9 +21,6 @@ from modeling.kinematics.arm import SpatialArm
 from modeling.kinematics.placement import LARGEST_NUMBER, SMALLEST_NUMBER, unit_direction
 from modeling.space import Space
 
-# Base of the schemas of users' tables, and their errors in one line.
-
-
 Location = tuple[int | str, ...]
 
 

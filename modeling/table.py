@@ -117,8 +117,9 @@ MOST_LINES = 38
 NOT_IDENTIFIABLE = "not identifiable"
 """Printed for the standard deviation of an unidentifiable parameter, which is infinite."""
 CELL_STYLE = "padding: 3px 14px 3px 0; vertical-align: top"
+"""Of a cell, where no page has a style sheet."""
 NOTE_STYLE = ' style="display: block"'
-"""Of cells and the notes in them, where no page has a style sheet."""
+"""Of the note in a cell, likewise: on a line of its own."""
 
 
 @dataclass(frozen=True)

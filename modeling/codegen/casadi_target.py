@@ -20,9 +20,6 @@ from modeling.compiled.symbolic_vector import casadi_results
 from modeling.dynamics.sample_program import Assignments, DelayLine, InitialisedValues, NewtonSolution, SampleProgram
 from modeling.space import signals
 
-# The program of a sample as a CasADi graph, and its evaluation sample by sample.
-
-
 Array = NDArray[np.float64]
 
 

@@ -158,9 +158,6 @@ def _environment() -> Environment:
     )
 
 
-# C target: a C99 file with the regressor of the rigid tool, or with a fitted model.
-
-
 class CTarget(TemplateTarget):
     """C99 without allocation. Functions that math.h lacks are written out."""
 
@@ -183,9 +180,6 @@ class CTarget(TemplateTarget):
     def input_names(base: RigidToolRegressor) -> dict[sp.Symbol, str]:
         """A constant for each component."""
         return dict(zip(signals(*base.inputs), identifiers(base.inputs, "u_"), strict=True))
-
-
-# NumPy target: a module, dependent on NumPy alone, with the rigid tool's regressor or a fitted model.
 
 
 NUMPY_FUNCTIONS = {

@@ -14,13 +14,13 @@ from modeling.chain.pseudo_inertia import pseudo_inertia
 from modeling.errors import InputError
 from modeling.space import Space
 
-# Effects of a model that a tool's mass, centre of mass and inertia cannot express.
-
+Array = NDArray[np.float64]
 
 TILT = "gravity_tilt"
+"""Id of the effect that a controller can take otherwise: as gravity's direction, or as the pose of the base."""
 
 
-def left_out(model: WrenchModel, theta: NDArray[np.float64]) -> str:
+def left_out(model: WrenchModel, theta: Array) -> str:
     """A line that names the effects that are not in the tool's inertia, at parameters theta (k,); empty without any.
 
     Of a tilted base it says what to state instead: gravity along the axes of the recorded motion, m/s².
@@ -32,7 +32,7 @@ def left_out(model: WrenchModel, theta: NDArray[np.float64]) -> str:
     return f"{line}; {_tilt_advice(model, theta)}" if TILT in ids else line
 
 
-def _tilt_advice(model: WrenchModel, theta: NDArray[np.float64]) -> str:
+def _tilt_advice(model: WrenchModel, theta: Array) -> str:
     """Where the tilt of the base is stated. UR's `set_gravity` takes the opposite of gravity: [0, 0, 9.82] if level."""
     how = "state the tilt in the pose of the robot's base in the URDF, or as gravity in the controller"
     if model.gravity_direction is not None:  # the axes of the motion are not those of the base
@@ -43,8 +43,6 @@ def _tilt_advice(model: WrenchModel, theta: NDArray[np.float64]) -> str:
     vector = ", ".join(f"{float(v):.4g}" for v in numbers)
     return f"{how} (set_gravity of UR takes the negative): it is [{vector}] m/s² along the base's axes"
 
-
-Array = NDArray[np.float64]
 
 WHERE = "tool"
 ROUNDING = 1e-9

@@ -25,8 +25,6 @@ from pathlib import Path
 from time import time
 from typing import Any, TypeVar
 
-# Checksum of stored data: a first line that shows whether the rest is what was written.
-
 
 def sha256_of(content: bytes) -> str:
     """SHA-256 in hexadecimal."""
@@ -78,6 +76,7 @@ PlainData = Mapping[str, Any]
 CACHE_VARIABLE = "TRUEWRENCH_CACHE"
 """The environment variable that names the folder; empty or "off" for none. The platform's cache folder by default."""
 CACHE_FORMAT = 2
+"""Part of an entry's name: entries of another format are not read."""
 CACHE_BYTES = 200_000_000
 """Size limit of all entries together; beyond it the least recently used are removed."""
 TRIMMED_SHARE = 0.8
@@ -85,6 +84,7 @@ TRIMMED_SHARE = 0.8
 TRIM_INTERVAL = 64
 """The size is checked after one in so many writes."""
 LIBRARIES = ("sympy", "casadi", "pydantic")
+"""Libraries whose version is part of an entry's name."""
 
 
 def cached(key: PlainData, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:

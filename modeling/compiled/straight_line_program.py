@@ -10,15 +10,10 @@ from typing import Self, TypeAlias
 
 from modeling import symbolic as sp
 
-# The Laplace variable of transfer functions; it needs no NumPy, like all that only describes an effect.
-
 
 def laplace() -> sp.Symbol:
-    """s, in 1/s."""
+    """The Laplace variable s of transfer functions, in 1/s."""
     return sp.Symbol("s")
-
-
-# Number of arithmetic operations to evaluate an expression.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,9 +85,6 @@ def _own_operations(expression: sp.Expr) -> tuple[OperationCount, Sequence[sp.Ex
 def _is_inverse(factor: sp.Expr) -> bool:
     """Whether it is a power with a negative exponent."""
     return bool(factor.is_Pow and factor.exp.is_Rational and factor.exp.is_negative)
-
-
-# Derivations as a sequence of named intermediate variables, differentiated in time by the chain rule.
 
 
 Definitions: TypeAlias = "tuple[tuple[sp.Symbol, sp.Expr], ...]"

@@ -14,9 +14,6 @@ from modeling import symbolic as sp
 from modeling.compiled.straight_line_program import Definitions, StraightLineProgram, required_definitions, symbols_of
 from modeling.errors import InputError
 
-# SymPy expressions compiled to NumPy functions and CasADi graphs, common subexpressions shared.
-
-
 FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "sign")
 """Elementary functions whose name is the same in SymPy and CasADi, and in C but for `sign`."""
 

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from modeling.compiled.tape import NO_OPERAND, Operation, Tape
 
-# Sine and cosine of the same angle from one tangent, of half the angle.
-
 
 def with_half_angles(tape: Tape, angles: Collection[int]) -> Tape:
     """The tape with t = tan(x/2), sin x = 2t / (1 + t²), cos x = (1 - t²) / (1 + t²) for x among `angles`.
@@ -60,8 +58,10 @@ RealOrComplex = NDArray[np.float64] | NDArray[np.complex128]
 
 BLOCK_NUMBERS = 2**17
 """Numbers in a block's values at most: 1 MB, a core's own cache."""
-SHORTEST_BLOCK, LONGEST_BLOCK = 1024, 8192
-"""Samples in a block: with fewer the overhead of NumPy's calls dominates, more gain nothing."""
+SHORTEST_BLOCK = 1024
+"""Samples in a block at least: with fewer the overhead of NumPy's calls dominates."""
+LONGEST_BLOCK = 8192
+"""Samples in a block at most: more gain nothing."""
 
 
 def _sq(x: Array, out: Array) -> Array:

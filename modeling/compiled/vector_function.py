@@ -224,9 +224,6 @@ def _evaluation(function: VectorFunction, which: tuple[int, ...], valued: bool, 
     return TapeEvaluation(compiled.tape.only(wanted), varying)
 
 
-# Sensitivities of load or bias to selected parameters over a grid of the others.
-
-
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
     """Derivative (p, a) of a vector function in a parameters, at their nominal values.

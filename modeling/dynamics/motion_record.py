@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from modeling.compiled.vector_function import VectorFunction
 
-# Sampling interval and periodicity of a record.
-
 
 @dataclass(frozen=True)
 class TimeBase:

@@ -14,10 +14,9 @@ from scipy.linalg.lapack import dgbsv, dpttrf, dpttrs, dtbtrs
 from modeling.dynamics.motion_record import TimeBase
 from modeling.errors import InputError
 
-# Cubic spline through equidistant values: SciPy's `CubicSpline`, whose import takes a sixth of a `diagnose`.
-
-
 Array = NDArray[np.float64]
+
+# Cubic spline through equidistant values: SciPy's `CubicSpline`, whose import takes a sixth of a `diagnose`.
 
 
 def interpolated(values: Array, factor: int, count: int) -> Array:

@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from modeling.dynamics.motion_record import MotionRecord
 from modeling.errors import InputError
 
-# Turning points of a sampled series, interpolated between samples where it is smooth.
-
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

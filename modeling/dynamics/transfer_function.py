@@ -17,9 +17,6 @@ from modeling.compiled.symbolic_vector import numpy_function
 from modeling.dynamics.motion_record import MotionRecord
 from modeling.errors import InputError
 
-# Response of a transfer function to a whole record, by Fourier transform.
-
-
 Array = NDArray[np.float64]
 
 FILTER_BATCH = 50_000

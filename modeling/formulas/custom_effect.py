@@ -21,10 +21,10 @@ from modeling.parameter import Parameter
 from modeling.rigid_body import contact_components, contact_force_torque
 from modeling.space import Space
 
+Array = NDArray[np.float64]
+
 # Checks that a custom effect is finite, vanishes at nominal values and is identifiable to first order.
 
-
-Array = NDArray[np.float64]
 
 RANDOM_POINTS = 1024
 """Random points at which an effect is evaluated: enough for one that acts in a hundredth of the space."""

@@ -24,8 +24,10 @@ LONGEST_NAME = 40
 DEEPEST_NESTING = 30
 """Depth of nested brackets at most; within Python's recursion limit."""
 
-NUMBER, NAME = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", r"[A-Za-z][A-Za-z0-9_]*"
-"""Patterns of a number without a sign, and of a name."""
+NUMBER = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+"""Pattern of a number without a sign."""
+NAME = r"[A-Za-z][A-Za-z0-9_]*"
+"""Pattern of a name."""
 _TOKEN = re.compile(
     rf"(?P<number>{NUMBER})|(?P<name>{NAME})"
     r"|(?P<operator>\*\*|[-+*/^(),])|(?P<space>[ \t\r\n]+)"
@@ -106,7 +108,10 @@ def too_deep(source: FormulaSource, column: int) -> InputError:
 
 LARGEST_EXPONENT = 8
 """Bound on numerator and denominator of an exponent: no law of physics has more, and 9^9^9 would never end."""
-SUM, PRODUCT = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
+SUM = (ast.Add, ast.Sub)
+"""Operators of a sum."""
+PRODUCT = (ast.Mult, ast.Div)
+"""Operators of a product."""
 
 
 def chain_links(node: ast.BinOp) -> list[ast.BinOp]:

@@ -76,9 +76,12 @@ def _rate(matrix: sp.Matrix, *pairs: tuple[sp.Matrix, sp.Matrix]) -> sp.Matrix:
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-LARGEST_NUMBER = 1e12  # beyond any length, speed or force that a rig has
-SMALLEST_NUMBER = 1e-12  # below any that a rig states; its square can still be divided by
-UNIT_NORM_TOLERANCE = 1e-9  # deviation of a norm from 1 after seven quaternion products and a round trip through a file
+LARGEST_NUMBER = 1e12
+"""Beyond any length, speed or force that a rig has."""
+SMALLEST_NUMBER = 1e-12
+"""Below any that a rig states; its square can still be divided by."""
+UNIT_NORM_TOLERANCE = 1e-9
+"""Deviation of a norm from 1 after seven quaternion products and a round trip through a file."""
 
 
 def _require_unit(name: str, values: tuple[float, ...]) -> None:
@@ -156,7 +159,9 @@ Direction = tuple[float, ...]
 """Unit vector along gravity in base axes: x, y in the plane, x, y, z in six axes."""
 
 SPATIAL_VECTORS = ("p", "vp", "ap")
+"""Prefixes of the signals along the axes of the base, in six axes."""
 PLANAR_VECTORS = ("p", "v", "a")
+"""The same in the plane."""
 
 
 def unit_direction(components: Sequence[float]) -> Direction:
