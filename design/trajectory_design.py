@@ -35,29 +35,37 @@ from modeling.noise import StationaryNoise
 from modeling.rig import Limits, Rig
 from modeling.space import Space
 
-DEFAULT_PERIOD, DEFAULT_SAMPLES = 5.0, 200
-"""The reference problem's: 5 s, 40 samples a second."""
+DEFAULT_PERIOD = 5.0
+"""s: the reference problem's."""
+DEFAULT_SAMPLES = 200
+"""The reference problem's: 40 a second."""
 DEFAULT_HARMONICS = tuple(range(1, 13))
 """Of the series when none is given: up to 2.4 Hz in 5 s, which controllers of large arms follow."""
-DEFAULT_STARTS, FEW_HARMONIC_STARTS, STARTS_WHEN_SLOW = 24, 48, 6
-"""Random starts; those of a series of few harmonics, all in one stage; and where nonlinear limits, dynamic effects or a
-large series make each take ten times as long. Of equation 22.10 (`PaperSeries`; 30 seeds, 72 starts each) 17 % of odd
-starts and 8 % of others lead to the highest optimum: 48 with `FEW_HARMONIC_ODD_SHARE` miss it for one seed in 2700, 24
-with `ODD_SHARE` for one in 34."""
+DEFAULT_STARTS = 24
+"""Random starts of a series with few and many harmonics."""
+FEW_HARMONIC_STARTS = 48
+"""Random starts of a series of few harmonics, all in one stage. Of equation 22.10 (`PaperSeries`; 30 seeds, 72 starts
+each) 17 % of odd starts and 8 % of others lead to the highest optimum: 48 of which five in six are odd miss it for one
+seed in 2700, 24 of which two in three are for one in 34."""
+STARTS_WHEN_SLOW = 6
+"""Random starts where nonlinear limits, dynamic effects or a large series make each take ten times as long."""
 LARGE_SERIES = 100
 """Coefficients of a large series: the time of a step grows with their square."""
-ODD_SHARE = 2, 3
-"""Two of three starts are odd in time, from which the highest optima are found more often."""
-FEW_HARMONIC_ODD_SHARE = 5, 6
+NOT_ODD = 3
+"""One start in so many is not odd in time: from odd ones the highest optima are found more often."""
+FEW_HARMONIC_NOT_ODD = 6
 """The same for a series of few harmonics: the optimum need not be odd, but an odd start takes a quarter less time."""
-LOW_HARMONIC_STARTS, MIXED_STARTS = 3, 6
-"""A third of the starts has few harmonics, whose few optima any seed finds. The best of them, mixed with other random
-trajectories, reliably lead to good optima of the whole series (a sixth as many starts); random trajectories of the
-whole series, the other half of the starts, sometimes lead to better ones."""
+LOW_HARMONIC_STARTS = 3
+"""One start in so many has few harmonics, whose few optima any seed finds."""
+MIXED_STARTS = 6
+"""One start in so many mixes the best of these optima with other random trajectories: they reliably lead to good optima
+of the whole series; random trajectories of it, the other half of the starts, sometimes lead to better ones."""
 RANDOM_SHARE = 0.2
 """Share of the random trajectory in a mixture."""
-REFINED_OPTIMA, LOW_HARMONIC_OPTIMA = 3, 2
-"""The best distinct optima that are refined, and those of few harmonics that are continued with all."""
+REFINED_OPTIMA = 3
+"""The best distinct optima that are refined."""
+LOW_HARMONIC_OPTIMA = 2
+"""The best distinct optima of few harmonics that are continued with all."""
 DISTINCT_OPTIMA = 2e-3
 """Nats: optima with closer values count as one, up to a symmetry or a shift in time."""
 
@@ -253,7 +261,7 @@ def _search(
     if not task.direct:
         return _searched_by_ipopt(task, low_task, [(seed, number) for number in range(count)], run)
     if low_task is None:
-        begin = [_start(task, seed, number, FEW_HARMONIC_ODD_SHARE) for number in range(count)]
+        begin = [_start(task, seed, number, FEW_HARMONIC_NOT_ODD) for number in range(count)]
         screened = run("starts", task, begin, screen_start)
         return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum)
     coarse = run(
@@ -287,8 +295,8 @@ def _searched_by_ipopt(
     return run("all harmonics", task, nearest, local_optimum)
 
 
-def _start(task: DesignTask, seed: int, number: int, odd_share: tuple[int, int] = ODD_SHARE) -> Trajectory:
-    return task.varied((seed, number), odd=number % odd_share[1] < odd_share[0])
+def _start(task: DesignTask, seed: int, number: int, not_odd: int = NOT_ODD) -> Trajectory:
+    return task.varied((seed, number), odd=number % not_odd < not_odd - 1)
 
 
 def _mixed(base: Trajectory, other: Trajectory) -> Trajectory:

@@ -24,9 +24,6 @@ from design.bound.multistart_ascent import (
 )
 from modeling.errors import InputError
 
-# Restricted master problem over finitely many states, by a barrier method.
-
-
 Array = NDArray[np.float64]
 
 CENTRAL_DECREMENT = 1e-2
@@ -233,9 +230,10 @@ needed too: with 7000 retained, F rose from 6 to 100 on one rig where some had b
 when they returned."""
 SUPPORT_STARTS = 500
 """States of largest weight from which a search starts as well: F is largest near to them."""
-ASCENTS_PER_DIMENSION, BRIEF_ASCENT = 200, StoppingRule(steps=25, gain_tolerance=1e-5)
-"""Ascents of a search for each dimension, and their steps: a cut need not be the deepest; `maximise_dual_function`
-is more thorough. Many ascents at once take little time and save rounds."""
+ASCENTS_PER_DIMENSION = 200
+"""Ascents of a search for each dimension: many at once take little time and save rounds."""
+BRIEF_ASCENT = StoppingRule(steps=25, gain_tolerance=1e-5)
+"""Of these ascents: a cut need not be the deepest; `maximise_dual_function` is more thorough."""
 FIRST_GAP = 1.0
 """The first gap between the barrier's two bounds, in ln det: about the distance of random states from the optimum."""
 GAP_FACTOR = 0.4

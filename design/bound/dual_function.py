@@ -23,10 +23,9 @@ from modeling.compiled.tape_evaluation import TapeEvaluation
 from modeling.errors import InputError
 from modeling.rig import Limits
 
-# States from which an arm can keep its limits for ever (viability kernel).
-
-
 Array = NDArray[np.float64]
+
+# States from which an arm can keep its limits for ever (viability kernel).
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,8 +54,9 @@ EVERY_ASCENT = StoppingRule(steps=50, gain_tolerance=1e-7, extrapolation=20.0)
 """From the fifth step on gains decrease: the remaining gain was less than ten times that of the last five steps in half
 a million ascents, and twice that is allowed for."""
 REFINED_ASCENTS = 40
+"""So many of the best are continued."""
 REFINING_ASCENT = StoppingRule(steps=400, gain_tolerance=1e-8, extrapolation=20.0)
-"""The best of them are continued to convergence."""
+"""Of the continued ones: to convergence."""
 
 
 class AlignedArrays:

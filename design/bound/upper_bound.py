@@ -34,9 +34,6 @@ from modeling.rig import Limits
 from modeling.space import Space
 from modeling.table import Table, Tabular
 
-# The upper bound with its dual, design measure and kind (proven or checked).
-
-
 Array = NDArray[np.float64]
 STATE_NAMES = ("q", "dq", "ddq")
 

@@ -37,10 +37,9 @@ from modeling.parameter import Parameter
 from modeling.rival_fit import RivalFit, error_probability, fit_rival
 from modeling.significance import LEVELS
 
-# Whitened prediction and sensitivities of any model along one trajectory.
-
-
 Array = NDArray[np.float64]
+
+# Whitened prediction and sensitivities of any model along one trajectory.
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

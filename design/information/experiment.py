@@ -34,11 +34,10 @@ from modeling.parameter import Parameter
 from modeling.rig import Limits
 from modeling.space import Space
 
-# Parameter values at which an experiment is designed, and the parameters in which it is nonlinear.
-
-
 Array = NDArray[np.float64]
 ParameterValues = Mapping[str, float]
+
+# Parameter values at which an experiment is designed, and the parameters in which it is nonlinear.
 
 
 def parameter_vector(model: WrenchModel, theta: ParameterValues | Array | None) -> Array:
@@ -289,8 +288,10 @@ def _require_signals(inputs: Sequence[str], available: Sequence[str], source: st
 # Sensitivities along random trajectories: identifiability on any trajectory, noise-equivalent parameter sizes.
 
 
-RANDOM_TRAJECTORIES, RANDOM_SAMPLES = 4, 64
-"""768 readings of three channels: many times the parameters of a model."""
+RANDOM_TRAJECTORIES = 4
+"""With `RANDOM_SAMPLES` each they are 768 readings of three channels: many times the parameters of a model."""
+RANDOM_SAMPLES = 64
+"""Samples of a random trajectory."""
 RANDOM_PERIOD = 5.0
 """Seconds: with velocities of some rad/s an arm traverses its range in it."""
 DEFAULT_LIMITS = (2.0, 2.0, 10.0)

@@ -134,9 +134,6 @@ class Objective:
         return ca.reshape(self._basis @ z, 3 * self.experiment.joints, self.samples)
 
 
-# A compiled function of one state, at many samples.
-
-
 @dataclass(frozen=True, eq=False)
 class SampledFunction:
     """A CasADi function with one dense result (r, c), at `samples` columns of its arguments, in and out of arrays.
@@ -161,9 +158,6 @@ class SampledFunction:
     @cached_property
     def _mapped(self) -> Any:
         return self.function.map(self.samples)
-
-
-# Numerical gradient and Hessian of the design objective.
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,10 +20,12 @@ CHAPTER_OPTIMUM_DEGREES = (
 """x_opt of equation 22.17, in degrees: an inference, from joint peaks of 42, 44 and 35 degrees."""
 
 SHARED_HARMONICS = (1, 2, 3)
+"""Harmonics of equation 22.10 whose coefficients all joints share."""
 OWN_HARMONICS = (4, 5, 6)
-"""Harmonics of equation 22.10: those shared by all joints, and those with coefficients of each joint."""
+"""Harmonics of equation 22.10 with coefficients of each joint."""
 
 POINTS_PER_WAVE = 256
+"""Points of a grid to the shortest wave."""
 EHLICH_ZELLER_FACTOR = 1 / float(np.cos(np.pi / POINTS_PER_WAVE))
 """A trigonometric polynomial of degree H stays below its largest absolute value on M equally spaced points of a period
 divided by cos(pi H / M) (Ehlich and Zeller, Math. Z. 86 (1964) 41-44); 7.5e-5 more with 256 points to a wave."""
@@ -233,9 +235,6 @@ def fourier_trajectory(
         )
     series = FreeSeries(joints=len(offsets), harmonics=tuple(range(1, sines.shape[1] + 1)), period=period)
     return Trajectory(series, np.hstack([offsets[:, None], sines, cosines]).ravel())
-
-
-# Random periodic trajectory within symmetric limits.
 
 
 def random_periodic_trajectory(
