@@ -41,7 +41,8 @@ COMMANDS = {
 PRINTING = ("emit", "effects")
 """Commands whose text is what was asked for: --quiet has no meaning there."""
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+EXIT_INTERRUPTED = 130
+"""128 + SIGINT, as shells count."""
 EXIT_CODES = (
     f"Exit code: 0 done, {EXIT_BAD_INPUT} bad input (one line on stderr, nothing half-written),"
     f" {EXIT_INTERRUPTED} interrupted."

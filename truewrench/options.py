@@ -90,6 +90,7 @@ def _urdf_of(rig: str | None) -> list[Path]:
 
 
 MAX_WORKERS = 1000
+"""More processes than any machine has cores: a typing error."""
 
 
 def available_cores() -> int:

@@ -28,6 +28,8 @@ from truewrench.files.model_file import ModelFile
 if TYPE_CHECKING:
     import xarray as xr
 
+Array = NDArray[np.float64]
+
 
 # Results as plain data, which JSON can write.
 
@@ -39,8 +41,7 @@ def plain_data(result: Any) -> dict[str, Any]:
     if isinstance(result, Table):
         return table_data(result)
     to_data = getattr(result, "to_data", None)
-    data = _tabular_data(result) if to_data is None else to_data()
-    plain: dict[str, Any] = _plain(data)
+    plain: dict[str, Any] = _plain(_tabular_data(result) if to_data is None else to_data())
     return plain
 
 
@@ -73,7 +74,6 @@ def _plain(value: Any) -> Any:
 # Results as labelled arrays: the dimensions of xarray are repeat, time (or pose), channel, parameter, joint.
 
 
-Array = NDArray[np.float64]
 Variables = dict[str, Any]
 """Of a dataset: (dimensions, values, attributes) by name."""
 

@@ -18,9 +18,16 @@ from modeling.rig import Rig
 from truewrench.files.case_files import imported_frames
 from truewrench.files.output import atomic_write, progress_line
 
-PICTURES, PICTURE_DPI = (".png", ".svg", ".pdf"), 144
-ROWS_AT_ONCE, ROWS_OF_GROUP = 100_000, 500_000
+PICTURES = (".png", ".svg", ".pdf")
+"""Suffixes of the pictures that --plot draws."""
+PICTURE_DPI = 144
+"""Of a PNG: one and a half times the resolution of a common screen."""
+ROWS_AT_ONCE = 100_000
+"""Rows of CSV that are formatted at once: some tens of megabytes of text."""
+ROWS_OF_GROUP = 500_000
+"""Rows of a Parquet row group, which is read at once."""
 WRITTEN = (".csv", ".parquet", ".pq")
+"""Suffixes of the recordings that --out writes."""
 LONGEST_CHECKED = 2_000_000
 """Samples up to which the recording is also made, as `diagnose` will make it; more would be in memory twice."""
 

@@ -28,8 +28,6 @@ from truewrench.simulated_rig.mujoco_scene import Array, Scene, States, Track, m
 from truewrench.simulated_rig.rigs import SimulatedRig
 from truewrench.simulated_rig.sensor_effects import NOISE_MODELS, NoiseModel, Saturation, TimeDelay
 
-# Wrench of the sensor on the tool (MuJoCo inverse dynamics).
-
 
 def true_wrench(rig: SimulatedRig, hidden: Sequence[HiddenEffect], drive: CommandedMotion) -> Array:
     """True wrench (N, p) of a rig in the sign convention of its readings, with the given hidden effects."""

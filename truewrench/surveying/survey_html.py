@@ -31,10 +31,10 @@ from truewrench.reports.page_templates import page_templates
 from truewrench.surveying.survey_task import DiagnosisOutcome, StoredEstimate, SurveyRow, TimeSource, write_parquet
 from truewrench.text.diagnosis_text import RECORD_VERDICT_LABELS
 
+Array = NDArray[np.float64]
+
 # Time series of one quantity over recordings.
 
-
-Array = NDArray[np.float64]
 
 ADEQUATE_VERDICTS = ("nothing_missing", "explained")
 """Verdicts of an adequate model, whose stds are the whole uncertainty; with others there is systematic error too."""

@@ -219,9 +219,6 @@ def _moment(stamp: Mapping[str, str]) -> datetime:
     return moment if moment.tzinfo is None else moment.astimezone().replace(tzinfo=None)
 
 
-# Row of a survey: one recording with its time and outcome.
-
-
 BY_CHANNEL = ("noise_floor", "rms_before", "rms_after", "systematic_before", "systematic_after")
 """Quantities of `ChannelError` that a row has by channel."""
 
