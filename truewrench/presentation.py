@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 # Results as plain data, which JSON can write.
 
 
-def plain_data(result: Any) -> dict[str, Any]:
+def data(result: Any) -> dict[str, Any]:
     """A fit as the data of its model file, another result as that of its own file, else its table and remarks."""
     if isinstance(result, Fit | StreamedFit):
         return ModelFile.of(result).to_data()
@@ -78,7 +78,7 @@ Variables = dict[str, Any]
 """Of a dataset: (dimensions, values, attributes) by name."""
 
 
-def labelled_arrays(result: Any) -> xr.Dataset:
+def dataset(result: Any) -> xr.Dataset:
     """The arrays of a result as a dataset of xarray.
 
     Raises InputError for a result without dimensions, and where xarray is not installed.
@@ -236,15 +236,3 @@ def summary(result: Any) -> str:
 
         return FitSummary(result, result.intervals()).text(None)
     return str(result)
-
-
-def data(result: Any) -> dict[str, Any]:
-    """The result as plain data: that of its file where it has one, else its table and remarks."""
-
-    return plain_data(result)
-
-
-def dataset(result: Any) -> Any:
-    """The result as labelled arrays of xarray."""
-
-    return labelled_arrays(result)
